@@ -10,7 +10,6 @@ import numpy as np
 
 from butterfly.api.results import Tabulated, about_log
 from butterfly.comparison.leaderboard import Entry
-from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit, misfit_units
 from butterfly.identification.estimate import Estimate
@@ -22,6 +21,8 @@ from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+    from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -16,7 +16,15 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.robot import Robot
 from butterfly.report.format import field_unit
-from butterfly.report.inspection import STATES, Inspected, conditions_text, health_rows, hints
+from butterfly.report.inspection import (
+    STATES,
+    Inspected,
+    conditions_text,
+    health_rows,
+    hints,
+    inspection_page,
+)
+from butterfly.report.page import write_html
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Level, Verdict
@@ -87,12 +95,10 @@ class Inspection(Answer):
         InputError
             If there are several, or the file cannot be written.
         """
-        from butterfly.report.inspection_page import write_inspection  # noqa: PLC0415 - slow
-
         (only,) = self.logs if len(self.logs) == 1 else (None,)
         if only is None or only.log is None or only.health is None:
             raise InputError(self.source, "plot", f"{len(self.logs)} logs", "one log (--log N)")
-        write_inspection(only.log, only.health, Path(path))
+        write_html(inspection_page(only.log, only.health), Path(path))
 
 
 def _looked_at(seen: Inspected) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.derived_quantities import beside_masses, implied
 from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
@@ -23,7 +24,6 @@ from butterfly.identification.encoder_offset import (
     reading_of,
 )
 from butterfly.identification.free_run import Simulations
-from butterfly.identification.implied import beside_masses, implied
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
@@ -53,7 +53,7 @@ class DataSet:
     given
         What its owner knows of the robot.
     known
-        That, and what it implies of the parameters (see `butterfly.identification.implied`).
+        That, and what it implies of the parameters (see `implied`).
     recorded
         The logs as they were recorded.
     logs, health
@@ -91,10 +91,7 @@ class DataSet:
     ) -> DataSet:
         """Check and repair logs, and fit the steady response of those whose input is a sine.
 
-        Raises
-        ------
-        InputError
-            If there is no log, one cannot be used, or their inputs are of different kinds.
+        An InputError if there is none, one cannot be used, or they are of different kinds.
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
@@ -106,10 +103,10 @@ class DataSet:
             raise InputError(name, "gravity", "different ones", "one joint under one gravity")
         recorded = with_unique_names(recorded)
         try:
-            ready = [_ready(log, repairs) for log in recorded]
+            examined = [examine(log, repairs) for log in recorded]
         except InputError as error:
             raise with_unit_errors(error, unit_errors_of_still(recorded)) from None
-        logs = [log for log, _ in ready]
+        logs = [thinned(log) for log, _ in examined]
         given = _of_logs(recorded) | known
         return cls(
             name=name,
@@ -120,7 +117,7 @@ class DataSet:
             known=_implied(given, recorded),
             recorded=tuple(recorded),
             logs=tuple(logs),
-            health=tuple(health for _, health in ready),
+            health=tuple(health for _, health in examined),
             points=_responses(logs, track),
         )
 
@@ -258,21 +255,12 @@ class DataSet:
     def holding_out(self, names: Sequence[str]) -> DataSet:
         """Return the data set with some logs, by name or glob pattern, as `test_logs`.
 
-        Raises
-        ------
-        InputError
-            If there is no such log, or none is left.
+        An InputError if there is no such log, or none is left.
         """
         return self.holding(numbers_named(self.logs, names, self.name)) if names else self
 
     def holding(self, rows: Sequence[int]) -> DataSet:
-        """Return the data set with some logs, by their numbers, as `test_logs`.
-
-        Raises
-        ------
-        InputError
-            If none is left.
-        """
+        """Return the data set with some logs, by their numbers, as `test_logs` (if any is left)."""
         if not rows:
             return self
         whole, count = self.whole, len(self.logs)
@@ -284,26 +272,19 @@ class DataSet:
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some of the logs that are used, by their numbers."""
+        manifest = self.manifest
+        if manifest is not None:
+            entries = [manifest.logs[k] for k in rows]
+            manifest = manifest.model_copy(update={"logs": entries, "holdout": []})
         return replace(
             self,
-            manifest=self._part(rows),
+            manifest=manifest,
             recorded=tuple(self.recorded[k] for k in rows),
             logs=tuple(self.logs[k] for k in rows),
             health=tuple(self.health[k] for k in rows),
             points=tuple(self.points[k] for k in rows),
             test_logs=None,
         )
-
-    def _part(self, rows: Sequence[int]) -> Manifest | None:
-        if self.manifest is None:
-            return None
-        entries = [self.manifest.logs[k] for k in rows]
-        return self.manifest.model_copy(update={"logs": entries, "holdout": []})
-
-
-def _ready(log: Log, repairs: frozenset[Repair]) -> tuple[Log, Health]:
-    clean, health = examine(log, repairs)
-    return thinned(clean), health
 
 
 def _of_logs(logs: Sequence[Log]) -> Prior:

@@ -1,21 +1,27 @@
-"""What follows from the lumped parameters: a table of formulas.
+"""From motor and hand to the lumped parameters, and from these to what they are made of (6), (83).
 
-What they are made of (6), (83), solved for each part, and what a control engineer asks of them. A
-further quantity is a row with its symbol; console, JSON, page and Python show it, its error by
-complex step.
+A table of formulas: what motor and hand tell of p1 and p4, the equations solved for each part, and
+what a control engineer asks of them. A further quantity is a row with its symbol; console, JSON,
+page and Python show it, its error by complex step.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from butterfly.identification.quantities import Formula
+from butterfly.errors import InputError
+from butterfly.identification.quantities import Formula, Quantities
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind
+from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import Known, Prior
+
+_ROUNDING = 1e-3  # relative; by which exact numbers may differ
+_NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that is none
 
 
 class Symbol(NamedTuple):
@@ -93,6 +99,23 @@ def _about_mass(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
 _MOTOR: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "joint": None}
 _WEIGHED = ("hand_mass", "gravity", "p3")
 _STIFFER = ("cogging", "cogging_cosine", "time_constant")
+
+OF_PARAMETERS = (
+    Way(
+        **_MOTOR,
+        name="p4",
+        needs=("gear_ratio", "torque_constant", "resistance"),
+        formula=lambda of: of["gear_ratio"] * of["torque_constant"] / of["resistance"],
+    ),
+    Way(
+        name="p1",
+        needs=("hand_mass", "gear_ratio", "rotor_inertia"),
+        joint=JointKind.SLIDE,
+        formula=lambda of: of["hand_mass"] + _rotor(of),
+    ),
+)
+"""Of a torque command neither R nor N nor k_t tells p4, which is 1, N or N k_t as the command means
+N m at the joint, N m at the motor or A: nobody but the user knows which."""
 
 WAYS = (
     Way(
@@ -196,3 +219,86 @@ SYMBOLS = _OF_PARTS | {way.name: way.symbol for way in WAYS if way.symbol is not
 
 SIGNED = frozenset({"com_distance", "com_offset", "motor_current"} | (SYMBOLS.keys() - _OF_PARTS))
 """Those that may be negative."""
+
+
+def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
+    """Return what is known of p1 and p3, next to exactly where it stands beside uncertain masses.
+
+    How far masses that were weighed badly move the other parameters is told by how these two do:
+    they have to be among those that are fitted.
+    """
+    doubtful = [mass for mass in masses if mass.mass_uncertainty or mass.arm_uncertainty]
+    largest = {
+        "p1": max((mass.inertia for mass in doubtful), default=0.0),
+        "p3": max((mass.gravity_moment for mass in doubtful), default=0.0),
+    }
+    softened = {
+        name: Known(value=known.fixed[name], uncertainty=_NEXT_TO_EXACT * size)
+        for name, size in largest.items()
+        if name in known.fixed and size
+    }
+    return replace(known, parameters={**known.parameters, **softened}) if softened else known
+
+
+def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Known]:
+    """Return what is known, a motor without a gear turning as its hinge does.
+
+    How far a motor turns while a slide moves by 1 m is nothing to be assumed.
+    """
+    direct = {} if joint is JointKind.SLIDE else {"gear_ratio": Known(value=1.0)}
+    return direct | dict(physical)
+
+
+def relations(physical: Mapping[str, Known], input_kind: InputKind, joint: JointKind) -> list[Way]:
+    """Return the ways to parameters of which all is known, by names of motor and hand."""
+    known = with_gear(physical, joint)
+    return [way for way in OF_PARAMETERS if way.leads(known, input_kind, joint)]
+
+
+def _follow(given: Prior, input_kind: InputKind, joint: JointKind) -> dict[str, Known]:
+    """Return what motor and hand say of parameters."""
+    motor = Quantities.of(with_gear(given.physical, joint))
+    ways = relations(given.physical, input_kind, joint)
+    return {way.name: motor.find(way.formula) for way in ways}
+
+
+def implied(given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE) -> Prior:
+    """Return what is given, and what it says of parameters, uncertainties propagated.
+
+    A parameter that is given itself as well has two sources, whose weights are the inverses of
+    their variances; what is fixed counts alone. This is to be done once only, with all that is
+    given.
+    """
+    both = {
+        name: _both(name, given.parameters[name], each) if name in given.parameters else each
+        for name, each in _follow(given, input_kind, joint).items()
+    }
+    return given | Prior(parameters=both)
+
+
+def apart(
+    given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE
+) -> dict[str, float]:
+    """Return how far parameters with two sources are apart, in standard uncertainties."""
+    pairs = {
+        name: (each, given.parameters[name])
+        for name, each in _follow(given, input_kind, joint).items()
+        if name in given.parameters
+    }
+    return {
+        name: abs(one.value - other.value) / math.hypot(one.uncertainty, other.uncertainty)
+        for name, (one, other) in pairs.items()
+        if not (one.fixed and other.fixed)
+    }
+
+
+def _both(name: str, given: Known, follows: Known) -> Known:
+    """Return what two sources say together."""
+    if given.fixed and follows.fixed:
+        if not math.isclose(given.value, follows.value, rel_tol=_ROUNDING):
+            expected = f"{follows.value:.5g}, which follows from the others, or an uncertainty"
+            raise InputError("known", name, f"{given.value:g}", expected)
+        return given
+    weight = follows.uncertainty**2 / (given.uncertainty**2 + follows.uncertainty**2)
+    value = weight * given.value + (1 - weight) * follows.value
+    return Known(value=value, uncertainty=math.sqrt(weight) * given.uncertainty)

@@ -256,14 +256,14 @@ def _of_log(data: DataSet, number: int, draws: ParameterDraws, wanted: Container
     jacobian = rows @ mixture
     count, square = log.time.size, float(np.var(log.angle)) or _TINY
     instants = log.time[samples_of_bands(log) if log.name in wanted else slice(0)]
-    total = simulation.squared_error(setting.parameters, setting.zero, setting.velocity)
-    start = total / count / square
+    motion = simulation.run(setting.parameters, setting.zero, setting.velocity)
+    start = motion.squared_error() / count / square
     risen, angles = [], []
     for each in draws.estimates(setting.horizon):
         own = data.simulations.setting(number, each)
-        error, angle = simulation.error_and_angles(instants, own.parameters, own.zero, own.velocity)
-        risen.append(error / count / square - start)
-        angles.append(angle)
+        motion = simulation.run(own.parameters, own.zero, own.velocity)
+        risen.append(motion.squared_error() / count / square - start)
+        angles.append(motion.at(instants))
     scale = errors.size * square
     return _Followed(
         start=start,

@@ -100,7 +100,8 @@ class Setting:
 
     def run(self, simulation: Simulation | Segments) -> FreeRun:
         """Simulate a log."""
-        angle = simulation.at_stamps(self.parameters, self.zero, self.velocity)
+        motion = simulation.run(self.parameters, self.zero, self.velocity)
+        angle = motion.at(simulation.log.time)
         return FreeRun(log=simulation.log, simulated=angle, horizon=self.horizon)
 
 
@@ -193,8 +194,8 @@ class Simulations:
         key = number, setting
         if key not in self._fits:
             simulation = self.simulation(number, setting)
-            error = simulation.squared_error(setting.parameters, setting.zero, setting.velocity)
-            self._fits[key] = fit_of(error, self._spreads[number])
+            motion = simulation.run(setting.parameters, setting.zero, setting.velocity)
+            self._fits[key] = fit_of(motion.squared_error(), self._spreads[number])
         return self._fits[key]
 
 

@@ -15,9 +15,8 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS
+from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS, relations, with_gear
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import relations, with_gear
 from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
@@ -151,16 +150,16 @@ def _together(
     links = relations(known.physical, input_kind, joint)
     if not np.isfinite(lumped.covariance).all():
         links = []  # what is known how well tells nothing of what is not
-    links = [each for each in links if each.parameter in lumped.names]
+    links = [each for each in links if each.name in lumped.names]
     used = {
-        each.parameter
+        each.name
         for each in relations(estimate.known.physical, input_kind, joint)
-        if each.parameter in estimate.known.parameters
+        if each.name in estimate.known.parameters
     }
     return lumped.told_of(
         Quantities.of(causes),
-        {each.parameter: each.formula for each in links},
-        new=frozenset(each.parameter for each in links) - used,
+        {each.name: each.formula for each in links},
+        new=frozenset(each.name for each in links) - used,
     )
 
 

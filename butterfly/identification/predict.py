@@ -172,9 +172,8 @@ def predict_logs(
             if angles is None:
                 instants = log.time[samples]
                 drawn = (setting(number, each) for each in draws.estimates(own.horizon))
-                angles = np.array(
-                    [simulation.at(instants, d.parameters, d.zero, d.velocity) for d in drawn]
-                )
+                motions = (simulation.run(d.parameters, d.zero, d.velocity) for d in drawn)
+                angles = np.array([motion.at(instants) for motion in motions])
             bands[OF_PARAMETERS] = _band(angles, draws.weights)
             if errors:
                 rng = np.random.default_rng(seeds[number])

@@ -10,13 +10,13 @@ Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Sys
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.simulation import Begin, Simulation
+from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import MIN_SAMPLES, InitialState, Log
 from butterfly.model.parameters import LumpedParameters
 
@@ -67,39 +67,13 @@ class Segments:
         """Step of the simulation in s."""
         return self._counted[0].simulation.step
 
-    def at(
-        self, instants: Samples, parameters: LumpedParameters, zero: float, _: Begin = None
-    ) -> Samples:
-        """Return the simulated angles at increasing instants (see `Simulation.at`)."""
+    def run(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> SimulatedMotion:
+        """Simulate the log (see `Simulation.run`), each segment from the start that fits best."""
         runs = [
-            segment.simulation.at(group, parameters, zero, segment.begin(parameters, zero))
-            for segment, group in self._by_segment(instants)
-        ]
-        return np.concatenate(runs)
-
-    def at_stamps(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> Samples:
-        """Return the simulated angles at the log's own stamps."""
-        return self.at(self.log.time, parameters, zero)
-
-    def squared_error(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> float:
-        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
-        return sum(
-            each.simulation.squared_error(parameters, zero, each.begin(parameters, zero))
+            each.simulation.run(parameters, zero, each.begin(parameters, zero))
             for each in self._segments
-        )
-
-    def error_and_angles(
-        self, instants: Samples, parameters: LumpedParameters, zero: float, _: Begin = None
-    ) -> tuple[float, Samples]:
-        """Return `squared_error`, and `at` at increasing instants, of one run."""
-        runs = [
-            segment.simulation.error_and_angles(
-                group, parameters, zero, segment.begin(parameters, zero)
-            )
-            for segment, group in self._by_segment(instants)
         ]
-        errors, angles = zip(*runs, strict=True)
-        return sum(errors), np.concatenate(angles)
+        return SimulatedMotion(tuple(piece for run in runs for piece in run.pieces))
 
     def linearised(
         self,
@@ -131,11 +105,6 @@ class Segments:
     def middles(self) -> Samples:
         """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
         return np.concatenate([each.simulation.middles() for each in self._counted])
-
-    def _by_segment(self, instants: Samples) -> Iterable[tuple[_Segment, Samples]]:
-        """Say which of the increasing instants lie in each segment."""
-        groups = np.split(instants, np.searchsorted(instants, self.log.time[self._edges[1:]]))
-        return zip(self._segments, groups, strict=True)
 
 
 class _Expanded(NamedTuple):

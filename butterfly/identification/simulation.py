@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,30 @@ _FINEST = 100  # steps in one of a log
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
+class SimulatedMotion(NamedTuple):
+    """The motion of a log: pieces of it, and of each the grid in s, angle in rad and velocity."""
+
+    pieces: tuple[tuple[Log, Samples, Samples, Samples], ...]  # angles from the encoder's zero
+
+    def at(self, instants: Samples) -> Samples:
+        """Return the angles in rad at increasing instants in s."""
+        begins = [log.time[0] for log, *_ in self.pieces[1:]]
+        groups = np.split(instants, np.searchsorted(instants, begins))
+        return np.concatenate(
+            [
+                polynomials.interpolate(grid, angle, speed, own)
+                for (_, grid, angle, speed), own in zip(self.pieces, groups, strict=True)
+            ]
+        )
+
+    def squared_error(self) -> float:
+        """Return the sum of squares in rad^2 of angles less the measured ones."""
+        return sum(
+            polynomials.squared_distance(grid, angle, speed, log.time, log.angle)
+            for log, grid, angle, speed in self.pieces
+        )
+
+
 class Simulation:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
 
@@ -62,46 +86,17 @@ class Simulation:
 
     def run(
         self, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> tuple[Samples, Samples]:
-        """Return (n,) angles in rad from the encoder's zero and velocities, on the grid.
+    ) -> SimulatedMotion:
+        """Simulate the log.
 
-        The log's added mass is put on the ``parameters`` of the bare hand (78); ``zero`` is the
-        encoder's reading in rad where the model's angle is 0. A velocity to ``begin`` with takes
-        the first sample's angle as it is.
+        Its added mass is put on the ``parameters`` of the bare hand (78); ``zero`` is the encoder's
+        reading in rad where the model's angle is 0. A velocity to ``begin`` with takes the first
+        sample's angle as it is.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters.delay, parameters.compression)[0]
         angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
-        return zero + angle, speed
-
-    def at_stamps(self, parameters: LumpedParameters, zero: float, begin: Begin = None) -> Samples:
-        """Return the simulated angles in rad at the log's own stamps."""
-        return self.at(self.log.time, parameters, zero, begin)
-
-    def at(
-        self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> Samples:
-        """Return the simulated angles in rad at increasing instants in s."""
-        angle, speed = self.run(parameters, zero, begin)
-        return polynomials.interpolate(self.grid, angle, speed, instants)
-
-    def squared_error(
-        self, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> float:
-        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
-        angle, speed = self.run(parameters, zero, begin)
-        return polynomials.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
-
-    def error_and_angles(
-        self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> tuple[float, Samples]:
-        """Return `squared_error`, and `at` at increasing instants in s, of one run."""
-        angle, speed = self.run(parameters, zero, begin)
-        log = self.log
-        return (
-            polynomials.squared_distance(self.grid, angle, speed, log.time, log.angle),
-            polynomials.interpolate(self.grid, angle, speed, instants),
-        )
+        return SimulatedMotion(((self.log, self.grid, zero + angle, speed),))
 
     def linearised(
         self,
@@ -152,7 +147,7 @@ class Simulation:
         log = self.log
         assert log.excitation is not None  # noqa: S101 - of a sine
         omega = log.excitation.omega
-        angle, _ = self.run(parameters, zero)
+        ((_, _, angle, _),) = self.run(parameters, zero).pieces
         inside = self.grid > log.time[-1] - steady_span(log, omega, STEADY_SECONDS)
         time = self.grid[inside]
         basis = with_transient(sine_basis(time, omega), time, pole)

@@ -109,11 +109,6 @@ def test_a_saved_result_is_the_estimate(answer, saved, tmp_path):
     assert_one_line_error(result, "none beside a result")
 
 
-def test_one_log_is_data_of_which_the_estimator_says_what_is_missing(butterfly, quick_data):
-    file = quick_data / read_manifest(quick_data / "manifest.yaml").logs[4].file
-    assert_one_line_error(butterfly("identify", file), "same added mass")
-
-
 def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
     for command in ("identify", "select", "compare"):
         result = butterfly(command, quick_data, "--report", tmp_path)

@@ -1,5 +1,9 @@
 """The commands that run experiments."""
 
+import json
+
+import numpy as np
+import pytest
 import yaml
 
 from butterfly.cli.output import ExitCode
@@ -49,3 +53,57 @@ def test_a_run_whose_estimate_did_not_settle_ends_with_code_3_done_or_found_done
         assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
         assert "did not settle" in out
         assert said in out
+
+
+ORBIT = """
+name: orbit
+plant:
+  hand: {mass: 0.1, com_distance: 0.05, inertia: 0.003}
+  drive: {torque: {gain: 10.0}}
+  friction: {viscous: 1.0e-3, coulomb: 4.0e-4}
+  encoder: {steps: 8192, noise: 2.0e-4}
+  simulator: grey-box
+added_masses: [{mass: 0.0, arm: 0.1}]
+duration: 10.0
+control:
+  target: {amplitude: 1.0472}
+  believed: {p1: 0.003, p2: 0.0012, p3: 0.045, p4: 9.0}
+  duration: 15.0
+  starts: [1.05, 0.7, 1.3]
+  dither: 0.1
+  velocity: {observer: {bandwidth: 100.0}}
+  cross_check: [0.9, 1.2]
+"""
+
+
+@pytest.mark.slow
+def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
+    path = tmp_path / "orbit.yaml"
+    path.write_text(ORBIT)
+    code, out, err = butterfly("run", path, "--out", tmp_path / "out", "--figures")
+    assert code == 0, err
+    assert "times less" in out
+    assert out.startswith("Good: ")
+    numbers = json.loads((tmp_path / "out/orbit.json").read_text())
+    assert numbers["verdict"] == "good"
+    assert numbers["amplitudes_rad"][-1] == pytest.approx(1.0472, abs=3.5e-3)
+    found = numbers["parameters"]["p3"]
+    assert found["value"] == pytest.approx(0.04905 / 0.00325, rel=2e-4)
+    assert np.array(numbers["cross_orbit"]["rms_rad"]).shape == (2, 2)
+    assert (tmp_path / "out/orbit-figures/phase-plane.svg").stat().st_size > 1e4
+    assert (tmp_path / "out/round0_run2.mat").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("{amplitude: 1.0472}", "{amplitude: 4.0}", "between 0 and pi"),
+        ("p4: 9.0", "p4: -9.0", "believed parameters: p4"),
+        ("starts:", "start:", "'starts' (did you mean that?)"),
+        ("{amplitude: 1.0472}", "{}", "amplitude, energy, state"),
+    ],
+)
+def test_an_orbit_that_cannot_be_is_refused_in_a_line(butterfly, tmp_path, old, new, part):
+    path = tmp_path / "orbit.yaml"
+    path.write_text(ORBIT.replace(old, new, 1))
+    assert_one_line_error(butterfly("run", path, "--out", tmp_path / "out"), part)

@@ -1,5 +1,6 @@
-"""The commands that look at logs."""
+"""The commands that look at logs, and the one that fetches the thesis's."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
+from butterfly.logs import thesis_logs
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from tests.cli.one_line import assert_one_line_error
@@ -25,34 +27,6 @@ def test_inspect_shows_health_and_draws(butterfly, log_file, tmp_path):
     assert "dominant frequency" in out
     assert "40000" in out
     assert (tmp_path / "plot.html").stat().st_size > 1e6
-
-
-def test_inspect_repairs_what_it_is_told_to(butterfly, log_file):
-    matrix = loadmat(log_file)["D"]
-    matrix[5, 2] = np.nan
-    savemat(log_file, {"D": matrix})
-    assert_one_line_error(butterfly("inspect", log_file), log_file, "angle", "sample 5")
-    code, out, _ = butterfly("inspect", log_file, "--repair", "non_finite")
-    assert code == 0
-    assert "1 sample not finite, dropped" in out
-
-
-@pytest.mark.parametrize(
-    ("change", "parts"),
-    [
-        (lambda d: d[:, :2], ("D", "shape (40000, 2)")),
-        (lambda d: d[::-1], ("time", "ascending")),
-        (lambda d: d * [0, 1, 1, 1] + [2, 0, 0, 0], ("time", "never advances")),
-        (lambda d: d * [1, 1, 0, 1], ("angle", "constant 0")),
-        (lambda d: d[:4], ("time", "4 samples")),
-    ],
-    ids=["shape", "unsorted", "stopped clock", "no motion", "too short"],
-)
-def test_a_bad_log_is_one_line_with_file_field_value_and_exit_code_2(
-    butterfly, log_file, change, parts
-):
-    savemat(log_file, {"D": change(loadmat(log_file)["D"])})
-    assert_one_line_error(butterfly("inspect", log_file), log_file, *parts)
 
 
 def test_several_logs_are_told_in_a_line_each(butterfly, quick_data):
@@ -89,15 +63,11 @@ def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_dat
     assert butterfly("inspect", folder, "--repair", "non_finite")[0] == 0
 
 
-def test_a_csv_file_of_any_columns_is_inspected(butterfly, sine_log, tmp_path):
-    path = tmp_path / "log.csv"
-    table = np.column_stack([sine_log.time, sine_log.input, sine_log.angle])[::10]
-    np.savetxt(path, table, delimiter=",", header="t,volts,phi", comments="")
-    assert_one_line_error(butterfly("inspect", path), path)
-    code, out, _ = butterfly("inspect", path, "--columns", "time=t,input=volts,angle=phi")
+def test_of_a_log_of_which_nothing_says_that_it_is_a_sine_the_zero_is_a_guess(butterfly, loose):
+    code, out, _ = butterfly("inspect", loose / "a_good.txt", *COLUMNS)
     assert code == 0
     assert "4000" in out
-    assert "is a guess" in out  # of a log of which nothing says that it is a sine
+    assert "is a guess" in out
     assert "--zero" in out
 
 
@@ -230,23 +200,52 @@ def test_a_log_in_degrees_or_milliseconds_is_told_the_option_to_use(butterfly, l
     )
 
 
-def test_an_unknown_unit_is_refused_with_those_that_are_known(butterfly, loose):
-    result = butterfly("inspect", loose, "--columns", COLUMNS[1], "--units", "angle=dge")
-    assert_one_line_error(result, "units.angle: got dge", "rad, mrad, deg, turns")
-
-
 def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, tmp_path):
     time = np.arange(200) / 100
     rows = [(t, np.sin(3 * t), 0.3 * np.sin(3 * t + k)) for k in range(2) for t in time]
     path = tmp_path / "two.csv"
     np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
-    assert_one_line_error(butterfly("inspect", path), path, "--restarts")
     code, out, _ = butterfly("inspect", path, "--restarts")
     assert code == 0
-    assert "two.csv (part 1)" in out
-    assert "two.csv (part 2)" in out
-    rows = rows[:200]
-    np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
+    assert all(f"two.csv (part {k})" in out for k in (1, 2))
+    np.savetxt(path, rows[:200], delimiter=",", header="time,input,angle", comments="")
     code, out, _ = butterfly("inspect", path, "--from", "0.5", "--to", "1.5")
     assert code == 0
     assert "101" in out
+
+
+@pytest.fixture
+def published(tmp_path, monkeypatch):
+    """A folder with the one log that there is."""
+    folder = tmp_path / "published"
+    folder.mkdir()
+    (folder / "log.mat").write_bytes(b"log")
+    digest = hashlib.sha256(b"log").hexdigest()
+    monkeypatch.setattr(thesis_logs, "digests", lambda: {"log.mat": digest})
+    monkeypatch.setattr(thesis_logs, "own_folder", lambda: tmp_path / "own")
+    monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
+    return folder
+
+
+def test_logs_are_fetched_to_where_real_logs_finds_them(butterfly, published, tmp_path):
+    code, out, err = butterfly("fetch", "--from", published)
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        f"1 logs, 1 of them fetched: {tmp_path / 'own'}",
+        "Next: butterfly identify real-logs",
+    ]
+    assert (tmp_path / "own/log.mat").read_bytes() == b"log"
+    assert "1 logs, 0 of them fetched" in butterfly("fetch", "--from", published)[1]
+
+
+def test_a_folder_of_ones_own_is_told_to_the_next_command(butterfly, published, tmp_path):
+    _, out, _ = butterfly("fetch", "--from", published, "--out", tmp_path / "my logs")
+    assert out.endswith(f'identify real-logs --root "{tmp_path / "my logs"}"\n')
+    assert (tmp_path / "my logs/log.mat").exists()
+
+
+def test_what_cannot_be_fetched_is_one_line_that_names_it(butterfly, published):
+    (published / "log.mat").write_bytes(b"another")
+    result = butterfly("fetch", "--from", published)
+    assert_one_line_error(result, published / "log.mat", "SHA-256")
+    assert_one_line_error(butterfly("fetch", "--from", "nowhere"), "--from", "nowhere")

@@ -1,6 +1,9 @@
-"""Tables and sentences fit the width they are given, and lose nothing by it."""
+"""Tables and sentences fit the width they are given, and long work tells how far it is."""
 
+import contextlib
+import io
 import re
+import time
 
 import pyarrow as pa
 import pytest
@@ -8,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.cli import output
-from butterfly.cli.output import show_table
+from butterfly.cli.output import show_progress, show_table, tell_no_more
 from butterfly.cli.sweeps import matching, show_rows, shown_text
 from butterfly.experiment.sweep import run_sweep
 from tests.cli.fitting import assert_tables_fit
@@ -33,9 +36,6 @@ def test_no_number_is_folded_cut_or_lost_and_no_line_is_too_long(numbers, header
 
 
 def _printed(width, *table, **how):
-    import contextlib  # noqa: PLC0415 - not of a fixture, which hypothesis refuses
-    import io  # noqa: PLC0415
-
     out = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
         patch.setenv("COLUMNS", str(width))
@@ -159,3 +159,39 @@ def test_output_fits_80_columns_and_says_on_a_terminal_what_it_says_piped(
     assert shown.split() == piped.split()
     paths = [line for line in piped.splitlines() if "/" in line]  # nothing is to break a path
     assert [line for line in shown.splitlines() if len(line) > 80 and line not in paths] == []
+
+
+@pytest.fixture
+def often(monkeypatch):
+    monkeypatch.setattr(output, "EVERY", 0.02)
+
+
+@pytest.mark.usefixtures("often")
+def test_where_there_is_no_terminal_a_line_tells_from_time_to_time(capsys):
+    for _ in show_progress([1, 2, 3], "Counting"):
+        time.sleep(0.05)
+    told = capsys.readouterr()
+    assert told.out == ""
+    lines = told.err.splitlines()
+    assert {line.partition(",")[0] for line in lines} == {
+        f"Counting: {done} of 3 done" for done in range(3)
+    }
+    time.sleep(0.05)
+    assert capsys.readouterr().err == ""
+
+
+def test_short_work_is_silent(capsys):
+    assert list(show_progress(iter("ab"), "Reading")) == ["a", "b"]
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("often")
+def test_work_that_was_left_tells_no_more(capsys):
+    left = iter(show_progress([1, 2], "Fitting"))
+    next(left)
+    time.sleep(0.05)
+    tell_no_more()
+    time.sleep(0.03)
+    assert "Fitting: 0 of 2 done" in capsys.readouterr().err
+    time.sleep(0.06)
+    assert capsys.readouterr().err == ""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
+import random
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import random
 
 _HEAD = 400
 _ABSURD = (0, 1, 5, 9, 14, 15, 255, 1 << 31, (1 << 31) - 1, (1 << 32) - 1)

@@ -1,21 +1,17 @@
-"""Damaged results of a sweep, as every command that looks at results takes them."""
+"""Damaged results of a sweep, and saved identifications, as the commands that look at them do."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from butterfly.experiment.record import RunRecord
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import kept_status, plan_sweep, run_sweep
-from tests.fuzz.command import escape_of_command
-from tests.fuzz.escape import escape_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from tests.fuzz.escape import escape_of, escape_of_command
 
 _EXPERIMENT = """
 extends: quickstart
@@ -28,14 +24,14 @@ method: linear
 keep_signals: true
 sweep: {grid: {plant.encoder.noise: [0.0, 1.0e-4]}}
 """
-_COMMANDS: tuple[tuple[str, ...], ...] = (
-    ("list",),
-    ("show", "0"),
-    ("table",),
-    ("table", "--table", "estimates", "--filter", "parameter=p1"),
-    ("compare", "0", "1"),
-    ("export", "--out", "out.csv"),
-    ("clean", "--failed"),
+_LOOKS = (
+    "results list {0}",
+    "results show {0} 0",
+    "results table {0}",
+    "results table {0} --table estimates --filter parameter=p1",
+    "results table {0} --out {0}.csv",
+    "compare {0}/0 {0}/1",
+    "results clean {0} --failed",
 )
 
 
@@ -52,7 +48,7 @@ def _sound() -> dict[str, bytes]:
         return {each.relative_to(root).as_posix(): each.read_bytes() for each in files}
 
 
-def kept_logs() -> dict[str, bytes]:
+def _kept_logs() -> dict[str, bytes]:
     """Return the files of the logs that one of the runs kept, by their names."""
     paths = [Path(each) for each in _sound() if each.endswith("manifest.yaml")]
     inside = (each for each in _sound() if Path(each).parent == paths[0].parent)
@@ -85,9 +81,7 @@ def _escapes(name: str, content: bytes, path: Path) -> str:
     experiment.write_text(_EXPERIMENT, encoding="utf-8")
     store = ResultStore(folder)
     found = [_resumed(name, store, experiment)]
-    for command, *words in _COMMANDS:
-        told = [path.with_suffix(".csv") if word == "out.csv" else word for word in words]
-        found.append(escape_of_command("results", command, folder, *told))
+    found += [escape_of_command(*look.format(folder).split()) for look in _LOOKS]
     return next(filter(None, found), "")
 
 
@@ -106,3 +100,24 @@ def _same(name: str, store: ResultStore) -> bool:
         return False
     sound = RunRecord.from_json(_sound()[name].decode())
     return sound is not None and store.read(sound.key) == sound
+
+
+@cache
+def saved() -> bytes:
+    """Return a saved identification."""
+    with tempfile.TemporaryDirectory() as folder:
+        logs, file = Path(folder) / "logs", Path(folder) / "saved.json"
+        for name, content in _kept_logs().items():
+            logs.mkdir(exist_ok=True)
+            (logs / name).write_bytes(content)
+        escape_of_command("identify", logs, "--method", "weak-form", "--save", file)
+        return file.read_bytes()
+
+
+def saved_escapes(content: bytes, path: Path) -> str:
+    """Compare a damaged identification with a sound one, and show its model."""
+    before, after = path.with_suffix(".before.json"), path.with_suffix(".after.json")
+    before.write_bytes(saved())
+    after.write_bytes(content)
+    looks = [("compare", before, after), ("inspect", after)]
+    return next(filter(None, (escape_of_command(*words) for words in looks)), "")

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tests.fuzz.command import escape_of_command
+from tests.fuzz.escape import escape_of_command
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Table = NDArray[np.float64]
+Table = NDArray[np.float64]
 
 _P1, _P2, _P3, _P4 = 0.011, 0.01, 0.3, 0.05
 _METHODS = ("auto", "output-error", "weak-form", "harmonic-balance", "linear")

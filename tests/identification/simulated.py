@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -12,6 +13,7 @@ from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
+from tests.independent.integrator import motion
 
 ROBOT = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5, coulomb=8e-4)
 TONES = (1.7, 2.9, 4.3, 6.1, 8.3)
@@ -22,21 +24,38 @@ SLOW = {1.5: 0.4, 2.2: 0.5, 8.5: 0.3, 9.0: 0.1, 14.0: 0.03, 16.0: 0.012, 20.0: 0
 STEP = 2.5e-3
 
 
-def simulated(robot, mass, signal, duration, *, start=0.0, sine=None):
-    time = np.arange(0, duration, STEP)
-    late = np.column_stack([time[:-1], time[:-1] + STEP / 2, time[1:]]) - robot.delay
+def simulated(
+    robot, mass, signal, duration, *, start=0.0, step=STEP, sine=None, zero=0.0, **properties
+):
+    """A log by the grey box of a signal that is linear between samples; more as of `Log`."""
+    time = np.arange(0, duration, step)
+    late = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]]) - robot.delay
     inputs = signal(np.maximum(late, 0.0))
     inputs /= 1 + robot.compression * np.abs(inputs)
     angle, _ = simulate(robot.with_added_mass(mass), time, inputs, start)
     return Log(
         time=time,
         input=signal(time),
-        angle=angle,
+        angle=zero + angle,
         input_kind=InputKind.TORQUE,
         intersample=Intersample.FIRST_ORDER_HOLD,
         added_mass=mass,
         excitation=sine,
+        **properties,
     )
+
+
+def noisy(logs, noise, rng):
+    """Logs with white noise of a standard deviation in rad besides."""
+    return [
+        replace(log, angle=log.angle + noise * rng.standard_normal(log.time.size)) for log in logs
+    ]
+
+
+def driven(joint, time, inputs, start=0.0, **properties):
+    """A log by the independent integrator, in N m; more as of `Log`."""
+    angle, _ = motion(joint, time, inputs, start)
+    return Log(time, inputs, angle, input_kind=InputKind.TORQUE, **properties)
 
 
 def wild(robot, masses=MASSES, duration=24.0):

@@ -12,21 +12,19 @@ from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.parameters_by_hand import best_gain, try_parameters
+from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.greybox import simulate
-from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.thesis.method import fit_thesis
 from tests.conftest import MASSES
 from tests.conftest import ROBOT as BUTTERFLY
-from tests.identification.simulated import ROBOT
-from tests.independent.integrator import Joint, motion
+from tests.identification.simulated import ROBOT, driven
+from tests.independent.integrator import Joint
 
-SPEED = 2.5
-ZERO = 0.2
+SPEED, ZERO = 2.5, 0.2
+PLAIN = OutputError(terms=(), per_log=("velocity",), check=False, workers=1)
 
 
 def _thrown(mass, seed):
@@ -50,6 +48,19 @@ def data():
     return DataSet.of([_thrown(mass, k) for k, mass in enumerate(MASSES)])
 
 
+@pytest.fixture
+def runs(monkeypatch):
+    """Names of the logs that are simulated, one after the other."""
+    names, run = [], Simulation.run
+
+    def counted(self, *rest):
+        names.append(self.log.name)
+        return run(self, *rest)
+
+    monkeypatch.setattr(Simulation, "run", counted)
+    return names
+
+
 def test_fit_is_the_published_percentage_and_does_not_mind_where_zero_is(data):
     log = data.logs[0]
     angle = log.angle
@@ -62,9 +73,6 @@ def test_fit_is_the_published_percentage_and_does_not_mind_where_zero_is(data):
     assert run.rms == pytest.approx(error / angle.size**0.5)
     mean = FreeRun(log=log, simulated=np.full(angle.size, angle.mean()))
     assert mean.fit == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_summary_is_median_mean_and_worst():
     assert FitSummary.of(np.array([90.0, 50.0, 97.0])) == FitSummary(90.0, 79.0, 50.0)
 
 
@@ -75,14 +83,26 @@ def test_a_run_begins_with_the_velocity_it_is_told(data):
     assert data.simulations.run_with(1, told).fit > 99.9
 
 
-def test_the_velocity_and_zero_found_for_each_log_are_used_to_predict_it(data):
+def test_the_velocity_and_zero_found_for_each_log_predict_it_by_one_simulation(data, runs):
     start = replace(ROBOT, p1=0.0031, p4=0.48)
-    estimator = OutputError(terms=(), per_log=("velocity",), check=False, workers=1)
-    found = estimator.of_logs(data.logs, start, dict.fromkeys(MASSES, ZERO))
+    found = PLAIN.of_logs(data.logs, start, dict.fromkeys(MASSES, ZERO))
     speeds = [found.local[log.name]["velocity"] for log in data.logs]
     assert speeds == pytest.approx([SPEED] * 3, rel=2e-3)
     assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)
-    assert data.simulations.fits(found).min() > 99.5
+    runs.clear()
+    fits = data.simulations.fits(found)
+    assert fits.min() > 99.5
+    np.testing.assert_array_equal(data.simulations.fits(found), fits)
+    assert len(runs) == len(data.logs)
+    assert pickle.loads(pickle.dumps(data)).simulations.fits(found).tolist() == fits.tolist()  # noqa: S301 - our own
+
+
+def test_logs_that_are_held_out_are_simulated_once(data, runs):
+    apart = data.holding([0])
+    (held,) = apart.test_logs.logs
+    found = identify(apart, WeakForm(terms=(), check=False))
+    assert runs.count(held.name) == 1
+    assert list(found.held_out) == [held.name]
 
 
 def test_a_drive_whose_gain_falls_is_differentiated_by_that_too(data):
@@ -106,56 +126,27 @@ def test_noise_of_a_law_is_simulated_sample_by_sample():
     same = LumpedParameters(p1=0.2, p2=0.02, p3=0.5, p4=1.0, coulomb=0.4, delay=5e-3)
     time = np.arange(0, 6, 2e-3)
     inputs = np.sin(2 * time) + 0.1 * np.random.default_rng(1).standard_normal(time.size)
-    angle, _ = motion(joint, time, inputs)
-    run = Simulation(Log(time=time, input=inputs, angle=angle), same)
+    log = driven(joint, time, inputs)
+    run = Simulation(log, same)
     assert run.step <= time[1] / 2
-    np.testing.assert_allclose(run.at_stamps(same, 0.0), angle, atol=1e-6)
+    np.testing.assert_allclose(run.run(same, 0.0).at(log.time), log.angle, atol=1e-6)
 
 
-def test_a_fit_that_was_asked_for_is_simulated_once_and_held_out_logs_too(data, monkeypatch):
-    estimator = OutputError(terms=(), fixed=("p1",), per_log=("velocity",), check=False, workers=1)
-    found = estimator.of_logs(data.logs, ROBOT, dict.fromkeys(MASSES, ZERO))
-    runs, run = [], Simulation.run
-    monkeypatch.setattr(Simulation, "run", lambda *each: runs.append(1) or run(*each))
-    fresh = data.take(range(len(data.logs)))
-    fits = fresh.simulations.fits(found)
-    np.testing.assert_array_equal(fresh.simulations.fits(found), fits)
-    assert len(runs) == len(data.logs)
-    assert pickle.loads(pickle.dumps(fresh)).simulations.fits(found).tolist() == fits.tolist()  # noqa: S301 - our own
-
-
-def test_logs_that_are_held_out_are_simulated_once(data, monkeypatch):
-    apart = data.holding([0])
-    runs, run = [], Simulation.run
-
-    def counted(self, *rest):
-        runs.append(self.log.name)
-        return run(self, *rest)
-
-    monkeypatch.setattr(Simulation, "run", counted)
-    found = identify(apart, WeakForm(terms=(), check=False))
-    assert runs.count(apart.test_logs.logs[0].name) == 1
-    assert list(found.held_out) == [apart.test_logs.logs[0].name]
-
-
-def _simulated(template, intersample, parameters=BUTTERFLY, swing=0.1, rest=0.7):
+def _delayed(template, intersample, swing):
     """A log of the grey-box robot, its delayed input integrated on a ten times finer grid."""
     fine = np.arange(0, 40, 1e-4)
-    step = 1e-3
-    late = fine - parameters.delay
+    late = fine - BUTTERFLY.delay
     held = (
-        step * np.floor(late / step + 1e-9) if intersample is Intersample.ZERO_ORDER_HOLD else late
+        late if intersample is Intersample.FIRST_ORDER_HOLD else np.floor(1e3 * late + 1e-9) / 1e3
     )
     signal = np.where(late >= 0, 0.2 * np.sin(5 * held), 0.0)
-    inputs = np.repeat(signal[:-1, None], 3, axis=1)
-    loaded = parameters.with_added_mass(template.added_mass)
-    angle, _ = simulate(loaded, fine, inputs, swing)
-    time = fine[::10]
+    loaded = BUTTERFLY.with_added_mass(template.added_mass)
+    angle, _ = simulate(loaded, fine, np.repeat(signal[:-1, None], 3, axis=1), swing)
     return replace(
         template,
-        time=time,
-        input=0.2 * np.sin(5 * time),
-        angle=rest + angle[::10],
+        time=fine[::10],
+        input=0.2 * np.sin(5 * fine[::10]),
+        angle=0.7 + angle[::10],
         velocity=None,
         intersample=intersample,
     )
@@ -163,13 +154,12 @@ def _simulated(template, intersample, parameters=BUTTERFLY, swing=0.1, rest=0.7)
 
 @pytest.mark.parametrize("intersample", list(Intersample))
 def test_a_simulated_log_is_followed_with_its_own_parameters(sine_log, intersample):
-    log = _simulated(sine_log, intersample)
+    log = _delayed(sine_log, intersample, swing=0.1)
     assert FreeRun.of(log, Setting(parameters=BUTTERFLY, zero=0.7)).fit > 99.9
 
 
 def test_wrong_parameters_follow_worse_and_a_missing_gain_is_found(sine_log):
-    log = _simulated(sine_log, Intersample.ZERO_ORDER_HOLD, swing=0.0)
-    data = DataSet.of([log])
+    data = DataSet.of([_delayed(sine_log, Intersample.ZERO_ORDER_HOLD, swing=0.0)])
     own = try_parameters("own", BUTTERFLY, data)
     blind = try_parameters("no gain", replace(BUTTERFLY, p4=float("nan")), data)
     wrong = try_parameters("heavy", replace(BUTTERFLY, p1=1.1 * BUTTERFLY.p1), data)
@@ -177,40 +167,6 @@ def test_wrong_parameters_follow_worse_and_a_missing_gain_is_found(sine_log):
     assert blind.parameters.p4 == pytest.approx(BUTTERFLY.p4, rel=2e-3)
     assert blind.summary.median == pytest.approx(own.summary.median, abs=0.3)
     assert wrong.summary.median < 95 < own.summary.median
-
-
-def test_the_real_logs_are_followed(real):
-    assert real.fit.median >= 92
-    assert real.fit.mean >= 92
-    assert real.fit.worst >= 75
-
-
-def test_the_real_robot_s_linearised_resonances_are_the_known_ones(real):
-    parameters = real.estimate.parameters
-    found = [resonance_frequency(parameters.with_added_mass(mass)) for mass in real.data.equilibria]
-    np.testing.assert_allclose(found, [4.50, 6.02, 6.46], rtol=0.012)
-
-
-def test_table_5_follows_the_same_logs_far_worse(real):
-    """With its best p4, as it is found on fewer logs."""
-    table_5 = LumpedParameters(p1=0.0028, p2=0.0188, p3=0.0583, p4=3.625)
-    other = try_parameters("Table 5", table_5, real.data)
-    known = FitSummary(median=37.4, mean=35.4, worst=2.8)
-    assert other.summary.median == pytest.approx(known.median, abs=1.0)
-    assert other.summary.mean == pytest.approx(known.mean, abs=1.0)
-    assert other.summary.worst == pytest.approx(known.worst, abs=1.0)
-    few = real.data.take(range(0, 41, 6))
-    assert best_gain(table_5, few) == pytest.approx(table_5.p4, rel=0.15)
-
-
-@pytest.mark.parametrize(
-    ("decimation", "published"), [(25, "4.1915 5.7650 6.2847"), (5, "4.1889 5.7606 6.2810")]
-)
-def test_thesis_mode_prints_the_published_resonances(real, decimation, published):
-    estimate = fit_thesis(real.data.recorded, decimation)
-    assert " ".join(f"{omega:.4f}" for omega in estimate.resonances.values()) == published
-    assert "p2" in estimate.on_bound
-    assert np.isnan(estimate.standard_errors).all()
 
 
 def test_an_identification_is_judged_over_the_horizon_that_its_logs_are_simulated_over(

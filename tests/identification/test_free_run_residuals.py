@@ -26,76 +26,71 @@ ROBOT = LumpedParameters(
     load=5e-4,
     bias=2e-3,
     p3_offset=-1e-3,
+    tilt=0.2,
     stribeck=5e-4,
     stribeck_velocity=0.13,
-    tilt=0.2,
     cogging=2e-4,
     cogging_cosine=-1e-4,
     cogging_periods=3.0,
 )
-ALL = offered("output-error")
 
 
 def _log(mass, omega, amplitude, hold):
     sine = Sine(omega=omega, amplitude=amplitude)
-    log = simulated(ROBOT, mass, sine.sample, 12.0, start=0.05, sine=sine)
-    source = f"{mass.mass:g}-{omega:g}"
-    return replace(log, angle=log.angle + 0.6, intersample=hold, source=source)
+    name = f"{mass.mass:g}-{omega:g}"
+    log = simulated(ROBOT, mass, sine.sample, 12.0, start=0.05, sine=sine, zero=0.6, source=name)
+    return replace(log, intersample=hold)
 
 
 @pytest.fixture(scope="module", params=list(Intersample))
 def problem(request):
-    logs = [
-        _log(mass, *drive, request.param) for mass in MASSES[:2] for drive in ((4, 0.02), (6, 0.05))
-    ]
-    data = DataSet.of(logs)
-    estimator = OutputError(
-        terms=ALL, per_mass=("zero",), per_log=("velocity",), window=8.0, cogging_periods=3.0
+    drives = ((4, 0.02), (6, 0.05))
+    data = DataSet.of(
+        [_log(mass, *drive, request.param) for mass in MASSES[:2] for drive in drives]
     )
+    local = {"per_mass": ("zero",), "per_log": ("velocity",)}
+    estimator = OutputError(terms=offered("output-error"), **local, window=8.0, cogging_periods=3.0)
     found = estimator.problem(data.logs, ROBOT, data.equilibria)
-    moving = [
-        0.1 * (name == "velocity") for name, _ in found.keys
-    ]  # at rest it has two derivatives
+    moving = [0.1 * (name == "velocity") for name, _ in found.keys]  # at rest it has two slopes
     return replace(found, initial=found.initial + moving)
 
 
-def _residuals(problem, scaled):
-    return np.concatenate([log.residuals for log in problem.equations(scaled).logs])
+@pytest.fixture(scope="module")
+def equations(problem):
+    return problem.equations(problem.initial)
 
 
-def _jacobian(problem):
-    """At the beginning, all logs' one below another."""
-    return np.concatenate([log.jacobian for log in problem.equations(problem.initial).logs])
+def _residuals(problem, moved):
+    """Return all logs' residuals beside the beginning."""
+    logs = problem.equations(problem.initial + moved).logs
+    return np.concatenate([log.residuals for log in logs])
 
 
-def _central(problem, k, step):
-    moved = np.zeros(len(problem.keys))
-    moved[k] = step
-    there, back = (_residuals(problem, problem.initial + sign * moved) for sign in (1, -1))
-    return (there - back) / (2 * step)
+def _jacobian(equations):
+    return np.concatenate([log.jacobian for log in equations.logs])
 
 
-def test_every_column_is_the_central_difference(problem):
-    jacobian = _jacobian(problem)
+def test_every_column_is_the_central_difference(problem, equations):
     for k, (name, whose) in enumerate(problem.keys):
-        column = jacobian[:, k]
-        differences = [_central(problem, k, step) for step in (1e-4, 1e-5, 1e-6)]
+        column, unit = _jacobian(equations)[:, k], np.eye(len(problem.keys))[k]
+        differences = (
+            (_residuals(problem, step * unit) - _residuals(problem, -step * unit)) / (2 * step)
+            for step in (1e-4, 1e-5, 1e-6)
+        )
         error = min(np.linalg.norm(column - each) for each in differences)
         # The drive has kinks where a stamp passes an edge, by which the delay is felt.
         tolerance = 1e-3 if name == "delay" else 1e-5
         assert error < tolerance * np.linalg.norm(column), (name, whose)
 
 
-def test_what_belongs_to_one_log_or_mass_moves_no_other(problem):
-    logs = problem.equations(problem.initial).logs
+def test_what_belongs_to_one_log_or_mass_moves_no_other(problem, equations):
     for k, (_, whose) in enumerate(problem.keys):
-        for simulation, log in zip(problem.simulations, logs, strict=True):
+        for simulation, log in zip(problem.simulations, equations.logs, strict=True):
             concerned = whose in {None, simulation.log.added_mass, simulation.log.name}
             assert concerned or not np.any(log.jacobian[:, k])
 
 
-def test_compressed_equations_say_the_same(problem):
-    equations = problem.equations(problem.initial)
+def test_compressed_equations_say_the_same(equations):
     for log in equations.logs:
         weights = np.linspace(0.5, 2.0, log.residuals.size)
         rows, residuals = log.weighted(weights).compressed()
@@ -106,10 +101,9 @@ def test_compressed_equations_say_the_same(problem):
         np.testing.assert_allclose(rows.T @ residuals, pull, atol=1e-10 * np.abs(pull).max())
 
 
-def test_a_part_has_the_equations_of_its_logs(problem):
-    whole = problem.equations(problem.initial)
+def test_a_part_has_the_equations_of_its_logs(problem, equations):
     part, kept = problem.part([2, 3])
-    own, taken = part.equations(part.initial), whole.part([2, 3], kept)
+    own, taken = part.equations(part.initial), equations.part([2, 3], kept)
     assert own.cost == taken.cost
     np.testing.assert_array_equal(own.gradient, taken.gradient)
     np.testing.assert_array_equal(own.curvature, taken.curvature)
@@ -118,12 +112,10 @@ def test_a_part_has_the_equations_of_its_logs(problem):
     assert len(part.keys) == len(problem.keys) - 3  # one zero and two velocities less
 
 
-def test_equations_foretell_residuals_nearby(problem):
+def test_equations_predict_residuals_nearby(problem, equations):
     step = 1e-5 * np.linspace(-1, 1, len(problem.keys))
-    foretold = problem.equations(problem.initial).moved(step)
-    found = problem.equations(problem.initial + step)
-    for one, other in zip(foretold.logs, found.logs, strict=True):
-        np.testing.assert_allclose(one.residuals, other.residuals, atol=1e-8)
+    predicted = np.concatenate([log.residuals for log in equations.moved(step).logs])
+    np.testing.assert_allclose(predicted, _residuals(problem, step), atol=1e-8)
 
 
 def test_a_friction_at_its_bound_can_leave_it():
@@ -132,12 +124,11 @@ def test_a_friction_at_its_bound_can_leave_it():
     frictionless = replace(ROBOT, coulomb=0.0, stribeck=0.0, load=0.0)
     estimator = OutputError(terms=("stribeck", "load"), window=8.0)
     problem = estimator.problem(data.logs, frictionless, data.equilibria)
-    jacobian = _jacobian(problem)
+    jacobian = _jacobian(problem.equations(problem.initial))
     for name in ("coulomb", "stribeck", "load"):
         k = problem.keys.index((name, None))
-        moved = problem.initial.copy()
-        moved[k] += 1e-6
-        difference = (_residuals(problem, moved) - _residuals(problem, problem.initial)) / 1e-6
+        step = 1e-6 * np.eye(len(problem.keys))[k]
+        change = (_residuals(problem, step) - _residuals(problem, 0 * step)) / 1e-6
         np.testing.assert_allclose(
-            jacobian[:, k], difference, atol=1e-3 * np.abs(difference).max(), err_msg=name
+            jacobian[:, k], change, atol=1e-3 * np.abs(change).max(), err_msg=name
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +32,7 @@ RAT_42 = np.array(
         *(79, 67.08),
     ]
 ).reshape(-1, 2)
+FREE = np.full(2, -np.inf)
 
 
 def _misra(b, x):
@@ -54,84 +55,63 @@ CERTIFIED = {  # NIST Statistical Reference Datasets, nonlinear regression: firs
 }
 
 
-def _expansion(model, data, scale, scaled):
-    values, jacobian = model(scaled * scale, data[:, 0])
-    residuals = values - data[:, 1]
-    return Equations(
-        logs=(LogEquations(residuals=residuals, rows=jacobian, mixture=np.diag(scale)),)
-    )
+def _equations(residuals, slopes, scale=None):
+    slopes = np.asarray(slopes, dtype=float)
+    mixture = np.eye(slopes.shape[1]) if scale is None else np.diag(scale)
+    log = LogEquations(residuals=np.asarray(residuals, dtype=float), rows=slopes, mixture=mixture)
+    return Equations(logs=(log,))
 
 
 @pytest.mark.parametrize("name", CERTIFIED)
 def test_certified_fits_are_found_from_their_far_start(name):
     model, data, start, certified, squares = CERTIFIED[name]
     scale = np.array(start, dtype=float)
-    lower = np.full(scale.size, -np.inf)
-    found = minimise(
-        lambda scaled: _expansion(model, data, scale, scaled), np.ones(scale.size), lower
-    )
+
+    def expand(scaled):
+        values, slopes = model(scaled * scale, data[:, 0])
+        return _equations(values - data[:, 1], slopes, scale)
+
+    found = minimise(expand, np.ones(scale.size), np.full(scale.size, -np.inf))
     assert found.converged
     np.testing.assert_allclose(found.point * scale, certified, rtol=1e-5)
     assert 2 * found.at.cost == pytest.approx(squares, rel=1e-6)
 
 
-@dataclass(frozen=True)
-class Line:
-    """Points about a line, some of them far off."""
-
-    x: np.ndarray
-    y: np.ndarray
-
-    def residuals(self, b):
-        return b[0] + b[1] * self.x - self.y
-
-    def jacobian(self, _):
-        return np.column_stack([np.ones_like(self.x), self.x])
-
-    def equations(self, b):
-        log = LogEquations(residuals=self.residuals(b), rows=self.jacobian(b), mixture=np.eye(2))
-        return Equations(logs=(log,))
-
-
 def _line(seed, outliers):
+    """Residuals of points about a line, some of them far off, and their slopes."""
     rng = np.random.default_rng(seed)
     x = np.linspace(-1, 1, 200)
     y = 0.7 - 1.3 * x + 0.01 * rng.standard_normal(x.size)
     y[:outliers] += rng.uniform(0.5, 2.0)
-    return Line(x, y)
+    return lambda b: b[0] + b[1] * x - y, np.column_stack([np.ones_like(x), x])
 
 
 @pytest.mark.parametrize("loss", list(Loss)[1:])
 @given(seed=st.integers(0, 10**6), outliers=st.integers(0, 40))
 def test_robust_fits_end_where_scipy_s_do(loss, seed, outliers):
-    line = _line(seed, outliers)
-    free = np.full(2, -np.inf)
-    first = minimise(line.equations, np.zeros(2), free)
-    scale = outlying(line.residuals(first.point))
+    residuals, slopes = _line(seed, outliers)
+    first = minimise(lambda b: _equations(residuals(b), slopes), np.zeros(2), FREE)
+    scale = outlying(residuals(first.point))
 
     def robust(b):
-        return Equations(logs=line.equations(b).logs, loss=loss, scale=scale)
+        return replace(_equations(residuals(b), slopes), loss=loss, scale=scale)
 
-    found = minimise(robust, first.point, free, robust(first.point))
+    found = minimise(robust, first.point, FREE, robust(first.point))
     options = {"loss": loss.value, "f_scale": scale, "xtol": 1e-12, "ftol": 1e-12}
-    expected = least_squares(line.residuals, first.point, line.jacobian, **options)
+    expected = least_squares(residuals, first.point, lambda _: slopes, **options)
     assert found.at.cost == pytest.approx(expected.cost, rel=1e-3)
-    assert robust(expected.x).cost == pytest.approx(expected.cost, rel=1e-9)
+    at = robust(expected.x)
+    assert at.cost == pytest.approx(expected.cost, rel=1e-9)
+    np.testing.assert_allclose(at.gradient, expected.grad, rtol=1e-6, atol=1e-9)
 
 
 @given(seed=st.integers(0, 10**6), floor=st.floats(-2.0, 2.0))
 def test_bounds_hold_as_scipy_s_do(seed, floor):
-    line, lower = _line(seed, 0), np.array([-np.inf, floor])
-    found = minimise(line.equations, np.array([0.0, floor + 0.5]), lower)
-    expected = least_squares(
-        line.residuals,
-        [0.0, floor + 0.5],
-        line.jacobian,
-        (lower, np.inf),
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-14,
-    )
+    (residuals, slopes), lower = _line(seed, 0), np.array([-np.inf, floor])
+    start = np.array([0.0, floor + 0.5])
+    found = minimise(lambda b: _equations(residuals(b), slopes), start, lower)
+    exactly = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
+    expected = least_squares(residuals, start, lambda _: slopes, (lower, np.inf), **exactly)
     assert np.all(found.point >= lower)
     np.testing.assert_allclose(found.point, expected.x, atol=1e-5)
 
@@ -140,37 +120,30 @@ def test_a_valley_that_bends_is_followed_to_its_end_or_said_not_to_be():
     """Rosenbrock's, on a floor that makes each step promise little of the cost."""
 
     def expand(b):
-        residuals = np.array([10 * (b[1] - b[0] ** 2), 1 - b[0], 30.0])
-        slopes = np.array([[-20 * b[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
-        return Equations(logs=(LogEquations(residuals=residuals, rows=slopes, mixture=np.eye(2)),))
+        residuals = [10 * (b[1] - b[0] ** 2), 1 - b[0], 30.0]
+        return _equations(residuals, [[-20 * b[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
 
-    found = minimise(expand, np.array([-1.2, 1.0]), np.full(2, -np.inf))
+    found = minimise(expand, np.array([-1.2, 1.0]), FREE)
     assert found.converged
     np.testing.assert_allclose(found.point, [1, 1], atol=1e-3)
 
 
 def test_derivatives_that_lead_nowhere_are_not_called_a_minimum():
-    def expand(b):
-        log = LogEquations(residuals=b - 3.0, rows=-np.eye(2), mixture=np.eye(2))
-        return Equations(logs=(log,))
-
-    assert not minimise(expand, np.ones(2), np.full(2, -np.inf)).converged
+    found = minimise(lambda b: _equations(b - 3.0, -np.eye(2)), np.ones(2), FREE)
+    assert not found.converged
 
 
 def test_a_wall_of_numbers_that_are_none_is_stepped_back_from():
     """sqrt(x) - 0.1 from 4: the first step goes below 0."""
 
     def expand(point):
-        x = float(point[0])
         with np.errstate(invalid="ignore", divide="ignore"):
-            residuals, slope = np.array([np.sqrt(x) - 0.1]), np.array([[0.5 / np.sqrt(x)]])
-        return Equations(logs=(LogEquations(residuals=residuals, rows=slope, mixture=np.eye(1)),))
+            return _equations(np.sqrt(point) - 0.1, [0.5 / np.sqrt(point)])
 
-    found = minimise(expand, np.array([4.0]), np.array([-np.inf]))
+    found = minimise(expand, np.array([4.0]), FREE[:1])
     assert found.point[0] == pytest.approx(0.01, rel=1e-3)
 
 
 def test_a_beginning_that_is_no_number_is_refused():
-    nothing = LogEquations(residuals=np.array([np.nan]), rows=np.eye(1), mixture=np.eye(1))
     with pytest.raises(IdentifiabilityError, match="diverges"):
-        minimise(lambda _: Equations(logs=(nothing,)), np.ones(1), np.zeros(1))
+        minimise(lambda _: _equations([np.nan], [[1.0]]), np.ones(1), np.zeros(1))

@@ -12,7 +12,7 @@ from butterfly.identification.estimators.weak_form import fitted_terms
 from butterfly.identification.estimators.weak_regression import refined, seen
 from butterfly.model.prior import NO_PRIOR, Prior
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, wild
+from tests.identification.simulated import ROBOT, noisy, wild
 
 ZEROS = dict.fromkeys(MASSES, 0.0)
 NOISE, DRAWS = 1.3e-2, 8
@@ -30,15 +30,10 @@ def _windows(logs):
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
     """Noise and its negative, so that only what grows with its square is left in the mean."""
-    rng = np.random.default_rng(0)
     errors = []
-    for _ in range(DRAWS):
-        noise = [NOISE * rng.standard_normal(log.time.size) for log in clean]
+    for seed in range(DRAWS):
         for sign in (1, -1):
-            logs = [
-                replace(log, angle=log.angle + sign * each)
-                for log, each in zip(clean, noise, strict=True)
-            ]
+            logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
             plain = fitted_terms(_windows(logs), (), NO_PRIOR, check=False)[0].values
             free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
@@ -83,11 +78,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
 
 def test_a_parameter_on_its_bound_stays_there():
     frictionless = wild(replace(ROBOT, coulomb=0.0, p2=0.0), duration=8.0)
-    rng = np.random.default_rng(1)
-    logs = [
-        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
-        for log in frictionless
-    ]
+    logs = noisy(frictionless, 2e-3, np.random.default_rng(1))
     found = WeakForm(terms=("drag",), check=False).of_logs(logs, ZEROS)
     assert found.on_bound
     for name in found.on_bound:

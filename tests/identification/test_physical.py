@@ -4,10 +4,9 @@ import control
 import numpy as np
 import pytest
 
-from butterfly.identification.derived_quantities import WAYS
+from butterfly.identification.derived_quantities import WAYS, implied
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import implied
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
@@ -129,18 +128,6 @@ def test_values_and_errors_are_those_of_all_that_is_possible(used):
         assert found[name].value == pytest.approx(mean, abs=0.1 * spread), name
 
 
-def test_errors_of_a_prior_are_not_counted_twice():
-    """R and k_t taken to be independent of the p4 that they told would be known too well."""
-    told = Prior.of({"resistance": (2.0, 0.1), "torque_constant": (0.05, 0.001)})
-    known = implied(told, InputKind.VOLTAGE)
-    p4 = known.parameters["p4"]
-    covariance = np.diag([1e-12, 1e-12, 1e-12, p4.uncertainty**2])
-    found = physical_parameters(
-        _estimate(VALUES, covariance, known), known, InputKind.VOLTAGE, NO_ADDED_MASS
-    )
-    assert _parts(found) == set()
-
-
 def test_a_weighed_hand_is_separated_as_its_closed_form_says():
     covariance = np.zeros((4, 4))
     covariance[np.ix_([0, 2], [0, 2])] = [[4e-10, 1e-9], [1e-9, 1e-8]]
@@ -151,23 +138,19 @@ def test_a_weighed_hand_is_separated_as_its_closed_form_says():
     assert found["com_distance"].standard_error == pytest.approx(error)
     reach = 0.05 * np.hypot(4 * 1e-4 / 0.04905, 1.96 * 0.01)
     assert found["com_distance"].reach == pytest.approx(reach, rel=1e-4)
-    rng = np.random.default_rng(0)
-    p1, p3 = rng.multivariate_normal([0.00325, 0.04905], covariance[::2, ::2], 100_000).T
-    mass = 0.1 + 1e-3 * rng.standard_normal(p1.size)
-    spread = np.std(p1 - p3**2 / (mass * 9.81**2))
-    assert found["inertia_with_rotor"].standard_error == pytest.approx(spread, rel=0.02)
 
 
 def test_one_part_of_the_motor_tells_another():
-    gear = {"gear_ratio": 2.0}
-    assert _of_logs({"torque_constant": 0.05})["resistance"].value == pytest.approx(2.0)
-    assert _of_logs({"torque_constant": 0.05} | gear)["resistance"].value == pytest.approx(4.0)
-    found = _of_logs({"resistance": (2.0, 0.02)} | gear)["torque_constant"]
+    def told(name, **known):
+        return _of_logs(known)[name]
+
+    assert told("resistance", torque_constant=0.05).value == pytest.approx(2.0)
+    assert told("resistance", torque_constant=0.05, gear_ratio=2.0).value == pytest.approx(4.0)
+    found = told("torque_constant", resistance=(2.0, 0.02), gear_ratio=2.0)
     assert found.value == pytest.approx(0.025)
     assert found.standard_error / found.value == pytest.approx(np.hypot(0.01, np.sqrt(1.09) * 0.01))
-    assert _of_logs({"back_emf_constant": 0.025} | gear)["viscous_friction"].value == pytest.approx(
-        2e-4
-    )
+    friction = told("viscous_friction", back_emf_constant=0.025, gear_ratio=2.0)
+    assert friction.value == pytest.approx(2e-4)
 
 
 def test_a_command_in_amperes_shows_in_its_current_and_hides_the_rest():
@@ -248,21 +231,6 @@ def test_the_speed_per_volt_is_the_gain_from_input_to_velocity_at_low_frequency(
     assert found["speed_gain"].value == pytest.approx(abs(1j * omega * response), rel=1e-6)
     assert found["speed_gain"].unit == "m/s/V"
     assert "resonance" not in {each.name for each in found.found}
-
-
-def test_errors_of_derived_quantities_are_those_of_draws():
-    rng = np.random.default_rng(1)
-    covariance = _covariance(0.01)
-    p1, p2, p3, p4 = rng.multivariate_normal(VALUES, covariance, 200_000).T
-    found = _of_logs({}, covariance=covariance)
-    draws = {
-        "resonance": np.sqrt(p3 / p1 - (p2 / p1) ** 2 / 2),
-        "damping_ratio": p2 / (2 * np.sqrt(p1 * p3)),
-        "decay_time": p1 / p2,
-        "speed_gain": p4 / p2,
-    }
-    for name, values in draws.items():
-        assert found[name].standard_error == pytest.approx(np.std(values), rel=0.02), name
 
 
 def test_a_derived_quantity_that_is_not_known_from_0_or_does_not_exist_is_not_told():

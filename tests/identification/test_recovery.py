@@ -36,62 +36,57 @@ SCANNED = 0.06
 TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}
 """Relative, where the interval is not to be asked: each method leaves out something of its own."""
 
-
-def _value(names, values, term):
-    return float(values[names.index(term)])
+ZEROS = dict.fromkeys(MASSES, 0.0)
+START = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+SIMULATED = OutputError(terms=(), check=False, workers=1)
 
 
 def _assert_recovered(found, term, truth, tolerance):
-    value = _value(found.names, found.values, term)
     at = found.names.index(term)
-    inside = found.lower[at] <= truth <= found.upper[at]
+    value, inside = float(found.values[at]), found.lower[at] <= truth <= found.upper[at]
     assert np.sign(value) == np.sign(truth)
     assert inside or value == pytest.approx(truth, rel=tolerance)
     assert value == pytest.approx(truth, rel=3 * tolerance)
 
 
-@pytest.mark.parametrize("term", offered("harmonic-balance"))
-def test_harmonic_balance_recovers_a_term(term):
-    robot = replace(ROBOT, **PRESENT[term])
-    found = HarmonicBalance(terms=(term,), check=False)(
-        DataSet.of(steady(robot, SLOW if term == "stribeck" else SWINGS))
-    )
-    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["harmonic-balance"])
+def _balanced(robot, term, terms):
+    swings = SLOW if term == "stribeck" else SWINGS
+    return HarmonicBalance(terms=terms, check=False)(DataSet.of(steady(robot, swings)))
 
 
-@pytest.mark.parametrize("term", offered("weak-form"))
-def test_the_weak_form_recovers_a_term(term):
-    robot = replace(ROBOT, **PRESENT[term])
-    zeros = dict.fromkeys(MASSES, 0.0)
-    estimator = WeakForm(terms=(term,), cogging_periods=robot.cogging_periods, check=False)
-    found = estimator.of_logs(wild(robot), zeros)
-    assert found.parameters.cogging_periods == robot.cogging_periods
-    tolerance = SCANNED if term == "stribeck" else TOLERANCE["weak-form"]
-    _assert_recovered(found, term, PRESENT[term][term], tolerance)
-    for speed in (robot.stribeck_velocity, 0.3, 2.0):
-        assert found.parameters.level(speed) == pytest.approx(robot.level(speed), rel=0.05)
+def _averaged(robot, term, terms):  # noqa: ARG001 - as the others
+    estimator = WeakForm(terms=terms, cogging_periods=robot.cogging_periods, check=False)
+    return estimator.of_logs(wild(robot), ZEROS)
 
 
-@pytest.mark.parametrize("term", [t for t in offered("output-error") if t != "tilt"])
-def test_output_error_recovers_a_term(term):
-    robot = replace(ROBOT, **PRESENT[term])
-    terms = ("stribeck", term) if term == "stribeck_velocity" else (term,)
-    start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
-    estimator = OutputError(
-        terms=terms, cogging_periods=robot.cogging_periods, check=False, workers=1
-    )
-    found = estimator.of_logs(wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0))
-    assert found.parameters.cogging_periods == robot.cogging_periods
-    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["output-error"])
+def _simulated(robot, term, terms):
+    terms = ("stribeck", term) if term == "stribeck_velocity" else terms
+    estimator = replace(SIMULATED, terms=terms, cogging_periods=robot.cogging_periods)
+    return estimator.of_logs(wild(robot, duration=8.0), START, ZEROS)
+
+
+METHODS = {"harmonic-balance": _balanced, "weak-form": _averaged, "output-error": _simulated}
+
+
+@pytest.mark.parametrize(
+    ("method", "term"),
+    [(method, term) for method in METHODS for term in offered(method) if term != "tilt"],
+)
+def test_a_term_is_recovered(method, term):
+    robot, truth = replace(ROBOT, **PRESENT[term]), PRESENT[term][term]
+    found = METHODS[method](robot, term, (term,))
+    scanned = (method, term) == ("weak-form", "stribeck")
+    _assert_recovered(found, term, truth, SCANNED if scanned else TOLERANCE[method])
+    if method != "harmonic-balance":
+        assert found.parameters.cogging_periods == robot.cogging_periods
+    if method == "weak-form":
+        for speed in (robot.stribeck_velocity, 0.3, 2.0):
+            assert found.parameters.level(speed) == pytest.approx(robot.level(speed), rel=0.05)
 
 
 def test_output_error_recovers_the_size_of_a_tilt_and_says_that_its_sign_is_unknown():
-    start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
-    robot = replace(ROBOT, **PRESENT["tilt"])
-    found = OutputError(terms=("tilt",), check=False, workers=1).of_logs(
-        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
-    )
-    assert _value(found.names, found.values, "tilt") == pytest.approx(0.5, rel=0.01)
+    found = _simulated(replace(ROBOT, **PRESENT["tilt"]), "tilt", ("tilt",))
+    assert found.parameters.tilt == pytest.approx(0.5, rel=0.01)
     (said,) = [each for each in found.findings if each.kind is FindingKind.SIGN_UNKNOWN]
     assert said.parameters == ("tilt",)
 
@@ -115,34 +110,28 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
     _assert_recovered(found.estimate, term, truth, 0.03)
 
 
-def test_a_term_that_kept_the_start_s_value_is_part_of_the_estimate():
+def test_what_kept_the_start_s_value_or_was_held_is_part_of_the_estimate():
     robot = replace(ROBOT, bias=-2e-3, drag=8e-4)
-    logs, zeros = wild(robot, duration=8.0), dict.fromkeys(MASSES, 0.0)
     start = replace(robot, p1=0.0031, coulomb=1e-3)
-    found = OutputError(terms=(), check=False, workers=1).of_logs(logs, start, zeros)
-    assert found.names == PARAMETERS
-    assert {"bias", "drag"} <= {*found.fixed}
-    assert (found.parameters.bias, found.parameters.drag) == (-2e-3, 8e-4)
-    assert found.parameters.p1 == pytest.approx(robot.p1, rel=1e-3)
-
-
-def test_a_parameter_that_was_held_is_part_of_the_estimate():
-    logs, zeros = wild(ROBOT, duration=8.0), dict.fromkeys(MASSES, 0.0)
-    start = replace(ROBOT, p1=0.0031, coulomb=1e-3)
-    estimator = OutputError(terms=(), fixed=("p4", "p3"), check=False, workers=1)
-    found = estimator.of_logs(logs, start, zeros)
-    assert not {"p3", "p4"} & set(found.names)
-    assert (found.parameters.p3, found.parameters.p4) == (ROBOT.p3, ROBOT.p4)
-    assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=1e-3)
+    logs = wild(robot, duration=8.0)
+    free, fixed = (
+        replace(SIMULATED, fixed=names).of_logs(logs, start, ZEROS) for names in ((), ("p4", "p3"))
+    )
+    assert free.names == PARAMETERS
+    assert not {"p3", "p4"} & set(fixed.names)
+    assert (fixed.parameters.p3, fixed.parameters.p4) == (ROBOT.p3, ROBOT.p4)
+    for found in (free, fixed):
+        assert {"bias", "drag"} <= {*found.fixed}
+        assert (found.parameters.bias, found.parameters.drag) == (-2e-3, 8e-4)
+        assert found.parameters.p1 == pytest.approx(robot.p1, rel=1e-3)
 
 
 def test_cogging_of_one_period_a_turn_is_dropped_and_said_since_it_is_what_p3_is():
     robot = replace(ROBOT, cogging=-2e-3)
-    zeros = dict.fromkeys(MASSES, 0.0)
     logs = wild(robot, duration=8.0)
     for estimator, arguments in (
-        (WeakForm(terms=("cogging",), check=False), (logs, zeros)),
-        (OutputError(terms=("cogging",), check=False, workers=1), (logs, ROBOT, zeros)),
+        (WeakForm(terms=("cogging",), check=False), (logs, ZEROS)),
+        (replace(SIMULATED, terms=("cogging",)), (logs, ROBOT, ZEROS)),
     ):
         found = estimator.of_logs(*arguments)
         assert found.names == PARAMETERS

@@ -19,6 +19,7 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.report.summary import summary
+from tests.identification.simulated import driven
 from tests.independent.integrator import Joint, motion
 
 STEP = 0.005
@@ -63,16 +64,12 @@ def _fit(logs, **options):
     return estimator.of_logs(logs, START, ZEROS, KNOWN)
 
 
-def _values(found):
-    return [found.values[found.names.index(name)] for name in TRUTH]
-
-
 def test_noise_free_swing_ups_give_the_exact_parameters(exact):
     found = _fit(exact)
     assert found.horizon == pytest.approx(0.8)
-    assert _values(found) == pytest.approx(list(TRUTH.values()), rel=1e-3)
-    fits = DataSet.of(exact).simulations.fits(found)
-    assert fits.min() > 99.99
+    values = {name: getattr(found.parameters, name) for name in TRUTH}
+    assert values == pytest.approx(TRUTH, rel=1e-3)
+    assert DataSet.of(exact).simulations.fits(found).min() > 99.99
     off = replace(ROBOT, p3=1.01 * ROBOT.p3)
     assert all(FreeRun.of(log, Setting(parameters=off, zero=0.0)).fit < 50 for log in exact)
 
@@ -105,8 +102,8 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
 def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
     far = replace(ROBOT, p1=0.3, p3=4.5)
     fresh, used = (Segments(exact[0], ROBOT, 0.8) for _ in range(2))
-    used.squared_error(far, 0.0)
-    assert used.squared_error(ROBOT, 0.0) == fresh.squared_error(ROBOT, 0.0)
+    used.run(far, 0.0)
+    assert used.run(ROBOT, 0.0).squared_error() == fresh.run(ROBOT, 0.0).squared_error()
     for mine, own in zip(*(s.linearised(["p1"], ROBOT, 0.0) for s in (used, fresh)), strict=True):
         np.testing.assert_array_equal(mine, own)
 
@@ -122,9 +119,7 @@ def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
 
 def test_whole_logs_from_rest_are_simulated_as_they_were():
     time = STEP * np.arange(800)
-    inputs = 0.5 * np.sin(3 * time)
-    angle, _ = motion(JOINT, time, inputs)
-    log = Log(time, inputs, angle, input_kind="torque")
+    log = driven(JOINT, time, 0.5 * np.sin(3 * time))
     assert isinstance(simulation_of(log, ROBOT), Simulation)
     assert isinstance(simulation_of(log.piece(200, 800), ROBOT), Segments)
     assert isinstance(simulation_of(log.piece(200, 800), ROBOT, velocity_known=True), Simulation)
@@ -132,23 +127,18 @@ def test_whole_logs_from_rest_are_simulated_as_they_were():
 
 def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before():
     time = STEP * np.arange(1000)
-    inputs = 1.2 * np.sign(np.sin(4 * time))
-    delayed = JOINT._replace(delay=0.06)
-    angle, _ = motion(delayed, time, inputs)
-    robot = replace(ROBOT, delay=0.06)
-    whole = Log(time, inputs, angle, input_kind="torque")
-    setting = Setting(parameters=robot, zero=0.0)
+    whole = driven(JOINT._replace(delay=0.06), time, 1.2 * np.sign(np.sin(4 * time)))
+    setting = Setting(parameters=replace(ROBOT, delay=0.06), zero=0.0)
     for first in range(120, 400, 40):
         assert FreeRun.of(whole.piece(first, first + 500), setting).fit > 99.9
 
 
 def test_the_judgement_sees_segments_and_says_so(noisy):
     found = identify(noisy, OutputError(terms=(), check=False, workers=1))
-    inside = (found.estimate.lower <= found.estimate.values).all()
-    assert inside
-    for name, truth in TRUTH.items():
-        k = found.estimate.names.index(name)
-        assert found.estimate.lower[k] <= truth <= found.estimate.upper[k]
+    places = [found.estimate.names.index(name) for name in TRUTH]
+    truth = np.array(list(TRUTH.values()))
+    assert (found.estimate.lower[places] <= truth).all()
+    assert (truth <= found.estimate.upper[places]).all()
     said = summary(found)
     assert said[0].startswith("Good")
     assert any("Simulated over segments of 0.8 s, each from a start" in each for each in said)
@@ -166,6 +156,5 @@ def test_a_saved_estimate_keeps_its_horizon(exact):
 
 
 def test_logs_that_were_left_out_have_starts_of_their_own(noisy):
-    found = _fit(noisy.logs[:3])
     held = DataSet.of(noisy.logs[3:])
-    assert held.simulations.fits(found).min() > 99
+    assert held.simulations.fits(_fit(noisy.logs[:3])).min() > 99

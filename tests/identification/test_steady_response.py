@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ SIZES = (0.05, 0.3, 0.6, 1.0)
 DRIVES = (2.0, 3.0, 7.5)
 
 
+@cache
 def _middle(moment, bias, swing):
     """Where gravity's mean torque at a swing, by quadrature, is in balance with a bias."""
 
@@ -35,8 +37,8 @@ def _middle(moment, bias, swing):
     return brentq(excess, -1.5, 1.5)
 
 
-def _points(bias, noise=0.0, turns=0):
-    rng = np.random.default_rng(0)
+def _points(bias, noise=0.0, turns=0, seed=0):
+    rng = np.random.default_rng(seed)
     points = []
     for mass in MASSES:
         for swing in SIZES:
@@ -65,17 +67,14 @@ def _rest(points, *, asked):
 
 
 @pytest.mark.parametrize("bias", [BIAS, -BIAS])
-def test_bias_and_zero_are_read_off_the_middles_of_swings(bias):
-    rest = _rest(_points(bias), asked=None)
+def test_bias_and_zero_are_read_off_the_middles_of_swings_whole_turns_off_too(bias):
+    rest, turned = (_rest(_points(bias, turns=turns), asked=None) for turns in (0, 1))
     assert rest.bias == pytest.approx(bias, rel=2e-3)
     np.testing.assert_allclose(rest.zeros, ZERO, atol=2e-4)
     assert rest.applied(ROBOT).bias == rest.bias
     assert rest.of_part(np.arange(12) >= 4) == pytest.approx(bias, rel=5e-3)
-
-
-def test_a_whole_turn_makes_no_difference():
-    plain, turned = (_rest(_points(BIAS, turns=turns), asked=True) for turns in (0, 1))
-    assert turned.bias == pytest.approx(plain.bias, rel=1e-9)
+    assert turned.bias == pytest.approx(rest.bias, rel=1e-9)
+    assert _rest(_points(bias), asked=False).bias is None
 
 
 def test_middles_that_tell_of_no_bias_leave_each_mass_its_zero():
@@ -85,29 +84,14 @@ def test_middles_that_tell_of_no_bias_leave_each_mass_its_zero():
     zeros = _zeros(points)
     np.testing.assert_array_equal(rest.zeros, [zeros[p.added_mass] for p in points])
     assert rest.applied(ROBOT).bias == 0.0
-
-
-def test_what_is_asked_for_is_done():
-    assert _rest(_points(BIAS), asked=False).bias is None
-    assert _rest(_points(0.0, noise=1e-3), asked=True).bias == pytest.approx(0.0, abs=1e-4)
+    assert _rest(points, asked=True).bias == pytest.approx(0.0, abs=1e-4)
 
 
 def test_the_error_of_the_bias_is_its_spread():
-    found = [_of_noise(seed) for seed in range(200)]
-    spread = np.std([bias for bias, _ in found])
-    claimed = np.sqrt(np.mean([error**2 for _, error in found]))
-    assert claimed == pytest.approx(spread, rel=0.15)
-
-
-def _of_noise(seed):
-    rng = np.random.default_rng(seed)
-    points = []
-    for point in _points(BIAS):
-        moved = replace(point.angle, offset=point.angle.offset + 1e-3 * rng.standard_normal())
-        points.append(replace(point, angle=moved))
-    rest = _rest(points, asked=True)
-    solved = rest.solved
-    return rest.bias, float(1 / np.linalg.norm(solved.jacobian))
+    found = [_rest(_points(BIAS, noise=1e-3, seed=seed), asked=True) for seed in range(200)]
+    claimed = [1 / np.linalg.norm(rest.solved.jacobian) for rest in found]
+    spread = np.std([rest.bias for rest in found])
+    assert np.sqrt(np.mean(np.square(claimed))) == pytest.approx(spread, rel=0.15)
 
 
 def test_harmonic_balance_finds_a_bias_unasked_and_the_encoder_s_zero():
@@ -121,54 +105,46 @@ def test_harmonic_balance_finds_a_bias_unasked_and_the_encoder_s_zero():
 @pytest.fixture(scope="module")
 def calm():
     """Six logs of sines that settle."""
-    logs = []
-    for mass in MASSES[:2]:
-        for omega in DRIVES:
-            sine = Sine(omega=omega, amplitude=0.005)
-            logs.append(simulated(ROBOT, mass, sine.sample, 40.0, sine=sine))
-    return logs
+    sines = [Sine(omega=omega, amplitude=0.005) for omega in DRIVES]
+    return [
+        simulated(ROBOT, mass, sine.sample, 40.0, sine=sine)
+        for mass in MASSES[:2]
+        for sine in sines
+    ]
 
 
-def _changed(logs, angle):
-    return DataSet.of([replace(logs[0], angle=angle), *logs[1:]])
+def _turning(log):
+    return log.angle + np.where(log.time > 25.0, 2 * np.pi * (log.time - 25.0) / 3.0, 0.0)
 
 
-def _left_out(data):
-    steady, said = steady_sines(data)
+@pytest.mark.parametrize(
+    "changed",
+    [
+        pytest.param(_turning, id="turns-over"),
+        pytest.param(lambda log: log.angle * (1.7 / np.abs(log.angle[-4000:]).max()), id="wide"),
+        pytest.param(lambda log: log.angle * np.exp(0.1 * (log.time - 40.0)), id="unsettled"),
+        pytest.param(lambda log: log.angle + 1.5, id="rests-elsewhere"),
+    ],
+)
+def test_a_sine_without_a_steady_swing_at_home_is_left_out(calm, changed):
+    data = DataSet.of([replace(calm[0], angle=changed(calm[0])), *calm[1:]])
+    steady, (finding,) = steady_sines(data)
     assert steady == [1, 2, 3, 4, 5]
-    (finding,) = said
-    assert finding.kind is FindingKind.LEFT_OUT
-    assert finding.logs == (data.logs[0].name,)
-    assert finding.number == 6
-    assert finding.severity is Level.NOTE
+    assert (finding.kind, finding.severity) == (FindingKind.LEFT_OUT, Level.NOTE)
+    assert (finding.logs, finding.number) == ((data.logs[0].name,), 6)
 
 
-def test_sines_that_settle_are_all_used_and_nothing_is_said(calm):
-    assert steady_sines(DataSet.of(calm)) == ([0, 1, 2, 3, 4, 5], [])
-
-
-def test_other_inputs_are_passed_over_without_a_word(calm):
-    mixed = DataSet.of([replace(calm[0], excitation=None), *calm[1:]])
-    assert steady_sines(mixed) == ([1, 2, 3, 4, 5], [])
-
-
-def test_a_hand_that_turns_over_is_left_out(calm):
-    turning = np.where(calm[0].time > 25.0, 2 * np.pi * (calm[0].time - 25.0) / 3.0, 0.0)
-    _left_out(_changed(calm, calm[0].angle + turning))
-
-
-def test_a_swing_too_wide_for_a_sine_is_left_out(calm):
-    _left_out(_changed(calm, calm[0].angle * (1.7 / np.abs(calm[0].angle[-4000:]).max())))
-
-
-def test_a_swing_that_never_settles_is_left_out(calm):
-    growing = calm[0].angle * np.exp(0.1 * (calm[0].time - 40.0))
-    _left_out(_changed(calm, growing))
-
-
-def test_one_that_rests_elsewhere_is_left_out_but_not_one_that_rests_a_whole_turn_off(calm):
-    _left_out(_changed(calm, calm[0].angle + 1.5))
-    assert steady_sines(_changed(calm, calm[0].angle + 2 * np.pi)) == ([0, 1, 2, 3, 4, 5], [])
+@pytest.mark.parametrize(
+    ("change", "kept"),
+    [
+        (lambda log: log, [0, 1, 2, 3, 4, 5]),
+        (lambda log: replace(log, angle=log.angle + 2 * np.pi), [0, 1, 2, 3, 4, 5]),
+        (lambda log: replace(log, excitation=None), [1, 2, 3, 4, 5]),
+    ],
+    ids=["as they are", "a whole turn off", "another input"],
+)
+def test_of_sines_that_settle_and_of_other_inputs_nothing_is_said(calm, change, kept):
+    assert steady_sines(DataSet.of([change(calm[0]), *calm[1:]])) == (kept, [])
 
 
 def test_where_a_third_is_left_out_the_rest_needs_care(calm):

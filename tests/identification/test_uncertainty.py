@@ -18,7 +18,7 @@ from butterfly.identification.test_functions import (
 from butterfly.model.prior import NO_PRIOR
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, steady, wild
+from tests.identification.simulated import ROBOT, SWINGS, noisy, steady, wild
 
 ZEROS = dict.fromkeys(MASSES, 0.0)
 
@@ -34,13 +34,7 @@ def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_leng
     ]
     rng = np.random.default_rng(0)
     estimator = WeakForm(terms=(), check=False)
-    fits = []
-    for _ in range(120):
-        logs = [
-            replace(log, angle=log.angle + 5e-4 * rng.standard_normal(log.time.size))
-            for log in clean
-        ]
-        fits.append(estimator.of_logs(logs, ZEROS))
+    fits = [estimator.of_logs(noisy(clean, 5e-4, rng), ZEROS) for _ in range(120)]
     spread = np.std([fit.values for fit in fits], axis=0)
     claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
     np.testing.assert_allclose(claimed / spread, 1.0, atol=0.15)
@@ -48,11 +42,7 @@ def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_leng
 
 def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     """The sum over logs of rows times residuals vanishes, each over its squared inertial torque."""
-    rng = np.random.default_rng(2)
-    logs = [
-        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
-        for log in wild(ROBOT, MASSES, 16.0)
-    ]
+    logs = noisy(wild(ROBOT, MASSES, 16.0), 2e-3, np.random.default_rng(2))
     logs = [logs[0].take(np.arange(1200)), *logs[1:]]
     averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
     windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
@@ -74,11 +64,7 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
 
 
 def test_a_robust_loss_has_a_robust_standard_error():
-    rng = np.random.default_rng(1)
-    logs = [
-        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
-        for log in wild(ROBOT, MASSES * 2, 6.0)
-    ]
+    logs = noisy(wild(ROBOT, MASSES * 2, 6.0), 2e-3, np.random.default_rng(1))
     angle = logs[1].angle.copy()
     angle[1200:1500] += 0.5
     spoilt = [logs[0], replace(logs[1], angle=angle), *logs[2:]]
@@ -94,23 +80,6 @@ def test_a_robust_loss_has_a_robust_standard_error():
     assert abs(p4 - ROBOT.p4) < 4 * robust
     assert clean / 3 < robust < 3 * clean
     assert misled > 5 * clean
-
-
-RHO = {
-    Loss.LINEAR: lambda z: z,
-    Loss.SOFT_L1: lambda z: 2 * (np.sqrt(1 + z) - 1),
-    Loss.HUBER: lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
-    Loss.CAUCHY: np.log1p,
-}
-"""Losses of squared residuals over the scale, as `scipy.optimize.least_squares` documents them."""
-
-
-@pytest.mark.parametrize("loss", Loss)
-def test_weights_are_the_slope_of_the_loss_in_the_squared_residual(loss):
-    residuals, scale, h = np.array([-3.0, -0.4, 0.2, 1.9]), 0.7, 1e-6
-    z = (residuals / scale) ** 2
-    slope = (RHO[loss](z + h) - RHO[loss](z - h)) / (2 * h)
-    np.testing.assert_allclose(loss.weights(residuals, scale), slope, rtol=1e-6)
 
 
 def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():

@@ -16,28 +16,21 @@ from butterfly.identification.identify import identify
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
 from butterfly.report.inspection import health_rows
-from tests.independent.integrator import Joint, motion
+from tests.identification.simulated import driven, noisy
+from tests.independent.integrator import Joint
 
 FIT = OutputError(terms=(), check=False, workers=1)
 SLIDE = AddedMass(joint=JointKind.SLIDE)
 
 
-def _logs(joint, *inputs, angle=0.0, added=SLIDE, step=4e-3, noise=1e-5):
-    rng = np.random.default_rng(3)
-    found = []
-    for command in inputs:
-        time = step * np.arange(command.size)
-        seen, _ = motion(joint, time, command, angle)
-        seen = seen + noise * rng.standard_normal(time.size)
-        log = Log(
-            time=time, input=command, angle=seen, input_kind=InputKind.TORQUE, added_mass=added
-        )
-        found.append(log)
-    return found
+def _logs(joint, *inputs, angle=0.0, added=SLIDE, noise=1e-5):
+    exact = [
+        driven(joint, 4e-3 * np.arange(each.size), each, angle, added_mass=added) for each in inputs
+    ]
+    return noisy(exact, noise, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
@@ -87,13 +80,10 @@ def test_a_known_gain_of_the_wrong_sign_is_named(slide):
 
 
 def test_free_decays_need_no_delay_to_be_known():
-    still = np.zeros(2000)
+    joint, still = Joint(7.6e-3, 2.4e-3, 0.21, 1.0, 1.5e-3), np.zeros(2000)
     logs = [
-        log
-        for start in (0.9, -0.6)
-        for log in _logs(
-            Joint(7.6e-3, 2.4e-3, 0.21, 1.0, 1.5e-3), still, angle=start, added=AddedMass()
-        )
+        *_logs(joint, still, angle=0.9, added=AddedMass()),
+        *_logs(joint, still, angle=-0.6, added=AddedMass()),
     ]
     for gain in (1.0, 0.0):
         known = Prior.of({"p3": 0.21, "p4": gain})

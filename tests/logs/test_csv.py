@@ -1,66 +1,185 @@
+"""Text files as people write them."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.logs.csv import read_csv
+from butterfly.logs.csv import holds_table, read_csv, read_text_table
 from butterfly.logs.log import InputKind
 
 KIND = {"input_kind": InputKind.VOLTAGE}
+NAMES = ("time", "input", "angle")
+TABLE = np.column_stack(
+    [np.arange(24) * 0.01, np.sin(np.arange(24.0)), 1e-7 * np.cos(np.arange(24.0))]
+)
 
 
-def _write(path, header, rows=20):
-    lines = [header] + [",".join(str(row + column) for column in range(4)) for row in range(rows)]
-    path.write_text("\n".join(lines))
-    return path
+def _lines(separator=",", decimal=".", table=TABLE):
+    return [separator.join(repr(v).replace(".", decimal) for v in row) for row in table.tolist()]
 
 
-def test_columns_are_found_by_the_map_whatever_their_order(tmp_path):
-    path = _write(tmp_path / "a.csv", "angle_rad,t_s,volts,extra")
-    log = read_csv(path, {"time": "t_s", "input": "volts", "angle": "angle_rad"}, **KIND)
-    np.testing.assert_array_equal(log.time, np.arange(20.0) + 1)
-    np.testing.assert_array_equal(log.input, np.arange(20.0) + 2)
-    np.testing.assert_array_equal(log.angle, np.arange(20.0))
-    assert log.velocity is None
+def _read(folder, lines, columns=None, encoding="utf-8"):
+    path = folder / "log.txt"
+    path.write_bytes("\n".join([*lines, ""]).encode(encoding, "surrogateescape"))
+    return read_csv(path, columns, **KIND)
+
+
+def _same(log, table=TABLE):
+    for name, column in zip(NAMES, table.T, strict=True):
+        np.testing.assert_array_equal(getattr(log, name), column[: log.time.size])
+
+
+dialects = st.fixed_dictionaries(
+    {
+        "separator": st.sampled_from([",", ", ", ";", " ; ", "\t", "   "]),
+        "decimal": st.sampled_from([".", ","]),
+        "encoding": st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1"]),
+        "comment": st.sampled_from(["", "# ", "% ", "// "]),
+        "quoted": st.booleans(),
+        "padded": st.booleans(),
+        "unit_row": st.booleans(),
+        "newline": st.sampled_from(["\n", "\r\n", "\r"]),
+    }
+)
+
+
+@settings(max_examples=25)
+@given(dialect=dialects, values=st.lists(st.floats(-1e9, 1e9), min_size=60, max_size=60))
+def test_any_dialect_is_read_back_bit_for_bit(tmp_path_factory, dialect, values):
+    separator = dialect["separator"]
+    commas = separator.strip() == ","
+    blank = not separator.strip(" ")
+    table = np.reshape(values, (20, 3)) + 0.0
+    names = [f'"{name}"' if dialect["quoted"] and not blank else name for name in NAMES]
+    names = [f" {name}  " if dialect["padded"] and not blank else name for name in names]
+    head = [f"{dialect['comment']}Messung 4, 20 °C"] if dialect["comment"] else []
+    units = [separator.join(["s", "V", "rad"])] if dialect["unit_row"] else []
+    decimal = "." if commas else dialect["decimal"]
+    lines = [*head, separator.join(names), *units, *_lines(separator, decimal, table)]
+    path = tmp_path_factory.mktemp("dialects") / "log.dat"
+    path.write_bytes(dialect["newline"].join([*lines, ""]).encode(dialect["encoding"]))
+    _same(read_csv(path, **KIND), table)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_two_bytes_to_a_letter_are_read_in_either_order_with_and_without_a_mark(tmp_path, encoding):
+    log = _read(tmp_path, [",".join(NAMES), *_lines()], encoding=encoding)
+    _same(log)
+    assert log.reading.layout == ("UTF-16",)
+
+
+def test_numpys_commented_header_is_the_header(tmp_path):
+    path = tmp_path / "log.txt"
+    np.savetxt(path, TABLE, header="bench 2\ntime input angle", fmt="%.17g")
+    log = read_csv(path, **KIND)
+    _same(log)
+    assert log.reading.layout == ("blanks between columns", "comment lines: 2")
+
+
+def test_lines_above_the_header_are_told(tmp_path):
+    log = _read(tmp_path, ["Bench 2", "by: me", "time;input;angle", *_lines(";")])
+    _same(log)
+    assert log.reading.layout == ("semicolons between columns", "lines above the table: 2")
+
+
+@pytest.mark.parametrize("ending", ["0.23", "0.23,1.0", "0.23,1.0,-", "0.23,1.0,1.5e-", "0."])
+def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([",".join(NAMES), *_lines()[:-1], ending]))
+    log = read_csv(path, **KIND)
+    assert (log.time.size, log.reading.cut_lines) == (23, 1)
+    _same(log)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (_lines(","), r"header: got no line above rows of 3 numbers; .*--columns time=0"),
+        (["t,u,q", *_lines(",", ",")[1:]], r"header: got 't,u,q' above rows of 6 numbers"),
+        (["t,u,q", *_lines(",", ",")], r"line 3: got 6 values; .*decimal commas need"),
+        (["time;input;angle", *_lines(";")[:9], "1;2", *_lines(";")], r"line 11: got 2 values"),
+        (["time;input;angle", *_lines(";"), "0.3;oops;1"], r"input: got 'oops' in line 26"),
+        (["time;input;angle", *_lines(";"), "1.234,5;0;1"], r"time: got '1\.234,5' in line 26"),
+        (["time;time;input;angle", *("0;" + line for line in _lines(";"))], "2 columns of this"),
+        (["time;input;phi", *_lines(";")], r"angle: got no such column.*'phi'.*--columns"),
+        (["time;input;angle", "s;V;bar", *_lines(";")], r"unit of angle: got bar.*--units angle="),
+        (["no numbers", "at all"], "content: got no row of numbers"),
+        (["\0\udcff"], "content: got"),
+        ([], "content: got no row of numbers"),
+        (["times,u,q", *_lines()], "time: got no such column; expected 'times'"),
+        ([",".join(NAMES), *_lines(), "1,oops,2"], "input: got 'oops' in line 26"),
+    ],
+)
+def test_what_cannot_be_read_is_named_with_its_place(tmp_path, lines, message):
+    with pytest.raises(InputError, match=message):
+        _read(tmp_path, lines)
+
+
+def test_columns_may_be_told_by_number_with_and_without_a_header(tmp_path):
+    columns = {"time": 0, "input": "1", "angle": 2}
+    for head in ([], [",".join(NAMES)]):
+        _same(_read(tmp_path, [*head, *_lines()], columns))
+    with pytest.raises(InputError, match="got number 7; expected a number from 0 to 2"):
+        _read(tmp_path, _lines(), {**columns, "angle": 7})
+
+
+@pytest.mark.parametrize(
+    "head", [["time;input;angle", "ms;V;deg"], ["time [ms];input;angle (deg)"]]
+)
+def test_the_units_that_a_file_gives_are_used_and_told(tmp_path, head):
+    log = _read(tmp_path, [*head, *_lines(";")])
+    np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
+    np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
+    assert log.reading.units == {"time": "ms", "angle": "deg"}
 
 
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        (None, "time: got no such column; expected 'times'"),
-        ({"time": "times", "input": "u"}, "columns.angle: got nothing"),
-        (
-            {"time": "times", "input": "u", "angle": "q", "speed": "x"},
-            "columns.speed: got an unknown",
-        ),
+        ({"time": "t", "input": "u"}, "columns.angle: got nothing"),
+        ({"time": "t", "input": "u", "angle": "q", "speed": "x"}, "columns.speed: got an unknown"),
     ],
 )
 def test_a_wrong_map_is_named(tmp_path, columns, message):
-    path = _write(tmp_path / "a.csv", "times,u,q,x")
     with pytest.raises(InputError, match=message):
-        read_csv(path, columns, **KIND)
+        _read(tmp_path, ["t,u,q", *_lines()], columns)
 
 
 @pytest.mark.parametrize("cell", ["", "-", "nan"])
 def test_a_velocity_without_numbers_that_nobody_asked_for_is_left_out(tmp_path, cell):
-    path = tmp_path / "a.csv"
-    path.write_text(
-        "time,input,angle,velocity\n" + "".join(f"{k},1,{k},{cell}\n" for k in range(20))
-    )
-    log = read_csv(path, **KIND)
+    rows = [f"{line},{cell}" for line in _lines()]
+    log = _read(tmp_path, [",".join([*NAMES, "velocity"]), *rows])
     assert log.velocity is None
     assert "velocity" in log.reading.layout[-1]
-    np.testing.assert_array_equal(log.angle, np.arange(20.0))
+    _same(log)
 
 
-def test_text_among_numbers_is_named(tmp_path):
-    path = _write(tmp_path / "a.csv", "time,input,angle,x")
-    path.write_text(path.read_text() + "\n1,oops,2,3")
-    with pytest.raises(InputError, match="input: got 'oops' in line 22; expected a number"):
-        read_csv(path, **KIND)
+def test_other_columns_may_hold_texts_and_the_wanted_ones_any_order(tmp_path):
+    lines = [",".join([*line.split(",")[::-1], "x"]) for line in _lines()]
+    columns = {"time": "t_s", "input": "volts", "angle": "angle_rad"}
+    _same(_read(tmp_path, ["angle_rad,volts,t_s,extra", *lines], columns))
+    lines = [f"2024-01-05 10:00;{line};OK" for line in _lines(";", ",")]
+    _same(_read(tmp_path, ["date;time;input;angle;state", *lines]))
 
 
-@pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe", b"a,b\n1,2,3\n"])
-def test_what_is_no_csv_is_one_typed_error(tmp_path, content):
-    (tmp_path / "a.csv").write_bytes(content)
-    with pytest.raises(InputError):
-        read_csv(tmp_path / "a.csv", **KIND)
+@pytest.mark.parametrize(
+    ("rows", "columns", "holds"), [(16, 3, True), (15, 3, False), (16, 2, False), (0, 3, False)]
+)
+def test_a_table_that_may_be_a_log_has_samples_of_three_columns(tmp_path, rows, columns, holds):
+    path = tmp_path / "table.txt"
+    path.write_text("\n".join(" ".join([f"{k}.5"] * columns) for k in range(rows)))
+    assert holds_table(path) is holds
+
+
+def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = tmp_path / "table.txt"
+    path.write_text("1 2 3\n" * 1000)
+    monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000 - 1)
+    with pytest.raises(InputError, match=r"6\.0 kB of an unusual form; .* it takes 96\.0 kB"):
+        read_text_table(path)
+    monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000)
+    assert len(read_text_table(path).columns) == 3

@@ -1,3 +1,7 @@
+"""Logs in files of every format: what was written is read, in little more than its own memory."""
+
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,9 +11,11 @@ from hypothesis.extra.numpy import arrays
 from butterfly.errors import InputError
 from butterfly.logs.csv import write_csv
 from butterfly.logs.formats import ENDINGS, FORMATS, read_log
+from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
+from butterfly.logs.thinning import thinned
 from butterfly.logs.units import Units
 
 KIND = {"input_kind": InputKind.TORQUE}
@@ -84,3 +90,31 @@ def test_another_ending_is_refused_with_those_that_are_known(tmp_path, name, val
     assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt or .dat"
     with pytest.raises(InputError, match=f"got {value}; expected {ENDINGS}"):
         read_log(tmp_path / name, **KIND)
+
+
+SAMPLES = 1_000_000
+PER_SAMPLE = 1.35e9 / 36e6
+"""Bytes: of an hour at 10 kHz 1.5 GB, of which the program itself takes some."""
+
+
+@pytest.fixture(scope="module")
+def long_log():
+    time = np.arange(SAMPLES) * 1e-3
+    return Log(time, np.sin(time), np.round(np.sin(time - 1) / 1e-3) * 1e-3)
+
+
+@pytest.mark.parametrize("ending", ["mat", "csv", "parquet"])
+def test_a_long_log_takes_little_more_than_its_arrays(ending, long_log, tmp_path):
+    path = tmp_path / f"long.{ending}"
+    write_log(long_log, path)
+    read_log(path)  # what it imports is no log
+    tracemalloc.start()
+    try:
+        log, _ = examine(read_log(path))
+        few = thinned(log, SAMPLES // 10)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert few.time.size == SAMPLES // 10
+    own = sum(column.nbytes for column in log.columns().values())
+    assert peak - own < PER_SAMPLE * SAMPLES

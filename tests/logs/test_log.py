@@ -1,62 +1,13 @@
+"""What a log tells of itself: its columns, its noise, and how it begins."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.identification.data import DataSet, read_data_set
-from butterfly.logs.log import Log
-from butterfly.logs.manifest import read_manifest
-from butterfly.logs.mat import write_mat
-from butterfly.logs.reading import with_unique_names
-
-
-def _names(log, names):
-    return [each.name for each in with_unique_names([replace(log, name=name) for name in names])]
-
-
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
-        (["a", "b"], ["a", "b"]),
-        (["a", "a", "b", "a"], ["a", "a (2)", "b", "a (3)"]),
-        (["a", "a", "a (2)", "a"], ["a", "a (3)", "a (2)", "a (4)"]),
-        (["", ""], ["50 g, 5 rad/s", "50 g, 5 rad/s (2)"]),
-        (["", "50 g, 5 rad/s"], ["50 g, 5 rad/s", "50 g, 5 rad/s (2)"]),
-        ([], []),
-    ],
-)
-def test_logs_get_names_that_differ_the_first_of_a_name_keeps_it(sine_log, given, expected):
-    assert _names(sine_log, given) == expected
-
-
-@given(names=st.lists(st.sampled_from(["", "a", "a (2)", "a (3)", "a (2) (2)"]), max_size=12))
-def test_names_are_unique_and_stay_when_they_are(sine_log, names):
-    named = _names(sine_log, names)
-    assert len(set(named)) == len(named)
-    assert _names(sine_log, named) == named
-    assert set(filter(None, names)) <= set(named)
-
-
-def test_a_file_listed_twice_gives_two_logs_of_different_names(tmp_path, sine_log):
-    write_mat(sine_log, tmp_path / "a.mat")
-    entry = "{file: a.mat, added_mass: 0.05, omega: 5, amplitude: 0.2}"
-    (tmp_path / "m.yaml").write_text(
-        f"name: m\ninput: voltage\narm: 0.1\nlogs:\n  - {entry}\n  - {entry}\n"
-    )
-    data = read_data_set(read_manifest(tmp_path / "m.yaml"))
-    assert [log.name for log in data.logs] == ["a.mat", "a.mat (2)"]
-    assert [log.name for log in data.recorded] == ["a.mat", "a.mat (2)"]
-    assert {log.source for log in data.logs} == {str(tmp_path / "a.mat")}
-
-
-def test_a_name_survives_repairs(sine_log):
-    time = sine_log.time.copy()
-    time[7] = time[6]
-    data = DataSet.of([replace(sine_log, time=time, name="mine"), sine_log])
-    assert [log.name for log in data.logs] == ["mine", "50 g, 5 rad/s"]
+from butterfly.logs.log import Lead, Log
+from tests.independent.integrator import Joint, motion
 
 
 def test_columns_of_different_lengths_are_refused(sine_log):
@@ -75,3 +26,43 @@ def test_roughness_is_the_share_of_noise_and_not_of_rare_steps():
     assert roughness(smooth + 0.1 * noise) == pytest.approx(0.14, rel=0.1)
     assert roughness(smooth) < 1e-3
     assert roughness(stairs) == roughness(0.0 * time) == 0.0
+
+
+JOINT = Joint(inertia=0.004, viscous=0.002, gravity=0.1, gain=1.0, coulomb=0.002, delay=0.02)
+TIME = np.arange(0, 4, 0.004)
+
+
+def _log(angle, velocity, noise, seed=0):
+    inputs = 0.02 * np.sin(4 * TIME + seed)
+    found, _ = motion(JOINT, TIME, inputs, angle, velocity)
+    return Log(TIME, inputs, found + noise * np.random.default_rng(seed).standard_normal(TIME.size))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3])
+def test_from_rest_it_begins_at_rest_at_its_first_sample(noise):
+    for seed in range(10):
+        log = _log(0.3 * seed / 10, 0.0, noise, seed)
+        assert log.initial_state == (log.angle[0], 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_log_that_clearly_moves_begins_in_motion(noise):
+    for seed, speed in enumerate((-3.0, -1.0, 1.0, 3.0)):
+        angle, velocity = _log(0.2, speed, noise, seed).initial_state
+        assert angle == pytest.approx(0.2, abs=3 * noise + 1e-3)
+        assert velocity == pytest.approx(speed, abs=60 * noise + 0.08)
+
+
+def test_a_piece_begins_in_motion_however_slow_and_knows_what_was_commanded_before():
+    log = _log(0.2, 0.0, 0.0)
+    piece = log.piece(300, 800)
+    assert isinstance(piece.lead, Lead)
+    np.testing.assert_array_equal(piece.command[0], TIME[:800])
+    np.testing.assert_array_equal(piece.command[1], log.input[:800])
+    later = piece.piece(400, 500)
+    assert later.command[0][0] == pytest.approx(TIME[700] - 2.0, abs=0.005)
+    slope = (log.angle[301] - log.angle[299]) / 0.008
+    assert piece.initial_state.velocity == pytest.approx(slope, rel=0.02)
+    assert log.piece(0, 300).lead is None
+    still = replace(log, angle=np.full(TIME.size, 0.1))
+    assert still.initial_state == (0.1, 0.0)

@@ -28,10 +28,7 @@ def four_logs(monkeypatch):
 
 @pytest.fixture
 def published(tmp_path):
-    return filled(tmp_path / "published")
-
-
-def filled(folder):
+    folder = tmp_path / "published"
     for name, content in CONTENTS.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)

@@ -10,26 +10,11 @@ from butterfly.model.energy import potential, pull, stiffness
 from butterfly.model.greybox import simulate
 from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS, torque_of
+from tests.model.joints import SLIDING
 
 ADDED = AddedMass(mass=0.3, arm=0.1)
-WHOLE = LumpedParameters(
-    p1=0.003,
-    p2=2e-3,
-    p3=0.04,
-    p4=0.5,
-    p3_offset=7e-3,
-    coulomb=2e-3,
-    load=1e-3,
-    stribeck=3e-3,
-    stribeck_velocity=0.7,
-    drag=3e-3,
-    bias=-4e-3,
-    cogging=5e-3,
-    cogging_cosine=-6e-3,
-    cogging_periods=3.0,
-)
 
 
 def _torque(p, x, v, u):
@@ -51,7 +36,7 @@ def _torque(p, x, v, u):
 @pytest.mark.parametrize("velocity", [-1.3, -0.4, 0.5, 1.7])
 def test_the_torques_of_the_table_and_of_the_kernel_are_those_of_the_equation(velocity):
     angle, command = 0.6, 0.02
-    loaded = WHOLE.with_added_mass(ADDED)
+    loaded = SLIDING.with_added_mass(ADDED)
     expected = _torque(loaded, angle, velocity, command)
     motion = Motion.of(loaded, angle, velocity, input=command)
     rows = [row for row in TERMS.values() if row.basis and row.name not in {"load", "compression"}]
@@ -61,17 +46,9 @@ def test_the_torques_of_the_table_and_of_the_kernel_are_those_of_the_equation(ve
     assert loaded.p1 * (found[1] - velocity) / h == pytest.approx(expected, rel=2e-3)
 
 
-def test_the_load_on_the_bearing_brakes_by_its_weight_in_newtons():
-    motion = Motion.of(WHOLE, 0.0, -0.9, weight=ADDED.weight)
-    assert TERMS["load"].basis(motion) == pytest.approx(-0.3 * 9.81)
-    alone = replace(WHOLE, load=0.0)
-    more = WHOLE.with_added_mass(ADDED).coulomb - alone.with_added_mass(ADDED).coulomb
-    assert more == pytest.approx(WHOLE.load * 0.3 * 9.81)
-
-
 @pytest.mark.parametrize("angle", [-1.1, 0.0, 0.4])
 def test_pull_stiffness_and_potential_are_those_written_out_by_hand(angle):
-    p, n = WHOLE, WHOLE.cogging_periods
+    p, n = SLIDING, SLIDING.cogging_periods
     expected = (
         p.p3 * np.cos(angle)
         - p.p3_offset * np.sin(angle)

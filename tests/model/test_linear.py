@@ -1,5 +1,6 @@
-"""One linearisation, against differences of the nonlinear equation and against python-control."""
+"""Linear models, against the nonlinear equation, python-control and closed forms."""
 
+import math
 from dataclasses import replace
 
 import control
@@ -9,35 +10,95 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.model.control_bridge import linearised, nonlinear_system, transfer_function
-from butterfly.model.greybox import simulate
-from butterfly.model.linear import Linearisation, frequency_response, resonance_frequency
-from butterfly.model.parameters import LumpedParameters
-
-WHOLE = LumpedParameters(
-    p1=0.003,
-    p2=2e-3,
-    p3=0.05,
-    p4=0.4,
-    p3_offset=0.004,
-    cogging=5e-3,
-    cogging_cosine=1e-3,
-    cogging_periods=3.0,
-    back_emf=1.2e-3,
-    time_constant=0.02,
-    compression=0.3,
-    drag=1e-4,
+from butterfly.errors import InputError
+from butterfly.model.control_bridge import (
+    frequency_response_data,
+    linearised,
+    nonlinear_system,
+    transfer_function,
 )
+from butterfly.model.greybox import simulate
+from butterfly.model.linear import (
+    HIGHEST_ORDER,
+    DelayStates,
+    HeldSystem,
+    Linearisation,
+    frequency_response,
+    predicted_swing,
+    quasi_linear_response,
+    resonance_frequency,
+)
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.sine_fit import fit_sine
+from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, instants
+
+THESIS = replace(PENDULUM, p4=10)
+WHOLE = replace(SLIDING, delay=0.0, coulomb=0.0, load=0.0, stribeck=0.0, compression=0.3, **LAG)
+OTHERS = {
+    "bristles": replace(SLIDING, delay=0.0, **BRISTLES),
+    "friction that creeps at rest": replace(PENDULUM, coulomb=1e-4, drag=1e-4),
+}
 OMEGA = np.array([0.5, 3.0, 4.5, 9.0, 40.0])
+robots = st.builds(
+    LumpedParameters,
+    p1=st.floats(1e-3, 1e-2),
+    p2=st.floats(3e-4, 5e-3),
+    p3=st.floats(-0.02, 0.2),
+    p4=st.floats(0.01, 10),
+    p3_offset=st.floats(-0.02, 0.02),
+    tilt=st.floats(-0.5, 0.5),
+    delay=st.one_of(st.just(0.0), st.floats(1e-4, 0.1)),
+    back_emf=st.floats(0, 3e-4),
+    time_constant=st.one_of(st.just(0.0), st.floats(1e-4, 0.05)),
+    cogging=st.floats(-5e-3, 5e-3),
+    cogging_cosine=st.floats(-5e-3, 5e-3),
+    cogging_periods=st.sampled_from([2.0, 7.0]),
+    coulomb=st.floats(0, 1e-3),
+    load=st.floats(0, 1e-3),
+)
+masses = st.builds(AddedMass, mass=st.floats(0, 0.2), arm=st.floats(0, 0.15))
 
 
-def test_responses_transfer_function_and_state_space_are_one():
-    expected = frequency_response(WHOLE, OMEGA)
-    np.testing.assert_allclose(transfer_function(WHOLE)(1j * OMEGA), expected, rtol=1e-10)
-    system = linearised(WHOLE)
-    assert system.nstates == 3  # the motor's torque lags
-    found = np.array([system(1j * w)[0, 0] for w in OMEGA])
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+def test_the_response_is_that_of_the_small_motion_about_rest():
+    """By hand, with offset and cogging, delay, and back EMF behind the armature's lag."""
+    p = replace(WHOLE, p2=2e-3, back_emf=1.5e-3, time_constant=0.08, delay=0.03)
+    lag = 1 / (1 + 1j * OMEGA * 0.08)
+    spring = p.p3 - p.cogging * 3
+    below = spring - p.p1 * OMEGA**2 + 1j * OMEGA * (p.p2 - 1.5e-3 + 1.5e-3 * lag)
+    undelayed = p.p4 * lag / below
+    response = frequency_response(p, OMEGA)
+    np.testing.assert_allclose(response, undelayed * np.exp(-0.03j * OMEGA), rtol=1e-12)
+    np.testing.assert_allclose(transfer_function(p)(1j * OMEGA), undelayed, rtol=1e-10)
+    measured = frequency_response_data(OMEGA[::-1], response[::-1])
+    np.testing.assert_array_equal(measured.complex, response)
+
+
+@given(robots, masses, st.floats(-3, 3))
+def test_the_state_space_has_the_linearisation_s_response_whatever_lag_and_delay(
+    robot, mass, angle
+):
+    """To 1e-6 up to 1.4/delay rad/s, and without the delay at every frequency."""
+    exact = Linearisation.of(robot.with_added_mass(mass), angle)
+    omega = np.geomspace(0.1, 1.4 / max(robot.delay, 0.01), 30)
+    system = linearised(robot, mass, angle=angle)
+    assert system.name == "hand"
+    found = system["angle", "command"](1j * omega)
+    np.testing.assert_allclose(found, exact.response(omega), rtol=1e-6)
+    undelayed = exact.response(omega) * np.exp(1j * omega * robot.delay)
+    bare = linearised(robot, mass, angle=angle, pade_order=0)
+    np.testing.assert_allclose(bare["angle", "command"](1j * omega), undelayed, rtol=1e-8)
+    assert bare.name == ("hand_without_delay" if robot.delay else "hand")
+    assert system.nstates == 2 + (robot.time_constant > 0) + 4 * (robot.delay > 0)
+
+
+def test_states_are_named_and_a_negative_delay_is_left_out():
+    late = linearised(replace(WHOLE, delay=0.01), AddedMass(mass=0.05, arm=0.1), pade_order=2)
+    assert late.state_labels == ["angle", "velocity", "torque", "delay[0]", "delay[1]"]
+    angle, velocity = late(4j)[:, 0]
+    assert velocity == pytest.approx(4j * angle)
+    ahead, none = (linearised(replace(WHOLE, delay=delay)) for delay in (-1e-3, 0.0))
+    assert (ahead.name, none.name) == ("hand_without_delay", "hand")
+    np.testing.assert_array_equal(ahead.A, none.A)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.8, 3.0])
@@ -48,26 +109,35 @@ def test_it_is_the_slope_of_the_nonlinear_system(angle):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
 
 
-robots = st.builds(
-    LumpedParameters,
-    p1=st.floats(1e-3, 1e-2),
-    p2=st.floats(1e-4, 5e-3),
-    p3=st.floats(0.01, 0.2),
-    p4=st.just(1.0),
-    back_emf=st.floats(0, 1e-4),
-    time_constant=st.one_of(st.just(0.0), st.floats(1e-3, 0.05)),
-    cogging=st.floats(-2e-3, 2e-3),
-    cogging_periods=st.just(2.0),
-)
+@pytest.mark.parametrize("robot", [WHOLE, *OTHERS.values()], ids=["smooth", *OTHERS])
+def test_the_nonlinear_system_is_the_whole_equation(robot):
+    time = np.linspace(0, 4, 4001)
+
+    def drive(t):
+        return 0.3 * np.sin(4 * t)
+
+    command = drive(instants(time))
+    system = nonlinear_system(robot)
+    moved = control.input_output_response(
+        system,
+        time,
+        drive(time),
+        np.eye(1, system.nstates)[0] * 0.3,
+        solve_ivp_method="LSODA",
+        solve_ivp_kwargs={"rtol": 1e-8, "atol": 1e-10, "max_step": 5e-3},
+    )
+    angle, _ = simulate(robot, time, command / (1 + robot.compression * np.abs(command)), 0.3)
+    assert np.ptp(angle) > 0.5
+    np.testing.assert_allclose(moved.outputs[0], angle, atol=2e-4)
 
 
-@given(robots)
+@given(robots.map(lambda robot: replace(robot, delay=0.0)))
 def test_the_resonance_is_where_the_response_peaks(robot):
-    found = resonance_frequency(robot)
-    scale = np.sqrt(Linearisation.of(robot).stiffness / robot.p1)
-    grid = np.linspace(0.01, 3, 3000) * scale
+    spring = Linearisation.of(robot).stiffness
+    grid = np.linspace(0.01, 3, 3000) * np.sqrt(max(spring, 1e-6) / robot.p1)
     gains = np.abs(frequency_response(robot, grid))
     inner = np.flatnonzero((gains[1:-1] > gains[:-2]) & (gains[1:-1] > gains[2:])) + 1
+    found = resonance_frequency(robot)
     if found == 0.0:
         assert inner.size == 0
         return
@@ -80,55 +150,86 @@ def test_the_resonance_is_where_the_response_peaks(robot):
     assert found == pytest.approx(peak.x, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    "robot",
-    [
-        WHOLE,
-        LumpedParameters(
-            p1=0.003,
-            p2=1e-3,
-            p3=0.05,
-            p4=0.4,
-            coulomb=2e-3,
-            stribeck=1e-3,
-            bristle_stiffness=2.0,
-            bristle_damping=5e-3,
-            compression=0.5,
-        ),
-    ],
-    ids=["lag, compression, cogging", "bristles"],
+def test_the_coefficients_of_the_held_system_are_the_published_ones_66():
+    held = HeldSystem.of(THESIS, 0.04)
+    found = [round(x, 4) for x in (held.a1, held.a0, held.b1, held.b0)]
+    assert found == [-1.9638, 0.9878, 2.4465, 2.4365]
+
+
+@given(
+    p1=st.floats(1e-3, 1e-1),
+    ratio=st.floats(0.01, 0.9),
+    natural=st.floats(0.5, 20),
+    step=st.floats(1e-3, 0.1),
 )
-def test_the_nonlinear_system_is_the_whole_equation(robot):
-    time = np.linspace(0, 4, 4001)
-    drive = 0.3 * np.sin(4 * time)
-    delivered = drive / (1 + robot.compression * np.abs(drive))
-    middles = 0.3 * np.sin(4 * (time[1:] + time[:-1]) / 2)
-    middles = middles / (1 + robot.compression * np.abs(middles))
-    inputs = np.column_stack([delivered[:-1], middles, delivered[1:]])
-    system = nonlinear_system(robot)
-    moved = control.input_output_response(
-        system,
-        time,
-        drive,
-        np.eye(1, system.nstates)[0] * 0.3,
-        solve_ivp_method="LSODA",
-        solve_ivp_kwargs={"rtol": 1e-8, "atol": 1e-10, "max_step": 5e-3},
-    )
-    angle, _ = simulate(robot, time, inputs, 0.3)
-    assert np.ptp(angle) > 0.5
-    np.testing.assert_allclose(moved.outputs[0], angle, atol=2e-4)
+def test_the_held_system_is_python_control_s_zero_order_hold(p1, ratio, natural, step):
+    p = LumpedParameters(p1=p1, p2=2 * ratio * natural * p1, p3=natural**2 * p1, p4=2.0)
+    held = HeldSystem.of(p, step)
+    omega = np.array([0.3, 1.0, 2.0]) * natural
+    omega = omega[omega < 3 / step]
+    other = control.sample_system(control.tf([p.p4], [p.p1, p.p2, p.p3]), step, "zoh")
+    expected = np.array([other(np.exp(1j * w * step)) for w in omega])
+    np.testing.assert_allclose(held.response(omega), expected, rtol=1e-7)
 
 
-def test_the_response_is_that_of_the_small_motion_about_rest():
-    """By hand, with offset and cogging, delay, and back EMF behind the armature's lag."""
-    p = replace(WHOLE, p2=2e-3, back_emf=1.5e-3, time_constant=0.08, delay=0.03)
-    omega = np.array([0.7, 3.0, 9.0])
-    lag = 1 / (1 + 1j * omega * 0.08)
-    spring = p.p3 - p.cogging * 3
-    below = spring - p.p1 * omega**2 + 1j * omega * (p.p2 - 1.5e-3 + 1.5e-3 * lag)
-    expected = p.p4 * np.exp(-0.03j * omega) * lag / below
-    linear = Linearisation.of(p)
-    np.testing.assert_allclose(linear.response(omega), expected, rtol=1e-12)
-    fine = np.linspace(0.5, 10, 200_001)
-    peak = fine[np.argmax(np.abs(linear.response(fine)))]
-    assert linear.resonance == pytest.approx(peak, abs=1e-4)
+@given(
+    delay=st.floats(1e-5, 10),
+    order=st.integers(1, HIGHEST_ORDER),
+    turn=st.floats(1e-3, 2 * math.pi),
+)
+def test_a_delay_s_error_is_within_its_bound_no_frequency_is_damped_and_states_decay(
+    delay, order, turn
+):
+    late, factorial = DelayStates.of(delay, order), math.factorial
+    resolvent = np.linalg.solve(1j * turn / delay * np.eye(order) - late.a, late.b)
+    found = late.c @ resolvent + late.feedthrough
+    bound = factorial(order) ** 2 / factorial(2 * order) / factorial(2 * order + 1)
+    assert abs(found - np.exp(-1j * turn)) <= bound * turn ** (2 * order + 1) + 1e-12
+    assert abs(found) == pytest.approx(1, rel=1e-12)
+    assert max(np.linalg.eigvals(late.a * delay).real) < 0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: DelayStates.of(-0.01, 4), "delay"),
+        (lambda: DelayStates.of(0.01, 11), "between 1 and 10"),
+        (lambda: linearised(replace(WHOLE, delay=0.01), pade_order=-1), "order: got -1"),
+        (lambda: HeldSystem.of(LumpedParameters(p1=1, p2=3, p3=1, p4=1), 0.1), "between 0 and 1"),
+        (lambda: HeldSystem.of(THESIS, 0.0), "step"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_the_quasi_linear_response_tends_to_the_linear_one():
+    omega = np.array([1.0, 3.9, 9.0])
+    small = quasi_linear_response(THESIS, omega, np.full(3, 1e-5))
+    np.testing.assert_allclose(small, frequency_response(THESIS, omega), rtol=1e-8)
+
+
+SWINGING = replace(PENDULUM, p2=0.0014)
+SLOWED = {"coulomb": 3e-4, "drag": 5e-4, "stribeck": 3e-4, "stribeck_velocity": 0.5}
+MANY = replace(PENDULUM, cogging=2e-3, cogging_periods=3.0, **SLOWED)
+
+
+@pytest.mark.parametrize(
+    ("joint", "error"),
+    [(SWINGING, 0.03), (replace(SWINGING, coulomb=5e-4), 0.03), (MANY, 0.02)],
+    ids=["plain", "Coulomb", "drag, Stribeck, cogging"],
+)
+@pytest.mark.parametrize(
+    ("omega", "amplitude"), [(2.0, 0.2), (3.5, 0.15), (4.0, 0.3), (6.0, 0.3), (9.0, 0.5)]
+)
+def test_the_predicted_swing_is_the_simulated_one(joint, error, omega, amplitude):
+    time = np.arange(0, 80, 5e-3)
+    angle, _ = simulate(joint, time, amplitude * np.sin(omega * instants(time)), 0.0)
+    steady = fit_sine(time[time > 60], angle[time > 60], omega)
+    assert predicted_swing(joint, omega, amplitude) == pytest.approx(steady.amplitude, rel=error)
+
+
+def test_a_drive_that_friction_holds_swings_nothing_and_one_beyond_all_balance_without_bound():
+    assert predicted_swing(replace(SWINGING, coulomb=0.01), 3.0, 0.2) == 0.0
+    assert predicted_swing(SWINGING, 1.0, 100.0) == np.inf

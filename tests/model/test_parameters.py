@@ -75,18 +75,21 @@ def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb,
     assert vars(found) == pytest.approx(vars(wanted), rel=1e-9, abs=1e-12)
 
 
-def test_an_added_mass_loads_the_bearing_whatever_the_direction_of_the_axis():
-    upright = AddedMass(mass=0.2, arm=0.1, gravity=0.0)
-    assert upright.weight == pytest.approx(0.2 * 9.81)
-    assert upright.gravity_moment == 0
-    inclined = AddedMass(mass=0.2, arm=0.1, gravity=4.0)
-    assert inclined.weight == pytest.approx(0.8)
-
-
 @pytest.mark.parametrize("mass", [0.0, -1.0, 0.01, math.nan])
 def test_a_hand_too_light_for_its_parameters_is_refused(mass):
     with pytest.raises(InputError, match="mass: got"):
         unlump(LumpedParameters(p1=0.001, p2=0, p3=0.5, p4=1), mass)
+
+
+def test_a_slide_carries_masses_and_an_upright_axis_no_moments_but_weight():
+    slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
+    assert slide.inertia_and_moment == (0.2, 0.0)
+    assert str(slide) == "200 g"
+    upright = AddedMass(mass=0.2, arm=0.3, gravity=0.0)
+    assert upright.inertia_and_moment == (pytest.approx(0.018), 0.0)
+    assert (upright.weight, upright.gravity_moment) == (pytest.approx(0.2 * 9.81), 0)
+    assert AddedMass(mass=0.2, arm=0.1, gravity=4.0).weight == pytest.approx(0.8)
+    assert AddedMass(mass=0.0, arm=0.3) == AddedMass()
 
 
 def test_one_added_mass_is_one_in_every_spelling():

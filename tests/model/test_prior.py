@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import NO_PRIOR, Known, Prior, known_of
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
@@ -77,13 +76,3 @@ def test_what_two_know_of_a_robot_agrees():
 )
 def test_the_best_known_torque_tells_the_scale(told, reference):
     assert Prior.of(told).reference == reference
-
-
-def test_a_slide_carries_masses_and_a_vertical_axis_no_moments():
-    slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
-    assert slide.inertia_and_moment == (0.2, 0.0)
-    assert str(slide) == "200 g"
-    upright = AddedMass(mass=0.2, arm=0.3, gravity=0.0)
-    assert upright.inertia_and_moment == (pytest.approx(0.018), 0.0)
-    assert upright.weight == AddedMass(mass=0.2, arm=0.3).weight
-    assert AddedMass(mass=0.0, arm=0.3) == AddedMass()

@@ -236,7 +236,8 @@ def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[Sen
     errors that stay.
     """
     run, setting, counted = log.run, log.run.setting, slice(log.run.first, None)
-    angle = run.trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
+    motion = run.trajectory.run(setting.parameters, setting.zero, setting.velocity)
+    angle = motion.at(run.log.time)
     instants = run.log.time[counted]
     angle[counted] -= np.interp(instants, run.trajectory.middles(), log.whole - left)
     sensor = SensorErrors.of(run.log.angle[counted], angle[counted])

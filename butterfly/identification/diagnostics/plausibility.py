@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.derived_quantities import apart
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import apart
 from butterfly.identification.inference.consistency import CLEARLY_APART
 from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.physical import physical_parameters

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from butterfly.identification.derived_quantities import implied
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.diagnostics.plausibility import (
     judge_fit,
@@ -15,7 +16,6 @@ from butterfly.identification.diagnostics.plausibility import (
     judge_physics,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import implied
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.model.prior import Prior

@@ -1,0 +1,242 @@
+"""What clocks, amplifiers and encoders do wrong, told from all that is none of it."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from butterfly.logs.faults import (
+    clipped,
+    find_wrapping,
+    increasing,
+    repeated,
+    restarts,
+    saturated,
+    unwrapped,
+)
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+
+REGULAR = np.arange(10_000) * 1e-3
+
+
+def _dropped(stamps):
+    return np.flatnonzero(~increasing(np.asarray(stamps, dtype=np.float64))).tolist()
+
+
+def _most(stamps):
+    """Length of the longest strictly increasing subsequence, by trying all."""
+    subsets = (rows for size in range(len(stamps), 0, -1) for rows in combinations(stamps, size))
+    return next(len(rows) for rows in subsets if all(a < b for a, b in pairwise(rows)))
+
+
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=9))
+def test_as_few_samples_are_dropped_as_can_be(stamps):
+    time = np.array(stamps, dtype=np.float64)
+    kept = increasing(time)
+    assert np.all(np.diff(time[kept]) > 0)
+    assert np.count_nonzero(kept) == _most(stamps)
+    assert not np.any(kept & repeated(time, kept))
+
+
+@given(st.lists(st.integers(1, 9_998), min_size=1, max_size=8, unique=True), st.booleans())
+def test_glitches_cost_no_more_samples_than_themselves(rows, forward):
+    time = REGULAR.copy()
+    time[rows] += 1e6 if forward else -1e6
+    assert len(_dropped(time)) <= len(rows)
+
+
+@pytest.mark.parametrize(("row", "ahead"), [(100, 1e6), (9_000, 5.0), (1, 1e-2)])
+def test_a_single_stamp_far_ahead_is_the_one_that_goes(row, ahead):
+    time = REGULAR.copy()
+    time[row] += ahead
+    assert _dropped(time) == [row]
+
+
+def test_of_two_that_changed_places_the_one_that_falls_behind_goes_and_of_equal_ones_the_later():
+    assert _dropped([0, 1, 2, 4, 3, 5, 6]) == [4]
+    time = np.array([0.0, 1.0, 1.0, 1.0, 2.0, 1.0, 3.0])
+    kept = increasing(time)
+    assert _dropped(time) == [2, 3, 5]
+    assert np.flatnonzero(repeated(time, kept)).tolist() == [2, 3]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("before", "after"), [(800, 1200), (1200, 800), (1000, 1001), (30, 900)])
+def test_a_clock_that_starts_again_leaves_its_longer_side_whole(before, after, seed):
+    rng = np.random.default_rng(seed)
+    sides = [np.cumsum(1e-3 + 1e-4 * rng.standard_normal(n)) for n in (before, after)]
+    kept = increasing(np.concatenate(sides))
+    assert np.all(kept[before:] == (after > before))
+    assert np.all(kept[:before] == (before > after))
+
+
+def test_of_a_clock_that_starts_again_and_again_the_longest_part_stays_but_for_its_glitches():
+    parts = [REGULAR[:3000], REGULAR[:4000].copy(), REGULAR[:2000]]
+    parts[1][500] += 1e3
+    assert _dropped(np.concatenate(parts)) == [*range(3000), 3500, *range(7000, 9000)]
+    time = np.tile(np.arange(20.0), 500)
+    assert 20 <= np.count_nonzero(increasing(time)) < 40
+
+
+def test_a_clock_set_back_a_little_keeps_what_goes_on_increasing():
+    time = np.concatenate([REGULAR, REGULAR + 9.0])
+    assert np.count_nonzero(increasing(time)) == 19_000
+
+
+def test_a_stamp_that_is_late_by_itself_is_no_restart():
+    late = REGULAR[:400].copy()
+    late[100] += 0.05
+    assert restarts(late) == []
+    assert restarts(np.concatenate([late, REGULAR])) == [400]
+
+
+TIME = np.arange(20_000) * 1e-3
+HAND = LumpedParameters(p1=0.00325, p2=0.00145, p3=0.04905, p4=0.025, coulomb=3e-4)
+STEPS = [0.0, 6e-6, 1.9e-4, 2e-3]
+"""Encoder steps in rad; 0 reads exact angles."""
+
+
+@cache
+def _swing(omega, amplitude, coulomb, stribeck, *, switched=False):
+    """Angles in rad of a hand that sticks at its turning points for a while."""
+    hand = replace(HAND, coulomb=coulomb, stribeck=stribeck * coulomb, stribeck_velocity=0.05)
+    stiffness = abs(complex(hand.p3 - hand.p1 * omega**2, hand.p2 * omega))
+    torque = stiffness * amplitude + 1.3 * (1 + stribeck) * coulomb
+    wave = np.sin(omega * TIME)
+    inputs = torque / hand.p4 * (0.7 * np.sign(wave) if switched else wave)
+    angle, _ = simulate(hand, TIME, np.column_stack([inputs] * 3), 0.0)
+    return angle
+
+
+def _read(angle, step, noise, seed=0):
+    noisy = angle + noise * np.random.default_rng(seed).standard_normal(angle.size)
+    return noisy if step == 0 else np.round(noisy / step) * step
+
+
+@pytest.mark.parametrize("switched", [False, True])
+@pytest.mark.parametrize("stribeck", [0.0, 1.0])
+@pytest.mark.parametrize("coulomb", [3e-4, 3e-3, 8e-3])
+@pytest.mark.parametrize("omega", [1.0, 3.0, 8.0, 16.0])
+def test_a_joint_that_sticks_where_it_turns_is_not_clipped(omega, coulomb, stribeck, switched):
+    for amplitude in (0.3, 0.8):
+        angle = _swing(omega, amplitude, coulomb, stribeck, switched=switched)
+        for step in STEPS:
+            for noise in (0.0, 5e-5, 2e-4):
+                read = _read(angle, step, noise)
+                assert np.ptp(read) == 0 or clipped(read) == 0, (amplitude, step, noise)
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 3e-4, 3e-3])
+@pytest.mark.parametrize("omega", [1.0, 3.0, 8.0, 16.0])
+def test_a_swing_cut_off_is_counted(omega, coulomb):
+    angle = _swing(omega, 0.5, coulomb, 0.0)
+    top = 0.7 * np.abs(angle[10_000:]).max()
+    for step in STEPS:
+        level = top if step == 0 else np.round(top / step) * step
+        for noise in (0.0, 5e-5, 2e-4):
+            read = np.clip(_read(angle, step, noise), -level, level)
+            assert clipped(read) > 0.85 * np.count_nonzero(np.abs(read) == level), (step, noise)
+
+
+@given(
+    omega=st.floats(0.5, 20),
+    amplitude=st.floats(0.02, 1.5),
+    phase=st.floats(0, 6.3),
+    step=st.floats(1e-6, 1e-3),
+    noise=st.sampled_from([0.0, 1e-5, 3e-4]),
+)
+def test_a_smooth_swing_is_not_clipped_however_coarse_its_encoder(
+    omega, amplitude, phase, step, noise
+):
+    assert clipped(_read(amplitude * np.sin(omega * TIME + phase), step, noise)) == 0
+
+
+def test_a_joint_that_leaves_its_stop_abruptly_is_judged_by_how_it_came():
+    """It comes to rest like a ball thrown up, holds, and falls off in a straight line."""
+    rise = 0.1 - 2.0 * (TIME[:300][::-1]) ** 2
+    angle = np.concatenate([rise, np.full(500, 0.1), 0.1 - 1.5 * TIME[1:120]])
+    angle = np.round(np.tile(angle, 5) / 1.9e-4) * 1.9e-4
+    assert clipped(angle) == 0
+    assert clipped(angle[::-1]) == 0
+
+
+def test_a_triangle_cut_off_on_one_side_is_counted_there():
+    triangle = np.abs((3 * TIME) % 2 - 1)
+    cut = np.maximum(triangle, 0.2)
+    inside = (cut == 0.2) & (TIME > 0.5) & (TIME < 19.5)
+    assert clipped(cut) >= np.count_nonzero(inside)
+
+
+def test_an_input_on_its_limit_is_saturated_and_a_constant_or_switched_one_is_not():
+    assert saturated(np.zeros(100)) == 0
+    assert saturated(np.sign(np.sin(TIME + 0.1))) == 0
+    for low, high in ((-2.0, 0.9), (-0.75, 0.75)):
+        values = np.clip(np.sin(3 * TIME), low, high)
+        assert saturated(values) == np.count_nonzero((values == low) | (values == high))
+
+
+LONG = np.arange(3000) * 5e-3
+NO_GAPS = np.zeros(LONG.size - 1, dtype=bool)
+TURN = 2 * np.pi
+MOTIONS = {
+    "spin": 12 * LONG,
+    "fast spin": 200 * LONG,
+    "pendulum about the border": np.pi + 0.3 * np.sin(4 * LONG),
+    "several turns": 8 * np.sin(0.7 * LONG) + 0.3 * np.sin(9 * LONG),
+    "once over": 3.3 * (1 - np.exp(-np.maximum(LONG - 5, 0))),
+}
+
+
+def _wrapped(angle, turn, low):
+    return (angle - low) % turn + low
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("step", [0.0, TURN / 4096, TURN / 100])
+@pytest.mark.parametrize(("turn", "low"), [(TURN, -np.pi), (TURN, 0.0), (16 * TURN, -0.5)])
+def test_a_wrapped_angle_is_made_whole_again(motion, noise, step, turn, low):
+    angle = _read(MOTIONS[motion], step, noise)
+    wrapped = _wrapped(angle, turn, low)
+    assert find_wrapping(angle, NO_GAPS) is None
+    found = find_wrapping(wrapped, NO_GAPS)
+    if np.max(np.abs(wrapped - angle)) < 1e-9:
+        assert found is None
+        return
+    assert (found.turn, found.exact) == (pytest.approx(turn), True)
+    whole = unwrapped(wrapped, found)
+    np.testing.assert_allclose(whole - whole[0], angle - angle[0], atol=1e-8)
+
+
+def test_an_encoder_before_a_gear_wraps_at_a_share_of_the_turn():
+    angle = 2.5 * np.sin(3 * LONG)
+    found = find_wrapping(_wrapped(angle, TURN / 7, 0.0), NO_GAPS)
+    assert (found.turn, found.exact) == (pytest.approx(TURN / 7), True)
+    odd = find_wrapping(_wrapped(angle, TURN / 7.3, 0.0), NO_GAPS)
+    assert (odd.turn, odd.exact) == (pytest.approx(TURN / 7.3, rel=0.01), False)
+
+
+@settings(max_examples=50)
+@given(
+    size=st.floats(1.0, 300.0),
+    omega=st.floats(0.5, 600.0),
+    rows=st.lists(st.integers(1, 2998), min_size=0, max_size=4, unique=True),
+    spike=st.floats(10.0, 100.0),
+)
+def test_fast_motion_and_outliers_are_no_wrapping(size, omega, rows, spike):
+    angle = size * np.sin(omega * LONG)
+    if rows:
+        angle = np.sin(3 * LONG)
+        angle[rows] += spike
+    assert find_wrapping(angle, NO_GAPS) is None
+
+
+def test_what_happens_in_a_gap_is_no_jump():
+    angle = np.where(LONG < 5, 0.0, TURN) + 0.1 * np.sin(3 * LONG)
+    assert find_wrapping(angle, np.diff(angle) > 5) is None
+    assert find_wrapping(angle, NO_GAPS) is not None

@@ -1,0 +1,22 @@
+"""Joints for the tests of the model, and what drives them."""
+
+import numpy as np
+
+from butterfly.model.parameters import LumpedParameters
+
+PENDULUM = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025)
+SLIDING = LumpedParameters(
+    **vars(PENDULUM)
+    | {"p3_offset": 1e-3, "tilt": 0.1, "delay": 0.0033, "compression": 0.05}
+    | {"coulomb": 8e-4, "load": 1e-4, "stribeck": 3e-4, "stribeck_velocity": 0.15, "drag": 1e-5}
+    | {"bias": 2e-4, "cogging": 1e-4, "cogging_cosine": 2e-4, "cogging_periods": 3.0}
+)
+"""All terms at work, but for those that make a state."""
+
+LAG = {"back_emf": 3e-4, "time_constant": 0.0043}  # no whole number of steps, which would change
+BRISTLES = {"bristle_stiffness": 2.0, "bristle_damping": 1e-3}
+
+
+def instants(time):
+    """(n - 1, 3) start, middle and end of each of the intervals between (n,) instants."""
+    return np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]])
