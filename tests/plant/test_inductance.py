@@ -19,7 +19,7 @@ from butterfly.plant.motor import ControlLoop
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.signals.sine_fit import fit_sine
+from tests.signals.sines import fit_sine
 
 pytestmark = pytest.mark.slow
 

@@ -15,7 +15,7 @@ from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.excitations import Chirp, FreeDecay, Multisine, Table
-from butterfly.signals.sine_fit import fit_sine
+from tests.signals.sines import fit_sine
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 MOTOR = VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03)
