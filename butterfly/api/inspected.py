@@ -14,7 +14,6 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import TERMS
 from butterfly.plant.robot import Robot
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import (
@@ -29,24 +28,6 @@ from butterfly.report.page import write_html
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Level, Verdict
-
-_UNITS = {
-    "hand": {
-        "mass": "kg",
-        "com_distance": "m",
-        "com_offset": "m",
-        "inertia": "kg m²",
-        "tilt": "rad",
-    },
-    "drive": {
-        "resistance": "Ohm",
-        "torque_constant": "N m/A",
-        "back_emf_constant": "V s/rad",
-        "inductance": "H",
-        "gain": "N m/unit",
-    },
-    "clutch": {"backlash": "rad", "rotor_inertia": "kg m²"},
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -183,11 +164,7 @@ class RobotModel(Answer):
         """Tell the parts of a robot, and the lumped parameters with what it carries."""
         robot, carried, kind = named.robot, named.carried, named.input_kind
         loaded = robot.lumped.with_added_mass(carried)
-        resonance, units = (
-            resonance_frequency(loaded),
-            {each: unit_of(each, kind) for each in TERMS},
-        )
-        of_friction = {**units, "viscous": units["p2"]}
+        resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
         pairs = (
             ("hand", _numbers_of(robot.hand)),
@@ -198,7 +175,7 @@ class RobotModel(Answer):
             ("p1", f"{loaded.p1:.6g} kg m²"),
             ("p2", f"{loaded.p2:.6g} N m s/rad"),
             ("p3", f"{loaded.p3:.6g} N m"),
-            ("p4", f"{loaded.p4:.6g} {units['p4']}"),
+            ("p4", f"{loaded.p4:.6g} {unit_of('p4', kind)}"),
             ("resonance", f"{resonance:.5g} rad/s"),
         )
         verdict = () if named.verdict is None else (named.verdict.sentence,)
@@ -213,7 +190,10 @@ class RobotModel(Answer):
                 **{
                     part: each
                     and {
-                        name: {"value": value, "unit": _UNITS.get(part, of_friction)[name]}
+                        name: {
+                            "value": value,
+                            "unit": "Ohm" if name == "resistance" else field_unit(f"robot.{name}"),
+                        }
                         for name, value in asdict(each).items()
                     }
                     for part, each in parts.items()
