@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,11 +16,9 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.estimators.steady_response import RestAngles, steady_sines
 from butterfly.logs.log import Sine
-from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.signals.sine_fit import SineFit
 from butterfly.verdict import Level
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, simulated, steady
+from tests.identification.simulated import ROBOT, SWINGS, response, simulated, steady
 
 ZERO, BIAS = 0.4, 2e-3
 SIZES = (0.05, 0.3, 0.6, 1.0)
@@ -40,18 +39,10 @@ def _middle(moment, bias, swing):
 def _points(bias, noise=0.0, turns=0, seed=0):
     rng = np.random.default_rng(seed)
     points = []
-    for mass in MASSES:
-        for swing in SIZES:
-            middle = _middle(ROBOT.p3 + mass.gravity_moment, bias, swing)
-            fit = SineFit(
-                omega=3.0,
-                offset=ZERO + middle + noise * rng.standard_normal() + 2 * np.pi * turns,
-                phasors=np.array([swing + 0j]),
-                covariance=1e-12 * np.eye(2),
-                residual_rms=0.0,
-            )
-            points.append(ResponsePoint(added_mass=mass, input=1.0, angle=fit, drift=0.0, label=""))
-            turns = 0
+    for mass, swing in product(MASSES, SIZES):
+        middle = _middle(ROBOT.p3 + mass.gravity_moment, bias, swing)
+        middle += noise * rng.standard_normal() + 2 * np.pi * turns * (not points)
+        points.append(response(mass, 3.0, swing + 0j, offset=ZERO + middle))
     return points
 
 
