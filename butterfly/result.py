@@ -239,7 +239,15 @@ class Result(ABC):
         return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
 
     def _repr_html_(self) -> str:
-        return html_of(self.title, self.shown_rows(), self.summary)
+        rows = self.shown_rows()
+        head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
+        lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row.values()) for row in rows)
+        body = "".join(f"<tr>{line}</tr>" for line in lines)
+        sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in self.summary)
+        return (
+            f"<p><b>{escape(self.title)}</b></p>{sentences}<table><thead><tr>{head}</tr></thead>"
+            f"<tbody>{body}</tbody></table>"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -315,20 +323,6 @@ def aligned(rows: Sequence[dict[str, str]]) -> list[str]:
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
         for line in table
     ]
-
-
-def html_of(title: str, rows: Sequence[dict[str, str]], sentences: Sequence[str]) -> str:
-    """Return a table and sentences as HTML, as notebooks show it."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row.values()) + "</tr>"
-        for row in rows
-    )
-    said = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
-    return (
-        f"<p><b>{escape(title)}</b></p>{said}<table><thead><tr>{head}</tr></thead>"
-        f"<tbody>{body}</tbody></table>"
-    )
 
 
 def shown(value: object) -> str:

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from butterfly.errors import InputError
-from butterfly.experiment.source import Source
-from butterfly.experiment.sweep import plan_sweep
 from butterfly.files import shipped, shipped_experiments
 from butterfly.yaml_files import StrictModel, load_yaml, validate, yaml_text
 
@@ -51,16 +49,6 @@ def test_a_value_is_what_yaml_1_2_says(tmp_path, text, value):
     assert type(content["a"]) is type(value)
 
 
-@pytest.mark.parametrize("values", ["[1e-4, 2.0e-4]", "[1e-4, 2e-4]"])
-def test_an_axis_of_a_sweep_in_powers_of_ten_is_an_axis_of_numbers(tmp_path, values):
-    path = tmp_path / "s.yaml"
-    path.write_text(
-        f"name: s\nextends: quickstart\nsweep: {{grid: {{plant.friction.coulomb: {values}}}}}\n"
-    )
-    tasks = plan_sweep(Source(path)).tasks
-    assert [task.overrides["plant.friction.coulomb"] for task in tasks] == [1e-4, 2e-4]
-
-
 @pytest.mark.parametrize("name", shipped_experiments())
 def test_a_shipped_file_holds_plain_values_the_same_as_for_another_reader(name):
     content = load_yaml(shipped(name)).content
@@ -87,36 +75,36 @@ DEEP = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: 1\nb: 2\na: 3", "a.yaml:3: a: got the same key twice; expected one value"),
-        ("a:\n  - {b: 1, b: 2}", "a.yaml:2: b: got the same key twice"),
-        ("<<: {a: 1}\n<<: {b: 1}", "a.yaml:2: <<: got the same key twice"),
-        ("a: 1\nb: [1", "a.yaml: line 2: got"),
-        ("a: 1\nb: *c", "a.yaml: line 2: got found undefined alias"),
-        ("a: 1\n---\nb: 1", "a.yaml: line 2: got but found another document"),
-        ("a: !!python/object/apply:os.system [ls]", "a.yaml: line 1: got could not determine"),
-        ("a: !!python/name:os.system", "a.yaml: line 1: got could not determine"),
-        ("a: !!set {b}", "a.yaml: line 1: got could not determine"),
-        ("a: !!binary eA==", "a.yaml: line 1: got could not determine"),
-        ("a: !!bool 3", "a.yaml: line 1: got 3, which is no bool"),
-        ("b: 1\na: !!int ''", "a.yaml: line 2: got , which is no int"),
-        ("b: 1\n\na: -_", "a.yaml: line 3: got -_, which is no int"),
-        ("b: 1\n3: 1", "a.yaml: line 2: got a key that is no text"),
-        ("b: 1\na: {null: 1}", "a.yaml: line 2: got a key that is no text"),
-        ("b: 1\na: &a {b: *a}", "a.yaml: line 2: got an alias within what it stands for"),
-        (LAUGHS, "a.yaml: line 5: got more than 300,000 values, what aliases stand for"),
-        (DEEP, "a.yaml: line 51: got aliases more than 50 deep"),
-        ("# " + "x" * 2_000_000, "a.yaml: content: got 2.0 MB; expected a YAML file of up to"),
-        ("a: \x01", "a.yaml: content: got unreadable text"),
-        ("a: " + 400 * "[" + 400 * "]", "a.yaml: line 1: got mappings and lists more than 50 deep"),
-        ("? {b: 1}\n: 1", "a.yaml: line 1: got found unhashable key"),
-        ("", "a.yaml: content: got NoneType; expected a mapping"),
-        ("- 1", "a.yaml: content: got list; expected a mapping"),
+        ("a: 1\nb: 2\na: 3", "3: a: got the same key twice; expected one value"),
+        ("a:\n  - {b: 1, b: 2}", "2: b: got the same key twice"),
+        ("<<: {a: 1}\n<<: {b: 1}", "2: <<: got the same key twice"),
+        ("a: 1\nb: [1", " line 2: got"),
+        ("a: 1\nb: *c", " line 2: got found undefined alias"),
+        ("a: 1\n---\nb: 1", " line 2: got but found another document"),
+        ("a: !!python/object/apply:os.system [ls]", " line 1: got could not determine"),
+        ("a: !!python/name:os.system", " line 1: got could not determine"),
+        ("a: !!set {b}", " line 1: got could not determine"),
+        ("a: !!binary eA==", " line 1: got could not determine"),
+        ("a: !!bool 3", " line 1: got 3, which is no bool"),
+        ("b: 1\na: !!int ''", " line 2: got , which is no int"),
+        ("b: 1\n\na: -_", " line 3: got -_, which is no int"),
+        ("b: 1\n3: 1", " line 2: got a key that is no text"),
+        ("b: 1\na: {null: 1}", " line 2: got a key that is no text"),
+        ("b: 1\na: &a {b: *a}", " line 2: got an alias within what it stands for"),
+        (LAUGHS, " line 5: got more than 300,000 values, what aliases stand for"),
+        (DEEP, " line 51: got aliases more than 50 deep"),
+        ("# " + "x" * 2_000_000, " content: got 2.0 MB; expected a YAML file of up to"),
+        ("a: \x01", " content: got unreadable text"),
+        ("a: " + 400 * "[" + 400 * "]", " line 1: got mappings and lists more than 50 deep"),
+        ("? {b: 1}\n: 1", " line 1: got found unhashable key"),
+        ("", " content: got NoneType; expected a mapping"),
+        ("- 1", " content: got list; expected a mapping"),
     ],
 )
 def test_what_cannot_be_read_is_one_error_with_its_line(tmp_path, text, message):
     with pytest.raises(InputError) as caught:
         _content(tmp_path, text)
-    assert str(caught.value).startswith(f"{tmp_path}/{message}")
+    assert str(caught.value).startswith(f"{tmp_path}/a.yaml:{message}")
 
 
 def test_a_place_that_holds_no_text_is_named(tmp_path):
@@ -199,28 +187,18 @@ class Drawing(StrictModel):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("shapes: [{kind: circle, radius: big}]", "a.yaml:1: shapes.0.radius: got 'big'"),
-        ("shapes:\n- {kind: circle, radius: -}", "a.yaml:2: shapes.0.radius: got '-'"),
-        ("shapes: [{kind: circle}]", "a.yaml:1: shapes.0.radius: got nothing"),
-        (
-            "shapes: [{kind: square, side: 13}]",
-            "a.yaml:1: shapes.0.side: got 13.0; expected a lucky",
-        ),
-        ("shapes: [{kind: triangle}]", "a.yaml:1: shapes.0: got {'kind': 'triangle'}"),
-        (
-            "shapes: [{kind: circle, radius: 1, nam: x}]",
-            "a.yaml:1: shapes.0.nam: got an unknown key; expected 'name'",
-        ),
+        ("shapes: [{kind: circle, radius: big}]", "1: shapes.0.radius: got 'big'"),
+        ("shapes:\n- {kind: circle, radius: -}", "2: shapes.0.radius: got '-'"),
+        ("shapes: [{kind: circle}]", "1: shapes.0.radius: got nothing"),
+        ("shapes: [{kind: square, side: 13}]", "1: shapes.0.side: got 13.0; expected a luck"),
+        ("shapes: [{kind: triangle}]", "1: shapes.0: got {'kind': 'triangle'}"),
+        ("shapes: [{kind: circle, nam: x}]", "1: shapes.0.nam: got an unknown key; expected"),
         (
             "shapes: [{kind: square, sid: 1}]",
-            "a.yaml:1: shapes.0.sid: got an unknown key; expected 'side' (did you mean that?);"
-            " valid names: 'kind', 'side'",
+            "1: shapes.0.sid: got an unknown key; expected 'side'",
         ),
-        (
-            "shapes: [{kind: circle, radius: 1, name: {a: 1}}]",
-            "a.yaml:1: shapes.0.name: got {'a': 1}; expected a valid string",
-        ),
-        ("shapes: []\nscale: [1, two]", "a.yaml:2: scale: got [1, 'two']"),
+        ("shapes: [{kind: circle, radius: 1, name: {a: 1}}]", "1: shapes.0.name: got {'a': 1}"),
+        ("shapes: []\nscale: [1, two]", "2: scale: got [1, 'two']"),
     ],
 )
 def test_a_field_reads_as_the_document_has_it_without_the_kinds_of_unions(tmp_path, text, message):
@@ -229,4 +207,4 @@ def test_a_field_reads_as_the_document_has_it_without_the_kinds_of_unions(tmp_pa
     document = load_yaml(path)
     with pytest.raises(InputError) as caught:
         validate([document], document.content, Drawing)
-    assert str(caught.value).startswith(f"{tmp_path}/{message}")
+    assert str(caught.value).startswith(f"{tmp_path}/a.yaml:{message}")

@@ -15,7 +15,7 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
-from butterfly.report.parameter_table import with_error
+from butterfly.report.format import with_error
 from butterfly.result import Answer, aligned
 from butterfly.verdict import Level
 

@@ -14,31 +14,20 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import TERMS
 from butterfly.plant.robot import Robot
 from butterfly.report.format import field_unit
-from butterfly.report.inspection import STATES, Inspected, conditions_text, health_rows, hints
+from butterfly.report.inspection import (
+    STATES,
+    Inspected,
+    conditions_text,
+    health_rows,
+    hints,
+    inspection_page,
+)
+from butterfly.report.page import write_html
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Level, Verdict
-
-_UNITS = {
-    "hand": {
-        "mass": "kg",
-        "com_distance": "m",
-        "com_offset": "m",
-        "inertia": "kg m²",
-        "tilt": "rad",
-    },
-    "drive": {
-        "resistance": "Ohm",
-        "torque_constant": "N m/A",
-        "back_emf_constant": "V s/rad",
-        "inductance": "H",
-        "gain": "N m/unit",
-    },
-    "clutch": {"backlash": "rad", "rotor_inertia": "kg m²"},
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -106,12 +95,10 @@ class Inspection(Answer):
         InputError
             If there are several, or the file cannot be written.
         """
-        from butterfly.report.inspection_page import write_inspection  # noqa: PLC0415 - slow
-
         (only,) = self.logs if len(self.logs) == 1 else (None,)
         if only is None or only.log is None or only.health is None:
             raise InputError(self.source, "plot", f"{len(self.logs)} logs", "one log (--log N)")
-        write_inspection(only.log, only.health, Path(path))
+        write_html(inspection_page(only.log, only.health), Path(path))
 
 
 def _looked_at(seen: Inspected) -> dict[str, Any]:
@@ -177,11 +164,7 @@ class RobotModel(Answer):
         """Tell the parts of a robot, and the lumped parameters with what it carries."""
         robot, carried, kind = named.robot, named.carried, named.input_kind
         loaded = robot.lumped.with_added_mass(carried)
-        resonance, units = (
-            resonance_frequency(loaded),
-            {each: unit_of(each, kind) for each in TERMS},
-        )
-        of_friction = {**units, "viscous": units["p2"]}
+        resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
         pairs = (
             ("hand", _numbers_of(robot.hand)),
@@ -192,7 +175,7 @@ class RobotModel(Answer):
             ("p1", f"{loaded.p1:.6g} kg m²"),
             ("p2", f"{loaded.p2:.6g} N m s/rad"),
             ("p3", f"{loaded.p3:.6g} N m"),
-            ("p4", f"{loaded.p4:.6g} {units['p4']}"),
+            ("p4", f"{loaded.p4:.6g} {unit_of('p4', kind)}"),
             ("resonance", f"{resonance:.5g} rad/s"),
         )
         verdict = () if named.verdict is None else (named.verdict.sentence,)
@@ -207,7 +190,10 @@ class RobotModel(Answer):
                 **{
                     part: each
                     and {
-                        name: {"value": value, "unit": _UNITS.get(part, of_friction)[name]}
+                        name: {
+                            "value": value,
+                            "unit": "Ohm" if name == "resistance" else field_unit(f"robot.{name}"),
+                        }
                         for name, value in asdict(each).items()
                     }
                     for part, each in parts.items()

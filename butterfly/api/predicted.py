@@ -23,7 +23,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameter
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Page, Section
+from butterfly.report.page import Page, Section, Series
 from butterfly.result import Answer
 from butterfly.verdict import Level
 
@@ -161,7 +161,7 @@ class Predicted(Tabulated):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        from butterfly.report.prediction import share_figure  # noqa: PLC0415 - slow to import
+        from butterfly.report.log_figures import share_figure  # noqa: PLC0415 - slow to import
 
         if not self.predictions or not self.predictions[0].bands:
             return {"fits": self.plot.fits()} if self.measured else {}
@@ -169,9 +169,8 @@ class Predicted(Tabulated):
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
-        from butterfly.report.prediction import (  # noqa: PLC0415 - slow to import
+        from butterfly.report.log_figures import (  # noqa: PLC0415 - slow to import
             band_figure,
-            band_series,
             drawn_predictions,
         )
 
@@ -186,7 +185,11 @@ class Predicted(Tabulated):
             text=f"{some}Blue: what a new log would show, at "
             "each instant with 95 %; orange: what the model does with the parameters that the "
             "estimate leaves open. Below, all less the free run.",
-            series={"bands": band_series(drawn, measured=self.measured)},
+            series={
+                "bands": Series.of_figures(
+                    [band_figure(each, measured=self.measured) for each in drawn]
+                )
+            },
         )
         return replace(
             plain,

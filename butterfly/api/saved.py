@@ -14,7 +14,7 @@ from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.identification.identification import Identification
-from butterfly.report.physical import Separated
+from butterfly.report.parameter_table import Separated
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}

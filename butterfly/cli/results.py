@@ -66,7 +66,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
     from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415
     from butterfly.report.format import field_label  # noqa: PLC0415
-    from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415
+    from butterfly.report.parameter_table import parameter_texts  # noqa: PLC0415
     from butterfly.report.records import record_document  # noqa: PLC0415
 
     record = run_record(folder, run)
@@ -86,8 +86,8 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
                 each.estimator,
                 ("", "true", "estimate", "95 % interval", "unit"),
                 [
-                    (row.symbol, row.true, row.value, row.interval, row.unit)
-                    for row in parameter_rows(each.parameters)
+                    [row[key] for key in ("symbol", "true", "value", "interval", "unit")]
+                    for row in map(parameter_texts, each.parameters)
                 ],
             )
         if not each.converged:

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+import butterfly as bf
 from butterfly.cli.options import WRITTEN, HandMass, Out
 from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
 from butterfly.errors import InputError
@@ -95,7 +96,6 @@ def show(
 
 
 def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
-    import butterfly as bf  # noqa: PLC0415 - as all of these
     from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
 
     plan = bf.read_experiment(source)
@@ -106,7 +106,6 @@ def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
 
 
 def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:
-    import butterfly as bf  # noqa: PLC0415 - as all of these
     from butterfly.plant.rollout import simulate_runs  # noqa: PLC0415 - slow to import
     from butterfly.plant.watch.picture import film  # noqa: PLC0415
 

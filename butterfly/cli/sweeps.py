@@ -20,8 +20,7 @@ from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import field_label, field_name, field_unit
-from butterfly.report.parameter_table import with_error
+from butterfly.report.format import field_label, field_name, field_unit, with_error
 from butterfly.report.records import runs_document
 
 _NAMES = ("number", "estimator", "parameter")

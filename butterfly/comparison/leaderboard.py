@@ -14,8 +14,6 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import estimated, judge
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import cross_validate
-from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked
 
 
@@ -31,8 +29,6 @@ class Entry:
     estimate: Estimate | None  # from all logs, judged; None if the estimator refused them
     seconds: float  # taken by the fit to all logs, checks included
     error: str  # why there is no estimate, or no held-out FIT
-    input_kind: InputKind = InputKind.VOLTAGE
-    joint: JointKind = JointKind.HINGE
 
 
 def leaderboard(
@@ -68,7 +64,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         predictor = data.simulations
         found = predictor.settled(found)
         fits = predictor.fits(found)
-        found = judge(data, estimator, found, fits)
+        found = judge(data, estimator, found)
         seen = FitSummary.of(fits, found.horizon)
         held = cross_validate(data, estimator.unchecked(), split)
     except ButterflyError as problem:
@@ -82,6 +78,4 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         estimate=found,
         seconds=seconds or time.perf_counter() - begun,
         error=error,
-        input_kind=data.input_kind,
-        joint=data.joint,
     )

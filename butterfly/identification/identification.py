@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.api.identified_model import IdentifiedModel
-    from butterfly.report.identification_plots import IdentificationPlots
-    from butterfly.report.physical import Separated
+    from butterfly.report.identification_figures import IdentificationPlots
+    from butterfly.report.parameter_table import Separated
 
 _UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%", "against.fit": "%"}
 _SAVED = ("summary", "chosen", "against", "misfit")
@@ -103,7 +103,7 @@ class Identification(Result):
             estimate_numbers,
             misfit_numbers,
         )
-        from butterfly.report.physical import physical_numbers  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import physical_numbers  # noqa: PLC0415 - a view
 
         manifest, estimate = self.origin["manifest"], self.estimate
         of_logs = {key: each for key, each in self.saved.items() if key != "summary"}
@@ -176,13 +176,13 @@ class Identification(Result):
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the table of parameters with the digits that their errors leave."""
-        from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import parameter_texts  # noqa: PLC0415 - a view
 
         columns = ("symbol", "value", "error", "interval", "unit")
         names = ("parameter", "value", "standard error", "95 % interval", "unit")
         return [
-            {name: getattr(row, column) for name, column in zip(names, columns, strict=True)}
-            for row in parameter_rows(self.estimate.table())
+            {name: row[column] for name, column in zip(names, columns, strict=True)}
+            for row in map(parameter_texts, self.estimate.table())
         ]
 
     def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
@@ -193,7 +193,7 @@ class Identification(Result):
 
     def paragraphs(self) -> list[str]:
         """Return the summary, and what is open of the physical parameters if any are known."""
-        from butterfly.report.physical import physical_sentences  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import physical_sentences  # noqa: PLC0415 - a view
 
         weighed = Prior.of(self.origin.get("known", {})).physical
         return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
@@ -260,7 +260,7 @@ class Identification(Result):
         InputError
             If it is none of these, or was known before.
         """
-        from butterfly.report.physical import Separated  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import Separated  # noqa: PLC0415 - a view
 
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
 
@@ -331,7 +331,7 @@ class Identification(Result):
     @property
     def plot(self) -> IdentificationPlots:
         """Its figures, as plotly's."""
-        from butterfly.report.identification_plots import IdentificationPlots  # noqa: PLC0415 - a view
+        from butterfly.report.identification_figures import IdentificationPlots  # noqa: PLC0415 - a view
 
         return IdentificationPlots(self)
 

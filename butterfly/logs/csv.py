@@ -54,7 +54,7 @@ Column: TypeAlias = Samples | pyarrow.ChunkedArray
 
 
 @dataclass(frozen=True, kw_only=True)
-class TextTable:
+class TextColumns:
     """A table as its file gives it."""
 
     names: Sequence[str]  # "" each if the file has no header
@@ -132,7 +132,7 @@ def holds_table(path: Path) -> bool:
     return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= len(DEFAULT_COLUMNS)
 
 
-def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ()) -> TextTable:
+def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ()) -> TextColumns:
     """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
     try:
         with csv.open_csv(path) as beginning:
@@ -143,7 +143,7 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
         plain = all(_is_number_type(schema.types[number]) for number in numbers)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
-            return TextTable(names=names, columns=columns)
+            return TextColumns(names=names, columns=columns)
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
@@ -169,7 +169,7 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
 
 
 def _own_units(
-    path: Path, table: TextTable, places: Mapping[str, int], units: Units
+    path: Path, table: TextColumns, places: Mapping[str, int], units: Units
 ) -> dict[str, str]:
     """Return the units that a file gives to the wanted columns, unless they were given."""
     found = {}
@@ -196,7 +196,7 @@ def _holds_numbers(column: Column) -> bool:
     return isinstance(column, np.ndarray) or _is_number_type(column.type)
 
 
-def _numeric(path: Path, table: TextTable, number: int, name: str) -> Samples:
+def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
     column = table.columns[number]
     if isinstance(column, np.ndarray):
         return column
@@ -209,7 +209,7 @@ def _numeric(path: Path, table: TextTable, number: int, name: str) -> Samples:
     raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", "a number")
 
 
-def read_text_table(path: Path) -> TextTable:
+def read_text_table(path: Path) -> TextColumns:
     """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
     size = path.stat().st_size if path.is_file() else 0
     require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
@@ -237,7 +237,7 @@ def read_text_table(path: Path) -> TextTable:
         "no header": names is None,
     }
     layout = tuple(text for text, holds in texts.items() if holds)
-    return TextTable(
+    return TextColumns(
         names=names or [""] * width,
         units=units,
         headless=above if names is None else None,

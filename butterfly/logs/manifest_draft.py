@@ -73,7 +73,7 @@ def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
     if not entries:
         raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
     entries.sort(key=lambda entry: (known_of(entry.added_mass).value, entry.omega or 0.0))
-    return _of_folder(folder, entries, given)
+    return of_logs(folder.resolve().name, folder, entries, given)
 
 
 def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
@@ -92,7 +92,7 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
     entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
-    return _of_folder(folder, entries, given)
+    return of_logs(folder.resolve().name, folder, entries, given)
 
 
 def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
@@ -165,10 +165,6 @@ def log_files(folder: Path) -> list[Path]:
 def has_thesis_names(folder: Path) -> bool:
     """Whether a file below a folder is named as the thesis does it."""
     return any(_THESIS_NAME.fullmatch(path.stem) for path in log_files(folder))
-
-
-def _of_folder(folder: Path, entries: list[LogEntry], given: Mapping[str, Any]) -> Manifest:
-    return of_logs(folder.resolve().name, folder, entries, given)
 
 
 def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:

@@ -95,7 +95,10 @@ def _bring(origin: str, path: Path, digest: str, timeout: float) -> None:
         if origin.startswith(_ADDRESSES):
             _download(origin, draft, timeout)
         else:
-            draft.write_bytes(_content(Path(origin)))
+            try:
+                draft.write_bytes(Path(origin).read_bytes())
+            except OSError as error:
+                raise InputError(origin, "path", error.strerror or error, "a log to copy") from None
         _require(digest, draft, source=origin, more="as the log of this name has")
 
 
@@ -104,13 +107,6 @@ def _require(digest: str, path: Path, *, source: object, more: str) -> None:
         found = hashlib.file_digest(file, "sha256").hexdigest()
     if found != digest:
         raise InputError(source, "SHA-256", found, f"{digest}, {more}")
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "path", error.strerror or error, "a log to copy") from None
 
 
 def _download(address: str, path: Path, timeout: float) -> None:

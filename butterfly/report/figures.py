@@ -1,15 +1,14 @@
-"""What the figures of all pages share: colours, the samples that are drawn, curves in a page."""
+"""What the figures of all pages share: colours, axes, the samples that are drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.graph_objects import Figure, Scatter
+from plotly.graph_objects import Figure
+from plotly.subplots import make_subplots
 
 from butterfly.model.parameters import AddedMass
 
@@ -25,10 +24,7 @@ SHADE = "rgba(128,128,128,0.22)"
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
 """As many as colours, in the same order."""
 
-MARKS = 10
-"""Numbers of logs that an axis shows, or about so many."""
-
-_SEEN = 20_000  # quanta of the whole range: a pixel is ten or more
+_MARKS = 10  # numbers of logs that an axis shows, or about so many
 
 
 def look(number: int) -> tuple[str, str]:
@@ -46,16 +42,49 @@ def middle(fits: Sequence[float] | NDArray[np.float64]) -> int:
     return int(np.argsort(fits)[len(fits) // 2])
 
 
-def rank_by_fit(figure: Figure, count: int) -> None:
-    """Give a figure of the FITs of so many logs, the worst first, its axes."""
-    figure.update_xaxes(title="log, the worst first", dtick=max(1, round(count / MARKS)))
-    figure.update_yaxes(title="FIT in %")
-    figure.update_layout(height=320)
+def panel(across: str, up: str, height: int = 420) -> Figure:
+    """Return a figure to which curves are added; an axis without a title needs none."""
+    figure = Figure()
+    if across:
+        figure.update_xaxes(title=across)
+    if up:
+        figure.update_yaxes(title=up)
+    figure.update_layout(height=height)
+    return figure
+
+
+def panels(
+    across: str,
+    up: Sequence[str],
+    height: int,
+    *,
+    spacing: float = 0.05,
+    shares: Sequence[float] | None = None,
+) -> Figure:
+    """Return panels one below the other, each with its title beside, over one axis below.
+
+    ``shares`` of the height are equal if not given.
+    """
+    figure = make_subplots(
+        rows=len(up), cols=1, shared_xaxes=True, vertical_spacing=spacing, row_heights=shares
+    )
+    for row, title in enumerate(up, start=1):
+        figure.update_yaxes(title=title, row=row)
+    figure.update_xaxes(title=across, row=len(up))
+    figure.update_layout(height=height)
+    return figure
 
 
 def add(figure: Figure, row: int, x: object, y: object, **style: object) -> None:
     """Add a line or points to a panel of a figure with one column of them."""
-    figure.add_trace(Scatter(x=x, y=y, **style), row=row, col=1)
+    figure.add_scatter(x=x, y=y, row=row, col=1, **style)
+
+
+def ranked_panel(count: int) -> Figure:
+    """Return a figure for the FITs of so many logs, the worst first."""
+    figure = panel("log, the worst first", "FIT in %", 320)
+    figure.update_xaxes(dtick=max(1, round(count / _MARKS)))
+    return figure
 
 
 def seen_samples(
@@ -78,53 +107,3 @@ def seen_samples(
             part = values[first:last]
             kept.append(first + np.array([part.argmin(), part.argmax()]))
     return np.unique(np.concatenate(kept))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Series:
-    """A figure of which there is one for each log; that of the log that is chosen is drawn.
-
-    ``data`` and ``layout`` are of all of them, the traces without points; ``curves`` for each log
-    and each group of traces that share an x: that x, then the y of each (see `packable`).
-    """
-
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    curves: list[list[list[dict[str, Any]]]]
-
-    @classmethod
-    def of(cls, figure: Figure, curves: list[list[list[dict[str, Any]]]]) -> Series:
-        """Take the look of all from the figure of one."""
-        common = figure.to_dict()
-        traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
-        layout = {key: value for key, value in common["layout"].items() if key != "template"}
-        return cls(data=traces, layout=layout, curves=curves)
-
-    @classmethod
-    def of_figures(cls, figures: Sequence[Figure]) -> Series:
-        """Take the points from the figure of each log."""
-        curves = [
-            [[packable(np.asarray(values)) for values in (trace.x, trace.y)] for trace in each.data]
-            for each in figures
-        ]
-        return cls.of(figures[0], curves)
-
-
-def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
-    """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
-
-    They are ``begin``, the first number, and ``steps`` from it in units of ``quantum``, less than a
-    screen shows of their range; None stands for what is no number. For a logarithmic axis it is
-    their logarithms that are packed.
-    """
-    if logarithmic:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.log10(values)
-    there = np.isfinite(values)
-    finite = np.asarray(values[there], dtype=np.float64)
-    begin = float(finite[0]) if finite.size else 0.0
-    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
-    steps = np.full(values.size, None, dtype=object)
-    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
-    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
-    return packed | {"logarithmic": True} if logarithmic else packed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -10,16 +11,17 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.identification import Identification
+from butterfly.identification.parameter import Parameter
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
-from butterfly.report.estimate_figures import (
+from butterfly.report.figures import middle
+from butterfly.report.format import counted, fit_text
+from butterfly.report.identification_figures import (
     correlation_map,
     frequency_response_figure,
     parameter_figure,
     ranked_figure,
 )
-from butterfly.report.figures import middle
-from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import STATES, conditions_text
 from butterfly.report.log_figures import (
     correlation_figure,
@@ -29,26 +31,15 @@ from butterfly.report.log_figures import (
     time_figure,
     time_series,
 )
-from butterfly.report.page import (
-    Chip,
-    Fact,
-    Named,
-    Page,
-    PageTable,
-    Section,
-    write_page,
-)
-from butterfly.report.parameter_table import ParameterRow, parameter_rows
-from butterfly.report.physical import (
+from butterfly.report.page import Fact, Marked, Page, PageTable, Section, Whisker, write_page
+from butterfly.report.parameter_table import (
     HEADERS,
     TITLE,
+    parameter_texts,
     physical_rows,
     physical_sentences,
 )
-from butterfly.report.residual import (
-    misfit_sentences,
-    misfit_table,
-)
+from butterfly.report.residual import misfit_sentences, misfit_table
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
@@ -82,7 +73,7 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
-    rows = parameter_rows(identification.estimate.table(truth))
+    table = identification.estimate.table(truth)
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     chosen = middle(identification.fit_of_logs)
     states = [health.condition for health in data.health]
@@ -120,7 +111,7 @@ def identification_page(
         ),
         *_physical(identification),
         *_resonances(identification),
-        *_against(identification, rows),
+        *_against(identification),
         *_held_out(identification),
     ]
     return Page(
@@ -129,14 +120,14 @@ def identification_page(
         kind="identification",
         verdict=identification.judged,
         facts=_facts(identification),
-        lead=_lead(rows, data, with_truth=truth is not None),
+        lead=_lead(table, data, with_truth=truth is not None),
         summary=[*identification.summary[1:], *misfit_sentences(misfit)],
         sections=sections,
         numbers=identification.to_dict(truth),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={
-            "parameters": partial(parameter_figure, rows),
+            "parameters": partial(parameter_figure, table),
             "time": partial(time_figure, runs[chosen], bands[chosen]),
             "left-over": partial(correlation_figure, misfit.logs[chosen]),
             "spectrum": partial(spectrum_figure, runs[chosen], misfit.logs[chosen]),
@@ -159,39 +150,38 @@ def _facts(identification: Identification) -> list[Fact]:
     ]
 
 
-def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Section:
+def _lead(parameters: Sequence[Parameter], data: DataSet, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
-    checked = any(row.left_out for row in rows)
-    in_numbers = checked and not with_truth  # too, where there is room
-    headers = ["", "value", "unit", "", "95 % interval", "half of it"]
-    headers += ["true", "deviation"] if with_truth else []
-    headers += ["std error", *(["one mass left out"] if in_numbers else [])]
-    table = PageTable(
-        name="parameters",
-        words=(2,),
-        headers=tuple(headers),
-        rows=[
-            (
-                *(Named(row.symbol, row.meaning), row.value, row.unit, row.whisker),
-                *(row.interval, row.width),
-                *((row.true, row.deviation) if with_truth else ()),
-                *(row.error, *((row.left_out,) if in_numbers else ())),
-            )
-            for row in rows
-        ],
-        caption=(
+    texts, whiskers = map(parameter_texts, parameters), [Whisker.of(each) for each in parameters]
+    checked = any(whisker.left_out for whisker in whiskers)
+    headers = {"interval": "95 % interval", "width": "half of it"}
+    headers |= {"true": "true", "deviation": "deviation"} if with_truth else {}
+    headers["error"] = "std error"
+    if checked and not with_truth:  # in numbers too, where there is room
+        headers["left_out"] = "one mass left out"
+    rows: list[tuple[str | Marked | Whisker, ...]] = []
+    for row, whisker in zip(texts, whiskers, strict=True):
+        symbol = Marked(row["symbol"], meaning=row["meaning"])
+        rows.append((symbol, row["value"], row["unit"], whisker, *(row[key] for key in headers)))
+    caption = ""
+    if any(whisker.drawn for whisker in whiskers):
+        orange = "; orange: the truth" if with_truth else ""
+        caption = (
             "Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
-            f"{'; orange: the truth' if with_truth else ''}; dashed: zero."
-            if any(row.whisker.drawn for row in rows)
-            else ""
+            f"{orange}; dashed: zero."
         )
-        + (
+    if checked:
+        caption += (
             " Grey, below: the estimates without the logs of one added mass, which the interval is "
             "widened to hold: where it is wide, the model misses something that depends on the "
             "mass."
-            if checked
-            else ""
-        ),
+        )
+    table = PageTable(
+        name="parameters",
+        words=(2,),
+        headers=("", "value", "unit", "", *headers.values()),
+        rows=rows,
+        caption=caption,
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
     weight = " + p₃ sin θ" if data.hangs else ""
@@ -224,7 +214,7 @@ def _logs_table(identification: Identification) -> PageTable:
             steady = (f"{point.amplitude:.3f}", *shares)
         rows.append(
             (
-                *(run.log.label, f"{fit_text(run.fit)}", Chip(STATES[state], state)),
+                *(run.log.label, f"{fit_text(run.fit)}", Marked(STATES[state], level=state)),
                 "; ".join(health.findings) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),
@@ -248,16 +238,15 @@ def _logs_table(identification: Identification) -> PageTable:
 def _physical(identification: Identification) -> list[Section]:
     found = identification.separated()
     text = "\n".join(physical_sentences(found))
-    tables: tuple[PageTable, ...] = ()
-    if rows := physical_rows(found):
-        caption = (
-            "What follows from the parameters, and what they are made of as far as what is known "
-            "of motor and hand tells it."
-        )
-        tables = (
-            PageTable(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),
-        )
-    return [Section(title=TITLE, text=text, tables=tables)] if text or tables else []
+    rows = physical_rows(found)
+    caption = (
+        "What follows from the parameters, and what they are made of as far as what is known of "
+        "motor and hand tells it."
+    )
+    table = PageTable(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption)
+    if not (text or rows):
+        return []
+    return [Section(title=TITLE, text=text, tables=(table,) if rows else ())]
 
 
 def _resonances(identification: Identification) -> list[Section]:
@@ -278,12 +267,11 @@ def _resonances(identification: Identification) -> list[Section]:
     return [Section(title="Resonances", tables=(table,))]
 
 
-def _against(identification: Identification, rows: list[ParameterRow]) -> list[Section]:
+def _against(identification: Identification) -> list[Section]:
     if not identification.comparisons:
         return []
-    found = identification.estimate
-    names = [name for name in found.names if name not in found.unestimated]
-    own = dict(zip(names, (row.value for row in rows), strict=False))
+    found = [each for each in identification.estimate.table() if not each.known]
+    own = {each.name: parameter_texts(each)["value"] for each in found}
     fit = identification.fit
     lines = [
         (

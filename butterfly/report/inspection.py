@@ -1,11 +1,11 @@
-"""What `butterfly inspect` says about logs, in lines and rows."""
+"""What `butterfly inspect` says about logs: in lines, in rows, and on the page of one."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeGuard
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
+from butterfly.report.page import Badge, Page, PageTable, Section
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
 
@@ -34,6 +35,12 @@ _TOLD = {
     Level.CARE: "to take care of",
     Level.WARNING: "that cannot be used",
 }
+_ADVICE = {
+    Level.GOOD: "Nothing was found that speaks against this log.",
+    Level.NOTE: "What was found needs nothing done.",
+    Level.CARE: "Look at what was found before you trust what this log tells.",
+}
+_ON_BADGE = ("state", "findings")
 _TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
@@ -60,7 +67,7 @@ class Inspected:
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:
     """Look at every log of a data set; the worst come first."""
-    seen = _apart([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
+    seen = _turned([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
     return sorted(seen, key=lambda each: -list(Level).index(each.condition))
 
 
@@ -92,27 +99,24 @@ def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
     return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(health.remarks))
 
 
-def _apart(seen: Sequence[Inspected]) -> list[Inspected]:
+def _turned(seen: list[Inspected]) -> list[Inspected]:
     """Remark logs that swing whole turns away from where the others do."""
-    middles = [each.health.middle for each in seen if _swings(each.health)]
-    middles.sort(key=abs)
-    home = middles[(len(middles) - 1) // 2] if len(middles) > 1 else 0.0
-    where = "the others" if len(middles) > 1 else "the encoder's 0"
-    return [_away(each, home, where) for each in seen]
-
-
-def _away(seen: Inspected, home: float, where: str) -> Inspected:
-    turns = round((seen.health.middle - home) / _TURN) if _swings(seen.health) else 0
-    if not turns:
-        return seen
-    text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
-    remarks = (*seen.remarks, Remark(Level.NOTE, text))
-    return replace(seen, remarks=remarks)
-
-
-def _swings(health: Health | None) -> TypeGuard[Health]:
-    """Whether a joint stays within a turn, so that it has a middle; a slide has none."""
-    return health is not None and 0.0 < health.turns <= 1.0
+    middles = {
+        number: each.health.middle
+        for number, each in enumerate(seen)
+        if each.health is not None and 0.0 < each.health.turns <= 1.0  # on a slide there is none
+    }
+    home, where = 0.0, "the encoder's 0"
+    if len(middles) > 1:
+        home, where = sorted(middles.values(), key=abs)[(len(middles) - 1) // 2], "the others"
+    result = list(seen)
+    for number, middle in middles.items():
+        turns = round((middle - home) / _TURN)
+        if turns:
+            text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
+            remarks = (*seen[number].remarks, Remark(Level.NOTE, text))
+            result[number] = replace(seen[number], remarks=remarks)
+    return result
 
 
 def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
@@ -142,3 +146,23 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
     ]
+
+
+def inspection_page(log: Log, health: Health) -> Page:
+    """Put together the page of a log that can be used."""
+    from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
+
+    remarks, state = health.remarks, health.condition
+    found = [f"{remark.text}." for remark in remarks]
+    rows = [row for row in health_rows(log, health) if row[0] not in _ON_BADGE]
+    table = PageTable(headers=(), rows=rows, words=(1,))
+    return Page(
+        name=Path(log.source).name or log.label,
+        description="",
+        kind="log",
+        badge=Badge(state, STATES[state].capitalize(), [_ADVICE[state], *found]),
+        summary=hints(remarks),
+        lead=Section(title="In numbers", tables=(table,)),
+        sections=[Section(title="The log", figures={"log": recorded_figure(log)})],
+        numbers={},
+    )

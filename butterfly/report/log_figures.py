@@ -1,30 +1,68 @@
-"""Figures of one simulated log: against time, its spectrum, correlations of its residual.
+"""Figures of one log: as recorded, simulated and predicted, and of its residual.
 
-A page has each of them for every log, as a `Series`.
+A page has some of them for every log, as a `Series`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.graph_objects import Figure, Scatter
-from plotly.subplots import make_subplots
+from plotly.graph_objects import Figure
 
 from butterfly.identification.diagnostics.misfit import LogMisfit
 from butterfly.identification.diagnostics.residuals import LEVELS, Curve, ErrorBand
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.covariance import CONFIDENCE
-from butterfly.report.figures import GREY, PALETTE, SHADE, Series, add, packable, seen_samples
+from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.logs.log import Log
+from butterfly.report.figures import (
+    GREY,
+    PALETTE,
+    SHADE,
+    add,
+    look,
+    panel,
+    panels,
+    seen_samples,
+)
+from butterfly.report.page import Series, packable
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 _STEP = 0.02  # s between drawn points
 _MOST, _LEAST = 150_000, 600  # points of all the logs of a page, and of each
 _OF_SPECTRUM = 250  # points, evenly over the logarithm of the frequency
 _MOST_SAMPLES = 2**20  # that a spectrum is taken of
+_MOST_RECORDED = 20_000  # samples drawn of each column of a log
+_DRAWN = 12  # logs at most, of which a page of predictions shows the course
+_BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
+
+
+def recorded_figure(log: Log) -> Figure:
+    """Draw a log against time, a panel for each column and one for the sampling intervals."""
+    way = log.added_mass.joint.way
+    titles = {
+        "input": "input in its own unit",
+        "angle": f"angle in {way}",
+        "velocity": f"velocity in {way}/s",
+    }
+    curves = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
+    middles = (log.time[1:] + log.time[:-1]) / 2
+    curves["interval in ms"] = (middles, 1e3 * np.diff(log.time))
+    count = len(curves)
+    figure = panels("time in s", [*curves], 220 * count + 80, spacing=0.03)
+    for row, (x, y) in enumerate(curves.values(), start=1):
+        colour, _ = look(row - 1)
+        style = {"mode": "lines", "line": {"color": colour, "width": 1}}
+        if row == count:
+            style = {"mode": "markers", "marker": {"color": colour, "size": 2}}
+        some = seen_samples([y], _MOST_RECORDED)
+        add(figure, row, x[some], y[some].astype(np.float32), showlegend=False, **style)
+    return figure
 
 
 def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> Figure:
@@ -34,9 +72,8 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
     """
     time, angle, simulated, lower, upper, difference = _time_curves(run, band, most)
     way = run.log.added_mass.joint.way
-    figure = make_subplots(
-        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.62, 0.38]
-    )
+    titles = (f"angle in {way}", f"measured −<br>simulated in {way}")
+    figure = panels("time in s", titles, 500, shares=(0.62, 0.38))
     lines = {"mode": "lines", "hovertemplate": f"%{{x:.2f}} s: %{{y:.4f}} {way}"}
     add(figure, 1, time, angle, name="measured", line={"color": PALETTE[0], "width": 1.5}, **lines)
     dashed = {"color": PALETTE[5], "width": 1.5, "dash": "dot"}
@@ -47,10 +84,6 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
     add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=SHADE, **edge)
     thin = {"color": PALETTE[0], "width": 1}
     add(figure, 2, time, difference, name="difference", showlegend=False, line=thin, **lines)
-    figure.update_yaxes(title=f"angle in {way}", row=1)
-    figure.update_yaxes(title=f"measured −<br>simulated in {way}", row=2)
-    figure.update_xaxes(title="time in s", row=2)
-    figure.update_layout(height=500)
     return figure
 
 
@@ -89,14 +122,12 @@ def spectrum_figure(run: FreeRun, misfit: LogMisfit) -> Figure:
         "what the sensor explains": {"color": PALETTE[5], "width": 1.2, "dash": "dash"},
     }
     hover = f"%{{x:.3g}} rad/s: %{{y:.3g}} {way}"
-    figure = Figure()
+    figure = panel("ω in rad/s", f"amplitude in {way}", 340)
+    figure.update_xaxes(type="log").update_yaxes(type="log")
     for (name, line), values in zip(looks.items(), curves, strict=True):
-        figure.add_trace(
-            Scatter(x=omega, y=values, name=name, line=line, mode="lines", hovertemplate=hover)
+        figure.add_scatter(
+            x=omega, y=values, name=name, line=line, mode="lines", hovertemplate=hover
         )
-    figure.update_xaxes(title="ω in rad/s", type="log")
-    figure.update_yaxes(title=f"amplitude in {way}", type="log")
-    figure.update_layout(height=340)
     return figure
 
 
@@ -134,12 +165,9 @@ def _spectra(run: FreeRun, misfit: LogMisfit) -> tuple[NDArray[np.float64], ...]
 
 def correlation_figure(log: LogMisfit) -> Figure:
     """Draw autocorrelation and cross-correlation of a log's residual, with their bands."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
-    curves = {
-        "autocorrelation": log.autocorrelation,
-        "cross-correlation<br>with the input": log.cross_correlation,
-    }
-    for row, (title, curve) in enumerate(curves.items(), start=1):
+    titles = ("autocorrelation", "cross-correlation<br>with the input")
+    figure = panels("lag in s", titles, 480, spacing=0.06)
+    for row, curve in enumerate((log.autocorrelation, log.cross_correlation), start=1):
         lag, *limits, values = _band_and_curve(curve)
         for number, limit in enumerate(limits):
             style: dict[str, Any] = {"showlegend": False}
@@ -151,9 +179,6 @@ def correlation_figure(log: LogMisfit) -> Figure:
             add(figure, row, lag, limit, mode="lines", line=line, hoverinfo="skip", **style)
         line = {"color": PALETTE[0], "width": 1.4}
         add(figure, row, lag, values, mode="lines", line=line, name="the log", showlegend=row == 1)
-        figure.update_yaxes(title=title, row=row)
-    figure.update_xaxes(title="lag in s", row=2)
-    figure.update_layout(height=480)
     return figure
 
 
@@ -176,3 +201,70 @@ def _band_and_curve(curve: Curve | None) -> list[NDArray[np.float32]]:
     (inner, outer), centre = curve.reach, curve.centre
     limits = (centre - outer, centre + outer, centre - inner, centre + inner)
     return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
+
+
+def share_figure(predictions: Sequence[Prediction]) -> Figure:
+    """Draw the share of measured samples inside each band, a point for each log."""
+    figure = panel("number of the log", "measured samples inside, %", 380)
+    for name, (colour, _) in _BANDS.items():
+        if name in predictions[0].bands:
+            figure.add_scatter(
+                x=list(range(len(predictions))),
+                y=[100 * each.bands[name].share(each.measured) for each in predictions],
+                text=[escape(each.run.log.label) for each in predictions],
+                name=f"band of {name}",
+                mode="markers",
+                marker={"color": colour, "size": 8},
+                hovertemplate="%{text}: %{y:.1f} %",
+            )
+    figure.add_hline(y=95, line={"color": GREY, "width": 1, "dash": "dash"})
+    figure.update_yaxes(range=[0, 102])
+    return figure
+
+
+def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
+    """Return those that a page draws in time: all, or some from all over the list."""
+    count = len(predictions)
+    picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
+    return [predictions[number] for number in picked]
+
+
+def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
+    """Draw angle and bands against time, and below both less the free run.
+
+    The measured angle too, where there was one.
+    """
+    way = prediction.run.log.added_mass.joint.way
+    titles = (f"angle in {way}", f"less free run, {way}")
+    figure = panels("time in s", titles, 460, shares=(0.55, 0.45))
+    centre = prediction.run.simulated[prediction.samples]
+    lines = {"free run": (centre, PALETTE[5])}
+    if measured:
+        lines["measured"] = prediction.measured, PALETTE[0]
+    there_and_back = np.concatenate([prediction.time, prediction.time[::-1]])
+    for row, about in ((1, np.zeros_like(centre)), (2, centre)):
+        common = {"mode": "lines", "showlegend": row == 1}
+        for name, (colour, opacity) in _BANDS.items():
+            if name not in prediction.bands:
+                continue
+            band = prediction.bands[name]
+            outline = np.concatenate([band.upper - about, (band.lower - about)[::-1]])
+            add(
+                figure,
+                row,
+                there_and_back,
+                outline.astype(np.float32),
+                name=f"95 %, {name}",
+                fill="toself",
+                fillcolor=colour,
+                opacity=opacity,
+                line={"width": 0, "color": colour},
+                hoverinfo="skip",
+                **common,
+            )
+        for name, (angle, colour) in lines.items():
+            style = {"line": {"width": 1, "color": colour}, **common}
+            style["hovertemplate"] = f"%{{x:.2f}} s: %{{y:.4f}} {way}"
+            y = (angle - about).astype(np.float32)
+            add(figure, row, prediction.time, y, name=name, **style)
+    return figure

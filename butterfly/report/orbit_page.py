@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.graph_objects import Figure, Heatmap, Scatter
+from plotly.graph_objects import Figure
 
 from butterfly.experiment.record import OrbitRecord
 from butterfly.identification.parameter import lumped_numbers
-from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.format import interval, with_error
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Fact, Page, PageTable, Section
-from butterfly.report.parameter_table import Whisker, interval, with_error
+from butterfly.report.page import Fact, Page, PageTable, Section, Whisker
 from butterfly.result import document
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
@@ -178,22 +178,19 @@ def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
 
 
 def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> PageTable:
-    last = study.calibration.rounds[-1]
-    found, generic = last.recalibration, study.generic
+    found, generic = study.calibration.rounds[-1].recalibration, study.generic
     estimate, rows = found.estimate, []
-    for k, name in enumerate(found.names):
-        value, error = float(estimate.values[k]), float(estimate.standard_errors[k])
+    columns = (estimate.values, estimate.standard_errors, estimate.lower, estimate.upper)
+    for name, *numbers in zip(found.names, *(each.tolist() for each in columns), strict=True):
+        value, error, *limits = numbers
         ratio = found.is_ratio(name)
-        scale = generic.p1 if ratio else 1.0
         symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
-        told = None if truth is None else float(getattr(truth, name)) / (truth.p1 if ratio else 1)
-        true = "" if told is None else f"{told:.6g}"
-        limits = interval(float(estimate.lower[k]), float(estimate.upper[k]))
-        before = f"{getattr(generic, name) / scale:.5g}" if ratio else "–"
-        ends = (float(estimate.lower[k]), float(estimate.upper[k]))
-        whisker = Whisker(value=value, limits=ends, true=told)
-        row = (symbol, with_error(value, error), whisker, limits, f"{error:#.2g}", before, true)
-        rows.append(row)
+        true = None if truth is None else getattr(truth, name) / (truth.p1 if ratio else 1.0)
+        whisker = Whisker(value=value, limits=(limits[0], limits[1]), true=true)
+        before = f"{getattr(generic, name) / generic.p1:.5g}" if ratio else "–"
+        shown = "" if true is None else f"{true:.6g}"
+        digits = with_error(value, error)
+        rows.append((symbol, digits, whisker, interval(*limits), f"{error:#.2g}", before, shown))
     return PageTable(
         headers=("", "value", "", "95 % interval", "std error", "at first", "true"),
         rows=rows,
@@ -204,93 +201,78 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
 
 
 def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
+    figure = panel("round", "amplitude in °", 320)
     counts = list(range(len(rounds)))
-    figure = Figure()
-    style = {"color": PALETTE[0], "size": 9}
+    marker = {"color": PALETTE[0], "size": 9}
     reached = [math.degrees(each.amplitude) for each in rounds]
-    figure.add_trace(
-        Scatter(x=counts, y=reached, mode="lines+markers", marker=style, name="reached")
-    )
+    figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
     wanted = [math.degrees(rounds[-1].wanted)] * len(rounds)
     line = {"color": PALETTE[5], "dash": "dash"}
-    figure.add_trace(Scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted"))
-    figure.update_xaxes(title="round", dtick=1)
-    figure.update_yaxes(title="amplitude in °")
-    figure.update_layout(height=320)
+    figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted")
+    figure.update_xaxes(dtick=1)
     return figure
 
 
-def _motion(study: OrbitStudy, each: Round) -> tuple[NDArray[np.float64], ...]:
-    """Time, angle and smoothed velocity of the run that starts farthest from the orbit."""
+def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[NDArray[np.float64]], slice]]:
+    """Of the first and the last round: its number, colour, motion, and what is drawn of that.
 
-    def distance(log: Log) -> float:
-        return abs(abs(float(log.angle[0]) - study.zero) - each.wanted)
-
-    log = max(each.logs[: each.starts], key=distance)
-    width = max(1, round(_SMOOTH / log.mean_step))
-    angle = np.convolve(log.angle - study.zero, np.ones(width) / width, mode="valid")
-    time = np.convolve(log.time, np.ones(width) / width, mode="valid")
-    return time, angle, np.gradient(angle, time)
+    Time, angle and smoothed velocity are those of the run that starts farthest from the orbit.
+    """
+    rounds = study.calibration.rounds
+    for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
+        each = rounds[number]
+        from_orbit = [
+            abs(abs(float(log.angle[0]) - study.zero) - each.wanted)
+            for log in each.logs[: each.starts]
+        ]
+        log = each.logs[int(np.argmax(from_orbit))]
+        width = max(1, round(_SMOOTH / log.mean_step))
+        angle = np.convolve(log.angle - study.zero, np.ones(width) / width, mode="valid")
+        time = np.convolve(log.time, np.ones(width) / width, mode="valid")
+        every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))
+        yield number, colour, [time, angle, np.gradient(angle, time)], slice(None, None, every)
 
 
 def _phase_figure(study: OrbitStudy) -> Figure:
-    rounds = study.calibration.rounds
-    figure = Figure()
-    for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
-        time, angle, velocity = _motion(study, rounds[number])
-        every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))
-        x, y = (np.degrees(part[::every]).astype(np.float32) for part in (angle, velocity))
+    figure = panel("angle in °", "velocity in °/s", 520)
+    for number, colour, (_, *motion), some in _motions(study):
+        x, y = (np.degrees(part[some]).astype(np.float32) for part in motion)
         line = {"color": colour, "width": 1}
-        figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=f"round {number}"))
-    orbit = rounds[-1].orbit
-    angle, velocity = orbit.solution(np.linspace(0, orbit.period, 200))
+        figure.add_scatter(x=x, y=y, mode="lines", line=line, name=f"round {number}")
+    orbit = study.calibration.rounds[-1].orbit
+    x, y = np.degrees(orbit.solution(np.linspace(0, orbit.period, 200)))
     dashed = {"color": PALETTE[5], "width": 2, "dash": "dash"}
-    figure.add_trace(
-        Scatter(x=np.degrees(angle), y=np.degrees(velocity), line=dashed, name="orbit")
-    )
-    figure.update_xaxes(title="angle in °")
-    figure.update_yaxes(title="velocity in °/s")
-    figure.update_layout(height=520)
+    figure.add_scatter(x=x, y=y, line=dashed, name="orbit")
     return figure
 
 
 def _invariant_figure(study: OrbitStudy) -> Figure:
     """Invariant of the nominal runs, as a share of E*, and its predicted decay."""
     rounds, model = study.calibration.rounds, study.calibration.parameters
-    figure = Figure()
     orbit = Orbit.of_amplitude(model, rounds[-1].orbit.upper)
     depth = orbit.energy - energy(model, 0.0, 0.0)
-    for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
-        each = rounds[number]
-        time, angle, velocity = _motion(study, each)
+    figure = panel("time in s", "I/E*", 360)
+    for number, colour, (time, angle, velocity), some in _motions(study):
         values = (energy(model, angle, velocity) - orbit.energy) / depth
         area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])
+        each = rounds[number]
         predicted = values[0] * np.exp(-each.believed.p4 * each.gamma * area)
-        every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))
         for y, dash, what in ((values, "solid", "measured"), (predicted, "dot", "predicted")):
             line = {"color": colour, "width": 1.2, "dash": dash}
-            name = f"round {number}, {what}"
-            x, y32 = time[::every].astype(np.float32), y[::every].astype(np.float32)
-            figure.add_trace(Scatter(x=x, y=y32, mode="lines", line=line, name=name))
-    figure.update_xaxes(title="time in s")
-    figure.update_yaxes(title="I/E*")
-    figure.update_layout(height=360)
+            curve = {"x": time[some].astype(np.float32), "y": y[some].astype(np.float32)}
+            figure.add_scatter(**curve, mode="lines", line=line, name=f"round {number}, {what}")
     return figure
 
 
 def _cross_figure(study: OrbitStudy) -> Figure:
     labels = [f"{math.degrees(each):.3g}°" for each in study.amplitudes]
-    figure = Figure(
-        Heatmap(
-            z=np.degrees(study.cross),
-            x=labels,
-            y=labels,
-            texttemplate="%{z:.3g}",
-            colorscale="Cividis",
-            colorbar={"title": {"text": "°"}},
-        )
+    figure = panel("used at", "calibrated at", 380)
+    figure.add_heatmap(
+        z=np.degrees(study.cross),
+        x=labels,
+        y=labels,
+        texttemplate="%{z:.3g}",
+        colorscale="Cividis",
+        colorbar={"title": {"text": "°"}},
     )
-    figure.update_xaxes(title="used at")
-    figure.update_yaxes(title="calibrated at")
-    figure.update_layout(height=380)
     return figure

@@ -4,60 +4,89 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from numpy.typing import NDArray
 
 from butterfly import __version__
 from butterfly.files import replacing
-from butterfly.report.parameter_table import Whisker
+from butterfly.identification.parameter import Parameter
 from butterfly.result import TextTable, write_document
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from butterfly.report.figures import Series
-
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
+_MARGIN = 0.1  # of the range that a whisker shows, on either side
+_SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 
 
-class Link(NamedTuple):
-    """A text in a table that leads to a file beside the report."""
+class Marked(NamedTuple):
+    """A text in a table that leads to a file, matters more or less, or has what it stands for."""
 
     text: str
-    href: str
+    href: str = ""  # from the report on
+    level: Level | None = None
+    meaning: str = ""
 
     def __str__(self) -> str:
         return self.text
 
 
-class Chip(NamedTuple):
-    """A short text in a table that stands out by how much it matters."""
+@dataclass(frozen=True, kw_only=True)
+class Whisker:
+    """An estimate with its interval as a mark in a row of a table: a line of a forest plot."""
 
-    text: str
-    level: Level
+    value: float
+    limits: tuple[float, float] | None = None  # of its 95 % interval
+    left_out: tuple[float, float] | None = None  # range of estimates that leave a mass out
+    true: float | None = None  # where it is known
+
+    @classmethod
+    def of(cls, row: Parameter) -> Whisker:
+        """Return a row of an estimate's table as a mark."""
+        limits = (
+            None if row.known or row.lower is None or row.upper is None else (row.lower, row.upper)
+        )
+        least, largest = row.least_left_out, row.largest_left_out
+        left_out = None if least is None or largest is None else (least, largest)
+        return cls(value=row.value, limits=limits, left_out=left_out, true=row.true)
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Ends of an axis that holds all of it."""
+        known = [self.value, *(self.limits or ()), *(self.left_out or ())]
+        known += [] if self.true is None else [self.true]
+        least, most = min(known), max(known)
+        spare = _MARGIN * (most - least) or abs(least) or 1.0
+        return least - spare, most + spare
+
+    @property
+    def zero(self) -> float | None:
+        """Where 0 is, from 0 to 100 along the axis; None if it is not on it."""
+        least, most = self.scale
+        return self.place(0.0) if least <= 0.0 <= most else None
+
+    def place(self, number: float) -> float:
+        """Return where a number is, from 0 to 100 along the axis."""
+        least, most = self.scale
+        return round(100 * (number - least) / (most - least), 2)
+
+    @property
+    def drawn(self) -> bool:
+        """Whether there is an interval to draw, of finite limits."""
+        return self.limits is not None and all(map(math.isfinite, self.scale))
 
     def __str__(self) -> str:
-        return self.text
-
-
-class Named(NamedTuple):
-    """A symbol in a table, and below it what it stands for."""
-
-    text: str
-    meaning: str
-
-    def __str__(self) -> str:
-        return self.text
-
-
-Cell: TypeAlias = "str | Link | Chip | Named | Whisker"
-"""What stands in a table."""
+        return ""
 
 
 class Fact(NamedTuple):
@@ -81,11 +110,61 @@ class PageTable:
     """Rows of cells under headers, units in the headers."""
 
     headers: tuple[str, ...]
-    rows: Sequence[tuple[Cell, ...]]
+    rows: Sequence[tuple[str | Marked | Whisker, ...]]
     caption: str = ""
     name: str = ""  # by which a page's links and programs find it
     words: tuple[int, ...] = ()  # columns of text: on the left, broken into lines; so is the first
     picks: Sequence[int] = ()  # for each row the number of the log that it chooses
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """A figure of which there is one for each log; that of the log that is chosen is drawn.
+
+    ``data`` and ``layout`` are of all of them, the traces without points; ``curves`` for each log
+    and each group of traces that share an x: that x, then the y of each (see `packable`).
+    """
+
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    curves: list[list[list[dict[str, Any]]]]
+
+    @classmethod
+    def of(cls, figure: Figure, curves: list[list[list[dict[str, Any]]]]) -> Series:
+        """Take the look of all from the figure of one."""
+        common = figure.to_dict()
+        traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
+        layout = {key: value for key, value in common["layout"].items() if key != "template"}
+        return cls(data=traces, layout=layout, curves=curves)
+
+    @classmethod
+    def of_figures(cls, figures: Sequence[Figure]) -> Series:
+        """Take the points from the figure of each log."""
+        curves = [
+            [[packable(np.asarray(values)) for values in (trace.x, trace.y)] for trace in each.data]
+            for each in figures
+        ]
+        return cls.of(figures[0], curves)
+
+
+def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
+    """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
+
+    They are ``begin``, the first number, and ``steps`` from it in units of ``quantum``, less than a
+    screen shows of their range; None stands for what is no number. For a logarithmic axis it is
+    their logarithms that are packed.
+    """
+    if logarithmic:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = np.log10(values)
+    there = np.isfinite(values)
+    finite = np.asarray(values[there], dtype=np.float64)
+    begin = float(finite[0]) if finite.size else 0.0
+    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
+    steps = np.full(values.size, None, dtype=object)
+    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
+    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
+    return packed | {"logarithmic": True} if logarithmic else packed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,149 +1,159 @@
-"""The table of parameters as texts and marks: what console, page and notebook show of it."""
+"""The tables of parameters as texts, and what is left open of physical ones in words."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from butterfly.identification.parameter import Parameter, or_nan
+from butterfly.identification.derived_quantities import SYMBOLS
+from butterfly.identification.parameter import Parameter, or_nan, or_none
+from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
+from butterfly.model.prior import plain
+from butterfly.report.format import interval, with_error
+from butterfly.result import Answer, aligned
+from butterfly.verdict import Verdict
 
-_MARGIN = 0.1  # of the range that a whisker shows, on either side
+TITLE = "Physical parameters and derived quantities"
+"""Of the table of physical ones."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Whisker:
-    """An estimate with its interval as a mark in a row of a table: a line of a forest plot."""
-
-    value: float
-    limits: tuple[float, float] | None = None  # of its 95 % interval
-    left_out: tuple[float, float] | None = None  # range of estimates that leave a mass out
-    true: float | None = None  # where it is known
-
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Ends of an axis that holds all of it."""
-        known = [self.value, *(self.limits or ()), *(self.left_out or ())]
-        known += [] if self.true is None else [self.true]
-        least, most = min(known), max(known)
-        spare = _MARGIN * (most - least) or abs(least) or 1.0
-        return least - spare, most + spare
-
-    @property
-    def zero(self) -> float | None:
-        """Where 0 is, from 0 to 100 along the axis; None if it is not on it."""
-        least, most = self.scale
-        return self.place(0.0) if least <= 0.0 <= most else None
-
-    def place(self, number: float) -> float:
-        """Return where a number is, from 0 to 100 along the axis."""
-        least, most = self.scale
-        return round(100 * (number - least) / (most - least), 2)
-
-    @property
-    def drawn(self) -> bool:
-        """Whether there is an interval to draw, of finite limits."""
-        return self.limits is not None and all(map(math.isfinite, self.scale))
-
-    def __str__(self) -> str:
-        return ""
+HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
+"""Of the same."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParameterRow:
-    """A row as texts, empty where there is nothing to say; ``whisker`` is the same to be drawn."""
+def parameter_texts(row: Parameter) -> dict[str, str]:
+    """Return a parameter as console, page and notebook show it; "" where there is nothing to say.
 
-    symbol: str
-    meaning: str
-    unit: str
-    value: str
-    error: str
-    interval: str
-    width: str
-    left_out: str
-    true: str
-    deviation: str
-    whisker: Whisker
+    ``width`` is half the interval over the value; of one that may as well be 0, that it may.
+    """
+    error, limits, width = "–", "–", "–"
+    if row.known:
+        error = "known"
+    else:
+        if row.standard_error is not None:
+            error = f"{row.standard_error:#.2g}"
+        limits = interval(or_nan(row.lower), or_nan(row.upper))
+        if row.lower is not None and row.upper is not None:
+            if row.lower <= 0 <= row.upper:
+                width = "may be 0"
+            elif row.value:
+                width = f"± {50 * (row.upper - row.lower) / abs(row.value):.2g} %"
+    left_out = ""
+    if row.least_left_out is not None and row.largest_left_out is not None:
+        left_out = interval(row.least_left_out, row.largest_left_out)
+    return {
+        "symbol": row.symbol,
+        "meaning": row.meaning,
+        "unit": row.unit,
+        "value": with_error(row.value, or_nan(row.standard_error)),
+        "error": error,
+        "interval": limits,
+        "width": width,
+        "left_out": left_out,
+        "true": "" if row.true is None else f"{row.true:.5g}",
+        "deviation": "" if row.deviation is None else f"{100 * row.deviation:+z.2f} %",
+    }
 
 
-def parameter_rows(table: Iterable[Parameter]) -> list[ParameterRow]:
-    """Return the rows of an estimate's table as texts."""
+def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
+    """Return the rows of the table of physical parameters."""
     return [
-        ParameterRow(
-            symbol=each.symbol,
-            meaning=each.meaning,
-            unit=each.unit,
-            value=with_error(each.value, or_nan(each.standard_error)),
-            error=_error(each),
-            interval="–" if each.known else interval(or_nan(each.lower), or_nan(each.upper)),
-            width=_width(each),
-            left_out=_left_out(each),
-            true="" if each.true is None else f"{each.true:.5g}",
-            deviation="" if each.deviation is None else f"{100 * each.deviation:+z.2f} %",
-            whisker=_whisker(each),
+        (
+            f"{SYMBOLS[each.name].symbol}, {SYMBOLS[each.name].meaning}",
+            with_error(each.value, each.standard_error),
+            "–" if or_none(each.standard_error) is None else f"{each.standard_error:#.2g}",
+            interval(each.value - each.reach, each.value + each.reach),
+            "" if each.told is None else str(each.told),
+            each.unit,
         )
-        for each in table
+        for each in parameters.found
     ]
 
 
-def _width(row: Parameter) -> str:
-    """Return half the interval over the value; of one that may as well be 0, that it may."""
-    if row.known or row.lower is None or row.upper is None:
-        return "–"
-    if row.lower <= 0 <= row.upper:
-        return "may be 0"
-    if not row.value:
-        return "–"
-    return f"± {50 * (row.upper - row.lower) / abs(row.value):.2g} %"
+def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
+    """Return the same for programs, by name."""
+    return {
+        each.name: {
+            "value": each.value,
+            "standard_error": or_none(each.standard_error),
+            "lower": or_none(each.value - each.reach),
+            "upper": or_none(each.value + each.reach),
+            "told": each.told and plain(each.told),
+            "unit": each.unit,
+        }
+        for each in parameters.found
+    }
 
 
-def _whisker(row: Parameter) -> Whisker:
-    lower, upper = (None, None) if row.known else (row.lower, row.upper)
-    least, largest = row.least_left_out, row.largest_left_out
-    return Whisker(
-        value=row.value,
-        limits=None if lower is None or upper is None else (lower, upper),
-        left_out=None if least is None or largest is None else (least, largest),
-        true=row.true,
+def physical_sentences(parameters: PhysicalParameters) -> list[str]:
+    """Say what is left open, and which measurement would tell."""
+    return [_SENTENCES[each.lack](each) for each in parameters.unseparated]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Separated(Answer):
+    """Physical parameters, and what is left open of them."""
+
+    kind: ClassVar[str] = "physical"
+
+    @classmethod
+    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
+        """Tabulate what is known of the robot of some data."""
+        numbers = physical_numbers(parameters)
+        return cls(
+            title=f"{TITLE} of {name!r}",
+            summary=(judged.sentence, *physical_sentences(parameters)),
+            content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
+            judged=judged,
+        )
+
+    def shown_lines(self) -> list[str]:
+        """Return the table as lines."""
+        rows = self.shown_rows()
+        return aligned(rows) if rows else []
+
+
+def _back_emf(left: Unseparated) -> str:
+    most = "" if left.most is None else f" k_emf is {left.most.value:.3g} V s/rad at most."
+    return (
+        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
+        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
+        f"SI units).{most}"
     )
 
 
-def _left_out(row: Parameter) -> str:
-    if row.least_left_out is None or row.largest_left_out is None:
-        return ""
-    return interval(row.least_left_out, row.largest_left_out)
-
-
-def _error(row: Parameter) -> str:
-    if row.known:
-        return "known"
-    return "–" if row.standard_error is None else f"{row.standard_error:#.2g}"
-
-
-def with_error(value: float, error: float) -> str:
-    """Write ``value`` to the second digit of its standard error, or to five digits without one.
-
-    A value that is no number is a dash.
-    """
-    if not math.isfinite(value):
-        return "–"
-    if not (math.isfinite(error) and error > 0):
-        return f"{value:.5g}"
-    if abs(value) < error / 10:
-        return f"{value:.1g}"
-    return f"{value:#.{significant_digits(value, error)}g}".rstrip(".")
-
-
-def significant_digits(value: float, error: float) -> int:
-    """Count the digits of ``value`` down to the second digit of ``error``."""
-    if value == 0:
-        return 2
-    return max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 2, 2)
-
-
-def interval(lower: float, upper: float) -> str:
-    """Write an interval to the second digit of a quarter of its width; a dash if there is none."""
-    if not (math.isfinite(lower) and math.isfinite(upper)):
-        return "–"
-    error = (upper - lower) / 4
-    return f"[{with_error(lower, error)}, {with_error(upper, error)}]"
+_SENTENCES: dict[Lack, Callable[[Unseparated], str]] = {
+    Lack.MASS: lambda _: (
+        "Motion does not tell m_p from l_c (only p3 = m_p g l_c), nor J_p from m_p l_c² (only "
+        "their sum in p1): weigh the hand (hand_mass)."
+    ),
+    Lack.GRAVITY: lambda _: (
+        "Across no gravity motion does not tell l_c, nor J_p from m_p l_c², though the hand be "
+        "weighed: log it with its axis level."
+    ),
+    Lack.ROTOR: lambda _: (
+        "Motion does not tell the hand's inertia from the rotor's N² J_r (only their sum p1): take "
+        "J_r from the motor's data sheet (rotor_inertia)."
+    ),
+    Lack.ROTOR_OF_SLIDE: lambda _: (
+        "Motion does not tell the mass that slides from the rotor's N² J_r (only their sum p1): "
+        "weigh it (hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
+    ),
+    Lack.GAIN: lambda _: (
+        "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill "
+        "(resistance), or take k_t from the motor's data sheet (torque_constant)."
+    ),
+    Lack.BACK_EMF: _back_emf,
+    Lack.GEAR: lambda _: (
+        "Nothing of the motor says anything of a slide before it is known how many rad it turns "
+        "per m (gear_ratio)."
+    ),
+    Lack.COMMAND: lambda _: (
+        "Motion does not tell what a unit of the command is. Say p4 if you know it: 1 where it is "
+        "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
+    ),
+    Lack.UNUSED: lambda left: (
+        f"{' and '.join(left.names)} {'says' if len(left.names) == 1 else 'say'} nothing here: the "
+        "command is a torque, and R and back EMF are hidden behind a current loop."
+    ),
+}

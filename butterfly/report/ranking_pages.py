@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from plotly.graph_objects import Bar, Figure, Scatter
+from plotly.graph_objects import Figure
 
 from butterfly.comparison.leaderboard import Entry
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.validate import Structure
-from butterfly.report.figures import PALETTE, look
+from butterfly.report.figures import PALETTE, look, panel
 from butterfly.report.format import fit_text
-from butterfly.report.page import Chip, Page, PageTable, Section
+from butterfly.report.page import Marked, Page, PageTable, Section
 from butterfly.result import Result
 
 _HEADERS: tuple[str, ...] = (
@@ -24,6 +24,7 @@ _HEADERS: tuple[str, ...] = (
     *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
 )
 _ROW = 52  # pixels of an estimator
+_BASIC = "p1..p4, coulomb, delay"  # which every structure has
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
@@ -33,10 +34,9 @@ def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
     sections = []
     for number, name in enumerate(sets):
         own = [entry for entry in entries if entry.data == name]
-        figure = {f"fit-{number}": _leaderboard_figure(own)}
-        sections.append(
-            Section(title=f"{name}: FIT in %", tables=(_leaderboard_table(own),), figures=figure)
-        )
+        figures = {f"fit-{number}": _leaderboard_figure(own)}
+        table = _leaderboard_table(own)
+        sections.append(Section(title=f"{name}: FIT in %", tables=(table,), figures=figures))
     return Page(
         name="leaderboard",
         description=result.title,
@@ -50,13 +50,12 @@ def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
 
 def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
     names = ("p1", "p2", "p3", "p4", "coulomb")
-    rows = []
+    rows: list[tuple[str | Marked, ...]] = []
     for entry in entries:
         values = ["–"] * len(names)
-        chip: str | Chip = "–"
-        if entry.estimate is not None:
-            found = entry.estimate
-            chip = Chip(found.level.verdict, found.level)
+        found, level = entry.estimate, Marked("–")
+        if found is not None:
+            level = Marked(found.level.verdict, level=found.level)
             estimated = {*found.names, *found.fixed} - {*found.unestimated}
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
@@ -64,7 +63,7 @@ def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
             ]
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
         rest = (f"{entry.seconds:.2f}", *values, entry.error or "–")
-        rows.append((entry.method, chip, *fits, *rest))
+        rows.append((entry.method, level, *fits, *rest))
     last = len(_HEADERS) - 1
     shown = slice(None if any(entry.error for entry in entries) else last)
     return PageTable(headers=_HEADERS[shown], rows=[row[shown] for row in rows], words=(1, last))
@@ -76,14 +75,14 @@ def _fit(fit: FitSummary | None) -> tuple[str, str]:
 
 def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
     """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
-    figure = Figure()
+    figure = panel("100 − median FIT in %: further left is better", "", _ROW * len(entries) + 110)
     kinds = (("left out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
     for number, (name, field, place, size) in enumerate(kinds):
         fits = {each.method: getattr(each, field) for each in reversed(entries)}
         medians = {method: fit.median for method, fit in fits.items() if fit is not None}
         finite = {method: fit for method, fit in medians.items() if math.isfinite(fit)}
         colour, symbol = look(number)
-        trace = Scatter(
+        figure.add_scatter(
             x=[max(100 - fit, _LEAST) for fit in finite.values()],
             y=list(finite),
             text=[f"{fit_text(fit)} %" for fit in finite.values()],
@@ -93,12 +92,10 @@ def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
             marker={"color": colour, "symbol": symbol + "-open" * number, "size": size},
             hovertemplate="%{y}: %{text}",
         )
-        figure.add_trace(trace)
-    figure.update_xaxes(title="100 − median FIT in %: further left is better", type="log")
+    figure.update_xaxes(type="log")
     methods = [each.method for each in entries]
     ends = [-0.6, len(methods) - 0.4]
     figure.update_yaxes(categoryorder="array", categoryarray=methods[::-1], range=ends)
-    figure.update_layout(height=_ROW * len(methods) + 110)
     return figure
 
 
@@ -110,7 +107,7 @@ def structures_table(passed: Sequence[Structure]) -> PageTable:
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
         cells = [fit_text(value) for fit in fits for value in (fit.median, fit.mean)]
-        rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
+        rows.append((", ".join((_BASIC, *structure.terms)), *cells))
     fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
     return PageTable(headers=("terms", *fit_headers), rows=rows)
 
@@ -136,30 +133,28 @@ def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -
 
 
 def _structures_figure(passed: Sequence[Structure]) -> Figure:
-    figure = Figure()
-    names = ["p1..p4, coulomb, delay", *(f"+ {each.terms[-1]}" for each in passed[1:])]
+    figure = panel("", "median FIT in %", 340)
+    names = [_BASIC, *(f"+ {each.terms[-1]}" for each in passed[1:])]
     fits = {"in sample": [each.in_sample.median for each in passed]}
     for split in passed[0].held_out:
         fits[f"{split} left out"] = [each.held_out[split].median for each in passed]
     for number, (name, values) in enumerate(fits.items()):
         colour, symbol = look(number)
         marker = {"color": colour, "symbol": symbol, "size": 9}
-        figure.add_trace(Scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker))
-    figure.update_yaxes(title="median FIT in %")
-    figure.update_layout(height=340)
+        figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
     return figure
 
 
 def fits_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Draw every column of FITs of a table, a point for each log."""
     columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-    places = list(range(1, len(rows) + 1))
-    figure = Figure()
+    places = range(1, len(rows) + 1)
+    figure = panel("log, in the order of the table", "FIT in %")
     for number, name in enumerate(columns):
         colour, symbol = look(number)
         marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
-        drawn = Scatter(
-            x=places,
+        figure.add_scatter(
+            x=list(places),
             y=[row[name] for row in rows],
             text=[
                 escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
@@ -169,16 +164,13 @@ def fits_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
             marker=marker | {"size": 8 + 4 * (number % 2)},
             hovertemplate="%{text}: %{y:.1f} %",
         )
-        figure.add_trace(drawn)
-    figure.update_xaxes(title="log, in the order of the table")
-    figure.update_yaxes(title="FIT in %")
-    figure.update_layout(height=420)
     return figure
 
 
 def ranking_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Draw the mean of what is left of the standard errors, for each candidate experiment."""
-    bars = Bar(
+    figure = panel("candidate, in the order of the table", "standard errors after, over those now")
+    figure.add_bar(
         x=[str(rank) for rank in range(1, len(rows) + 1)],
         y=[row["mean"] for row in rows],
         text=[f"{row['input']}, {row['added mass']}" for row in rows],
@@ -186,8 +178,4 @@ def ranking_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         hovertemplate="%{text}: %{y:.2f}<extra></extra>",
         marker={"color": PALETTE[0]},
     )
-    figure = Figure(bars)
-    figure.update_xaxes(title="candidate, in the order of the table")
-    figure.update_yaxes(title="standard errors after, over those now")
-    figure.update_layout(height=420)
     return figure

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from plotly.graph_objects import Figure, Scatter
+from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
 from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
 from butterfly.identification.diagnostics.residual_torque import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import TERMS
-from butterfly.report.figures import look, seen_samples
+from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.page import Fact, Page, PageTable, Section
@@ -129,15 +129,9 @@ def _torque_figure(residual: ResidualTorque, title: str, way: str) -> Figure:
     torque = residual.torque[some].astype(np.float32)
     for row, (below, values) in enumerate(columns.items(), start=1):
         colour, _ = look(row - 1)
-        trace = Scatter(
-            x=values[some],
-            y=torque,
-            line={"color": colour, "width": 1},
-            marker={"color": colour, "size": 3, "opacity": 0.5},
-            mode="lines" if row == 1 else "markers",
-            showlegend=False,
-        )
-        figure.add_trace(trace, row=row, col=1)
+        style = {"line": {"color": colour, "width": 1}, "mode": "lines" if row == 1 else "markers"}
+        style["marker"] = {"color": colour, "size": 3, "opacity": 0.5}
+        add(figure, row, values[some], torque, showlegend=False, **style)
         figure.update_xaxes(title=below, row=row)
         figure.update_yaxes(title=title, row=row)
     figure.update_layout(height=880)

@@ -20,8 +20,7 @@ from butterfly.model.prior import Prior
 from butterfly.report.finding_texts import REMEDY, estimate_sentences
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
-from butterfly.report.parameter_table import parameter_rows
-from butterfly.report.physical import HEADERS, TITLE, physical_rows
+from butterfly.report.parameter_table import HEADERS, TITLE, parameter_texts, physical_rows
 from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
@@ -55,16 +54,20 @@ def summary(identification: Identification) -> list[str]:
 def tables(identification: Identification, truth: LumpedParameters | None) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
-    headers = ("", "true", "deviation", "estimate", "std error", "95 % interval", "unit")
-    rows = [
-        (
-            *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
-            *(row.unit, row.left_out),
-        )
-        for row in parameter_rows(estimate.table(truth))
-    ]
+    columns = {
+        "symbol": "",
+        "true": "true",
+        "deviation": "deviation",
+        "value": "estimate",
+        "error": "std error",
+        "interval": "95 % interval",
+        "unit": "unit",
+        "left_out": "one mass left out",
+    }
+    texts = map(parameter_texts, estimate.table(truth))
+    rows = [[row[column] for column in columns] for row in texts]
     title = f"{identification.origin['name']}: {estimate.method}"
-    found = [TextTable(title, (*headers, "one mass left out"), rows)]
+    found = [TextTable(title, [*columns.values()], rows)]
     if derived := physical_rows(identification.separated()):
         found.append(TextTable(TITLE, HEADERS, derived))
     if estimate.resonances:

@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.graph_objects import Figure, Heatmap, Scatter
-from plotly.subplots import make_subplots
+from plotly.graph_objects import Figure
 
 from butterfly.experiment.sweep_tables import Estimates
 from butterfly.model.terms import TERMS
-from butterfly.report.figures import GREY, PALETTE
+from butterfly.report.figures import GREY, PALETTE, add, panel, panels
 from butterfly.report.format import field_label
 
 _DISTINCT = 12  # values of a field, up to which each is drawn; beyond, they are put into bins
@@ -21,6 +20,11 @@ _BINS = 8
 _CELLS = 8  # of a heat map, along either axis
 _MAPS = 4  # heat maps at most
 _ROW = 190  # pixels of a panel
+_COLOURS = ("#009E73", "#56B4E9", "#E69F00", "#D55E00")  # of quarters of the estimates, best first
+_LINES = 400  # at most, of all fields at once
+_FEWEST = 2  # fields that a line goes through, and values that an axis has
+_TICKS = 8  # values of an axis, up to which each is written
+_MARGIN = 0.03  # of an axis, by which written values are off its ends
 
 
 def axis_figure(table: Estimates, field: str) -> Figure | None:
@@ -28,9 +32,13 @@ def axis_figure(table: Estimates, field: str) -> Figure | None:
     names = table.distinct("parameter")
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
-    figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    titles = [f"{TERMS[name].symbol} in %" for name in names]
+    height = _ROW * len(names) + 90
+    figure = panels(escape(field_label(field)), titles, height, spacing=0.03)
     for index, method in enumerate(table.estimators):
         colour = PALETTE[index % len(PALETTE)]
+        style: dict[str, Any] = {"mode": "lines+markers", "name": method, "legendgroup": method}
+        style |= {"marker": {"color": colour, "size": 6}, "line": {"color": colour, "width": 1.2}}
         for row, name in enumerate(names, start=1):
             group = table.where(estimator=method, parameter=name)
             if not group["value"].size:
@@ -40,31 +48,11 @@ def axis_figure(table: Estimates, field: str) -> Figure | None:
                 [np.percentile(100 * group["deviation"][part], (25, 50, 75)) for part in parts]
             )
             low, middle, high = quartiles.T
-            figure.add_trace(
-                Scatter(
-                    x=where,
-                    y=middle,
-                    error_y={
-                        "array": high - middle,
-                        "arrayminus": middle - low,
-                        "symmetric": False,
-                        "thickness": 1.2,
-                    },
-                    mode="lines+markers",
-                    marker={"color": colour, "size": 6},
-                    line={"color": colour, "width": 1.2},
-                    name=method,
-                    legendgroup=method,
-                    showlegend=row == 1,
-                ),
-                row=row,
-                col=1,
-            )
-            figure.update_yaxes(title=f"{TERMS[name].symbol} in %", row=row)
-    figure.update_xaxes(title=escape(field_label(field)), row=len(names))
+            spread = {"array": high - middle, "arrayminus": middle - low}
+            spread |= {"symmetric": False, "thickness": 1.2}
+            add(figure, row, where, middle, error_y=spread, showlegend=row == 1, **style)
     if spans_decades(table[field]):
         figure.update_xaxes(type="log")
-    figure.update_layout(height=_ROW * len(names) + 90)
     return figure
 
 
@@ -111,33 +99,22 @@ def _heat_map(group: Estimates, across: str, up: str) -> Figure:
         [float(np.median(size[row & col])) if (row & col).any() else np.nan for col in columns]
         for row in rows
     ]
-    labels = [[short(value) for value in values] for values in (x, y)]
-    figure = Figure(
-        Heatmap(
-            z=cells,
-            x=labels[0],
-            y=labels[1],
-            colorscale="Cividis",
-            texttemplate="%{z:.3g}" if len(x) <= _CELLS else None,
-            colorbar={"title": {"text": "%"}},
-        )
+    figure = panel(escape(field_label(across)), escape(field_label(up)))
+    figure.add_heatmap(
+        z=cells,
+        x=[short(value) for value in x],
+        y=[short(value) for value in y],
+        colorscale="Cividis",
+        texttemplate="%{z:.3g}" if len(x) <= _CELLS else None,
+        colorbar={"title": {"text": "%"}},
     )
-    figure.update_xaxes(title=escape(field_label(across)), type="category")
-    figure.update_yaxes(title=escape(field_label(up)), type="category")
-    figure.update_layout(height=420)
+    figure.update_xaxes(type="category").update_yaxes(type="category")
     return figure
 
 
 def short(value: Any) -> str:  # noqa: ANN401 - a number or a text
     """Write a value in a few characters."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-_COLOURS = ("#009E73", "#56B4E9", "#E69F00", "#D55E00")  # of quarters of the estimates, best first
-_MOST = 400  # lines
-_FEWEST = 2  # fields that a line goes through, and values that an axis has
-_TICKS = 8  # values of an axis, up to which each is written
-_MARGIN = 0.03  # of an axis, by which written values are off its ends
 
 
 class _Axis(NamedTuple):
@@ -163,15 +140,15 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     axes.append(_axis("median FIT\nin %", rows["fit_median"]))
     rank = np.argsort(np.argsort(worst, kind="stable"), kind="stable")
     quarter = len(_COLOURS) * rank // max(worst.size, 1)
-    some = np.unique(np.linspace(0, worst.size - 1, min(worst.size, _MOST)).round().astype(int))
+    some = np.unique(np.linspace(0, worst.size - 1, min(worst.size, _LINES)).round().astype(int))
     figure = Figure()
     steps = np.arange(len(axes), dtype=float)
-    for number, colour in enumerate(_COLOURS):
+    names = ("best quarter", "second", "third", "worst quarter")
+    for number, (name, colour) in enumerate(zip(names, _COLOURS, strict=True)):
         chosen = some[quarter[some] == number]
         lines = np.column_stack([axis.places[chosen] for axis in axes])
         gap = np.full((chosen.size, 1), np.nan)
-        name = ("best quarter", "second", "third", "worst quarter")[number]
-        drawn = Scatter(
+        figure.add_scatter(
             x=np.tile(np.append(steps, np.nan), chosen.size),
             y=np.hstack([lines, gap]).ravel().astype(np.float32),
             mode="lines",
@@ -180,7 +157,6 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
             name=name,
             hoverinfo="skip",
         )
-        figure.add_trace(drawn)
     for step, axis in enumerate(axes):
         figure.add_vline(x=step, line={"color": GREY, "width": 1})
         for place, text in axis.marks.items():

@@ -10,17 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.experiment.record import OK, SweepRecord
-from butterfly.experiment.sweep_tables import MISSING, Estimates, column
+from butterfly.experiment.sweep_tables import MISSING, Estimates, Recovery, column
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
-from butterfly.report.page import Fact, Link, Page, PageTable, Section
-from butterfly.report.sweep_figures import (
-    axis_figure,
-    heat_maps,
-    parallel_figure,
-    short,
-)
+from butterfly.report.page import Fact, Marked, Page, PageTable, Section
+from butterfly.report.sweep_figures import axis_figure, heat_maps, parallel_figure, short
 from butterfly.result import document
 from butterfly.verdict import VERDICTS
 
@@ -29,6 +24,7 @@ if TYPE_CHECKING:
 
 
 _LISTED = 100  # runs in a table of what went wrong
+_ORBITS = 200  # runs in the table of orbits
 
 
 def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
@@ -37,41 +33,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     `runs` and `estimates` are the tables of its result store.
     """
     table, fields = Estimates.of(estimates, sweep.fields), sweep.fields
-    status = column(runs, "status")
-    sections = [
-        Section(
-            title="Recovery of the parameters",
-            text="Deviation of the estimates from the truth over all runs, where it is not 0; "
-            "coverage is the share of 95 % intervals that hold the truth.",
-            tables=(_recovery_table(table),),
-        )
-    ]
-    if table["value"].size:
-        verdicts = [
-            (estimator, *map(str, counts.values())) for estimator, counts in table.verdicts.items()
-        ]
-        headers = ("estimator", *(each.verdict for each in VERDICTS))
-        section = Section(
-            title="Verdicts",
-            text="How many estimates may be used, by what their own data say, not by the truth.",
-            tables=(PageTable(headers=headers, rows=verdicts),),
-        )
-        sections.insert(0, section)
-    if len(table.estimators) > 1:
-        ranked = _ranking_table(table)
-        sections.insert(0, Section(title="Estimators, the best first", tables=(ranked,)))
-    sections += _against_fields(table.deviating, fields)
-    worst = _worst_table(table, fields, sweep.worst)
-    if worst.rows:
-        sections.append(Section(title="Worst runs", tables=(worst,)))
-    unconverged = _unconverged_table(table)
-    if unconverged.rows:
-        title = "Estimates that did not converge"
-        sections.append(Section(title=title, tables=(unconverged,)))
-    if not np.isin(status.astype(str), [OK, MISSING]).all():
-        sections.append(Section(title="Runs without a result", tables=(_failures(runs),)))
-    if "orbit_amplitude" in runs.column_names and runs["orbit_amplitude"].null_count < len(runs):
-        sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
+    status, recovered = column(runs, "status"), list(table.recovery())
     summary = _summary(table, status, fields)
     numbers = {
         "data": {"name": sweep.name, "description": sweep.description},
@@ -89,9 +51,28 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
                 "rms_deviation": each.rms,
                 "coverage": each.coverage,
             }
-            for each in table.recovery()
+            for each in recovered
         ],
     }
+    sections = [
+        *_tabulated("Estimators, the best first", _ranking_table(table)),
+        *_tabulated(
+            "Verdicts",
+            _verdicts_table(table),
+            "How many estimates may be used, by what their own data say, not by the truth.",
+        ),
+        Section(
+            title="Recovery of the parameters",
+            text="Deviation of the estimates from the truth over all runs, where it is not 0; "
+            "coverage is the share of 95 % intervals that hold the truth.",
+            tables=(_recovery_table(recovered),),
+        ),
+        *_against_fields(table.deviating, fields),
+        *_tabulated("Worst runs", _worst_table(table, fields, sweep.worst)),
+        *_tabulated("Estimates that did not converge", _unconverged_table(table)),
+        *_tabulated("Runs without a result", _failures_table(runs)),
+        *_tabulated("Orbits", _orbits_table(runs)),
+    ]
     return Page(
         name=sweep.name,
         description=sweep.description,
@@ -107,6 +88,11 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
             units={"recovery.rms_deviation": "1", "recovery.coverage": "1"},
         ),
     )
+
+
+def _tabulated(title: str, table: PageTable, text: str = "") -> list[Section]:
+    """Return a section of a table, none if that is empty."""
+    return [Section(title=title, text=text, tables=(table,))] if table.rows else []
 
 
 def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section]:
@@ -147,14 +133,20 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
     return facts
 
 
-def _recovery_table(table: Estimates) -> PageTable:
+def _verdicts_table(table: Estimates) -> PageTable:
+    counts = table.verdicts.items() if table["value"].size else ()
+    rows = [(estimator, *map(str, each.values())) for estimator, each in counts]
+    return PageTable(headers=("estimator", *(each.verdict for each in VERDICTS)), rows=rows)
+
+
+def _recovery_table(recovered: Sequence[Recovery]) -> PageTable:
     rows = [
         (
             *(each.estimator, TERMS[each.parameter].symbol, str(each.runs)),
             *(_percent(value, ".3g") for value in (each.median, each.rms, each.largest)),
             _percent(each.coverage),
         )
-        for each in table.recovery()
+        for each in recovered
     ]
     headers = (
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
@@ -164,8 +156,9 @@ def _recovery_table(table: Estimates) -> PageTable:
 
 
 def _ranking_table(table: Estimates) -> PageTable:
+    """Rank estimators, if there are several."""
     rows = []
-    for method in table.estimators:
+    for method in table.estimators if len(table.estimators) > 1 else ():
         group = table.where(estimator=method)
         size = np.abs(group.deviating["deviation"])
         middle = float(np.median(size)) if size.size else math.inf
@@ -214,12 +207,12 @@ def _unconverged_table(table: Estimates) -> PageTable:
     )
 
 
-def _link(number: float, key: str) -> Link:
+def _link(number: float, key: str) -> Marked:
     """Return a link from a run's number to its record."""
-    return Link(f"{number:.0f}", f"runs/{key[:2]}/{key}.json")
+    return Marked(f"{number:.0f}", f"runs/{key[:2]}/{key}.json")
 
 
-def _failures(runs: pa.Table) -> PageTable:
+def _failures_table(runs: pa.Table) -> PageTable:
     bad = [row for row in runs.to_pylist() if row["status"] not in {OK, MISSING}]
     rows = [
         (_link(row["number"], row["key"]), row["status"], row["error"]) for row in bad[:_LISTED]
@@ -228,17 +221,13 @@ def _failures(runs: pa.Table) -> PageTable:
     return PageTable(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
 
 
-def _orbits(runs: pa.Table) -> PageTable:
-    found = [row for row in runs.to_pylist() if row["orbit_amplitude"] is not None]
+def _orbits_table(runs: pa.Table) -> PageTable:
+    held = [row for row in runs.to_pylist() if row.get("orbit_amplitude") is not None]
     names = ("orbit_target", "orbit_amplitude", "orbit_error_generic", "orbit_error_recalibrated")
-    rows = [
-        (
-            str(row["number"]),
-            *(f"{math.degrees(row[name]):.4g}" for name in names),
-            str(row["orbit_rounds"]),
-        )
-        for row in found[:200]
-    ]
+    rows = []
+    for row in held[:_ORBITS]:
+        angles = [f"{math.degrees(row[name]):.4g}" for name in names]
+        rows.append((str(row["number"]), *angles, str(row["orbit_rounds"])))
     headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 

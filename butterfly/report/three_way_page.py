@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.graph_objects import Figure, Scatter
+from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
@@ -17,20 +17,30 @@ from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import (
     PALETTE,
-    Series,
     add,
     grams,
     look,
     middle,
-    rank_by_fit,
+    panel,
+    panels,
+    ranked_panel,
     seen_samples,
 )
 from butterfly.report.log_figures import correlation_figure, correlation_series
-from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.report.page import Fact, Page, PageTable, Section, Series
 from butterfly.report.residual import misfit_table
 from butterfly.result import Result
 
-_MARKS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol, size
+_SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
+_LOOKS = {  # colours and dashes
+    "log": (PALETTE[0], "solid"),
+    "MuJoCo": (PALETTE[1], "dash"),
+    "grey box": (PALETTE[5], "dot"),
+}
+_STEP = 0.02  # s between drawn points
+_MOST = 4000  # points of a curve
+_PERIODS = 4  # of the drawn motion in the phase plane
+_DOTS = 800  # of a residual torque
 
 
 def three_way_page(
@@ -44,39 +54,35 @@ def three_way_page(
     own = [judged[each.log.name] for each in compared]
     chosen = middle([each.fits["grey box"] for each in compared])
     sines = [each for each in compared if each.gains]
+    of_log = {"time": _time_figure, "phase": _phase_figure, "residual": _residual_figure}
+    series = {
+        name: Series.of_figures([draw(each) for each in compared]) for name, draw in of_log.items()
+    }
     sections = [
         Section(
             title="Measured against simulated",
             text="From the first sample on with the recorded input alone; the phase plane is the "
             "end of the log.",
-            series={
-                "time": Series.of_figures([time_comparison(each) for each in compared]),
-                "phase": Series.of_figures([phase_comparison(each) for each in compared]),
-            },
+            series={"time": series["time"], "phase": series["phase"]},
         ),
         Section(
             title="What the model leaves over",
             text="Correlations of the grey box's errors: where encoder and noise explain them, "
             "both curves stay inside the bands. Below, what all terms of the model leave over of "
             "the torque, averaged over short bumps.",
-            series={
-                "left-over": correlation_series(own),
-                "residual": Series.of_figures([residual_comparison(each) for each in compared]),
-            },
+            series={"left-over": correlation_series(own), "residual": series["residual"]},
             tables=(misfit_table(own, picks=range(len(own))),),
         ),
         Section(title="Every log", tables=(_table(compared),)),
     ]
     if sines:
-        sections.insert(
-            0,
-            Section(
-                title="Amplitude and phase error per frequency",
-                text="Steady response of each simulator against the log's: large marks MuJoCo, "
-                "small ones the grey box, a colour for each added mass.",
-                figures={"frequency": _frequency_figure(sines)},
-            ),
+        frequencies = Section(
+            title="Amplitude and phase error per frequency",
+            text="Steady response of each simulator against the log's: large marks MuJoCo, "
+            "small ones the grey box, a colour for each added mass.",
+            figures={"frequency": _frequency_figure(sines)},
         )
+        sections.insert(0, frequencies)
     return Page(
         name=data.name,
         description=data.description,
@@ -91,12 +97,8 @@ def three_way_page(
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,
-        pictures={
-            "time": partial(time_comparison, compared[chosen]),
-            "phase": partial(phase_comparison, compared[chosen]),
-            "left-over": partial(correlation_figure, own[chosen]),
-            "residual": partial(residual_comparison, compared[chosen]),
-        },
+        pictures={name: partial(draw, compared[chosen]) for name, draw in of_log.items()}
+        | {"left-over": partial(correlation_figure, own[chosen])},
         numbers=result.to_dict(),
         verdict=result.judged,
     )
@@ -107,55 +109,13 @@ def _facts(compared: Sequence[ThreeWay]) -> list[Fact]:
     apart = max(each.difference for each in compared)
     medians = [
         Fact(f"FIT of {key}", f"{np.median([each.fits[key] for each in compared]):.2f} %", "median")
-        for key in SIMULATORS
+        for key in _SIMULATORS
     ]
     return [
         *medians,
         Fact("MuJoCo from grey box", f"{apart:.2g} {way}", "at most"),
         Fact("logs", str(len(compared))),
     ]
-
-
-def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
-    order = np.argsort([each.fits["grey box"] for each in compared]).tolist()
-    ranked = [compared[k] for k in order]
-    values = {name: [each.fits[name] for each in ranked] for name in SIMULATORS}
-    figure = Figure()
-    for trace in _by_mass(ranked, list(range(1, len(ranked) + 1)), values):
-        figure.add_trace(trace)
-    rank_by_fit(figure, len(ranked))
-    return figure
-
-
-def _by_mass(
-    compared: Sequence[ThreeWay],
-    x: Sequence[float],
-    values: Mapping[str, Sequence[float]],
-    *,
-    named: bool = True,
-) -> list[Scatter]:
-    """Return points of both simulators, by number of the log, a colour for each added mass."""
-    masses = list(dict.fromkeys(each.log.added_mass for each in compared))
-    traces = []
-    for index, mass in enumerate(masses):
-        colour, symbol = look(index)
-        own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
-        for name, (mark, size) in _MARKS.items():
-            label = f"{grams(mass)}, {name}"
-            texts = [escape(compared[k].log.label) for k in own]
-            trace = Scatter(
-                x=[x[k] for k in own],
-                y=[values[name][k] for k in own],
-                text=texts,
-                mode="markers",
-                marker={"color": colour, "symbol": symbol + mark, "size": size},
-                name=label,
-                legendgroup=label,
-                showlegend=named,
-                hovertemplate=f"%{{text}}, {name}: %{{y:.4g}}<extra></extra>",
-            )
-            traces.append(trace)
-    return traces
 
 
 def _table(compared: Sequence[ThreeWay]) -> PageTable:
@@ -171,81 +131,93 @@ def _table(compared: Sequence[ThreeWay]) -> PageTable:
         rows.append((each.log.label, *fits, *errors, apart, looks))
     headers = (
         "log",
-        *(f"{name}: FIT in %" for name in SIMULATORS),
-        *(f"{name}: amplitude, phase error" for name in SIMULATORS),
+        *(f"{name}: FIT in %" for name in _SIMULATORS),
+        *(f"{name}: amplitude, phase error" for name in _SIMULATORS),
         *(f"simulators apart in {way}", "residual torque looks like"),
     )
     picks = range(len(rows))
     return PageTable(headers=headers, rows=rows, words=(len(headers) - 1,), picks=picks)
 
 
-def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
-    omegas = [each.log.excitation.omega for each in sines if each.log.excitation]
-    gains = {name: np.array([each.gains[name] for each in sines]) for name in SIMULATORS}
-    sizes = {name: 100 * (np.abs(gain) - 1) for name, gain in gains.items()}
-    phases = {name: np.degrees(np.angle(gain)) for name, gain in gains.items()}
-    for row, values in enumerate((sizes, phases), start=1):
-        figure.add_traces(_by_mass(sines, omegas, values, named=row == 1), rows=row, cols=1)
-    figure.update_yaxes(title="amplitude error in %", row=1)
-    figure.update_yaxes(title="phase error in °", row=2)
-    figure.update_xaxes(title="ω in rad/s", row=2)
-    figure.update_layout(height=480)
+def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
+    ranked = sorted(compared, key=lambda each: each.fits["grey box"])
+    figure = ranked_panel(len(ranked))
+    values = {name: [each.fits[name] for each in ranked] for name in _SIMULATORS}
+    _add_by_mass(figure, ranked, range(1, len(ranked) + 1), values)
     return figure
 
 
-SIMULATORS = ("MuJoCo", "grey box")
+def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:
+    omegas = [each.log.excitation.omega for each in sines if each.log.excitation]
+    gains = {name: np.array([each.gains[name] for each in sines]) for name in _SIMULATORS}
+    sizes = {name: 100 * (np.abs(gain) - 1) for name, gain in gains.items()}
+    phases = {name: np.degrees(np.angle(gain)) for name, gain in gains.items()}
+    titles = ("amplitude error in %", "phase error in °")
+    figure = panels("ω in rad/s", titles, 480, spacing=0.06)
+    for row, values in enumerate((sizes, phases), start=1):
+        _add_by_mass(figure, sines, omegas, values, row=row)
+    return figure
 
-_LOOKS = {  # colours and dashes
-    "log": (PALETTE[0], "solid"),
-    "MuJoCo": (PALETTE[1], "dash"),
-    "grey box": (PALETTE[5], "dot"),
-}
 
-_STEP = 0.02  # s between drawn points
-_MOST = 4000  # points of a curve
-_PERIODS = 4  # of the drawn motion in the phase plane
-_DOTS = 800  # of a residual torque
+def _add_by_mass(
+    figure: Figure,
+    compared: Sequence[ThreeWay],
+    x: Sequence[float],
+    values: Mapping[str, Sequence[float]],
+    *,
+    row: int | None = None,
+) -> None:
+    """Add points of both simulators, by number of the log, a colour for each added mass."""
+    for index, mass in enumerate(dict.fromkeys(each.log.added_mass for each in compared)):
+        colour, symbol = look(index)
+        own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
+        for name, (mark, size) in _SIMULATORS.items():
+            label = f"{grams(mass)}, {name}"
+            figure.add_scatter(
+                x=[x[k] for k in own],
+                y=[values[name][k] for k in own],
+                text=[escape(compared[k].log.label) for k in own],
+                mode="markers",
+                marker={"color": colour, "symbol": symbol + mark, "size": size},
+                name=label,
+                legendgroup=label,
+                showlegend=row in {None, 1},
+                hovertemplate=f"%{{text}}, {name}: %{{y:.4g}}<extra></extra>",
+                row=row,
+                col=None if row is None else 1,
+            )
 
 
 def _angles(each: ThreeWay) -> dict[str, NDArray[np.float64]]:
     return {"log": each.log.angle, "MuJoCo": each.mujoco, "grey box": each.greybox}
 
 
-def time_comparison(each: ThreeWay) -> Figure:
+def _time_figure(each: ThreeWay) -> Figure:
     """Draw the three angles, and the errors of both simulators, against time."""
     columns, log = _angles(each), each.log
     every = max(1, round(_STEP / log.mean_step))
     rows = seen_samples(list(columns.values()), _MOST, every=every)
     way = log.added_mass.joint.way
-    figure = make_subplots(
-        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.62, 0.38]
-    )
+    titles = (f"angle in {way}", f"error in {way}")
+    figure = panels("time in s", titles, 460, shares=(0.62, 0.38))
     x = log.time[rows]
     for name, angle in columns.items():
         colour, dash = _LOOKS[name]
-        style = {
-            "mode": "lines",
-            "name": name,
-            "line": {"color": colour, "width": 1.4, "dash": dash},
-        }
+        line = {"color": colour, "width": 1.4, "dash": dash}
+        style = {"mode": "lines", "name": name, "line": line}
         add(figure, 1, x, angle[rows].astype(np.float32), **style)
         if name != "log":
             error = (angle - log.angle)[rows].astype(np.float32)
             add(figure, 2, x, error, showlegend=False, **style)
-    figure.update_yaxes(title=f"angle in {way}", row=1)
-    figure.update_yaxes(title=f"error in {way}", row=2)
-    figure.update_xaxes(title="time in s", row=2)
-    figure.update_layout(height=460)
     return figure
 
 
-def phase_comparison(each: ThreeWay) -> Figure:
+def _phase_figure(each: ThreeWay) -> Figure:
     """Draw velocity against angle over the last periods of a log."""
     time, way = each.log.time, each.log.added_mass.joint.way
     omega = each.log.excitation.omega if each.log.excitation else 3.0
     late = time > time[-1] - _PERIODS * 2 * np.pi / omega
-    figure = Figure()
+    figure = panel(f"angle in {way}", f"velocity in {way}/s")
     grid = np.linspace(time[late][0], time[-1], 600)
     for name, angle in _angles(each).items():
         colour, dash = _LOOKS[name]
@@ -253,27 +225,24 @@ def phase_comparison(each: ThreeWay) -> Figure:
         velocity = np.gradient(smooth, grid[1] - grid[0])
         line = {"color": colour, "width": 1.2, "dash": dash}
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)
-        figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=name))
-    figure.update_xaxes(title=f"angle in {way}")
-    figure.update_yaxes(title=f"velocity in {way}/s")
-    figure.update_layout(height=420)
+        figure.add_scatter(x=x, y=y, mode="lines", line=line, name=name)
     return figure
 
 
-def residual_comparison(each: ThreeWay) -> Figure:
+def _residual_figure(each: ThreeWay) -> Figure:
     """Draw the torque that the model leaves over against angle and velocity."""
     residual, joint = each.residual, each.log.added_mass.joint
     figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
-    panels = {
+    across = {
         f"angle in {joint.way}": residual.angle,
         f"velocity in {joint.way}/s": residual.velocity,
     }
     every = max(1, residual.torque.size // _DOTS)
-    for column, (title, values) in enumerate(panels.items(), start=1):
+    for column, (title, values) in enumerate(across.items(), start=1):
         marker = {"color": PALETTE[column - 1], "size": 3}
         x, y = (part[::every].astype(np.float32) for part in (values, residual.torque))
-        trace = Scatter(x=x, y=y, mode="markers", marker=marker, showlegend=False)
-        figure.add_trace(trace, row=1, col=column)
+        style = {"mode": "markers", "marker": marker, "showlegend": False}
+        figure.add_scatter(x=x, y=y, row=1, col=column, **style)
         figure.update_xaxes(title=title, row=1, col=column)
     unit = "force left over in N" if joint is JointKind.SLIDE else "torque left over in N m"
     figure.update_yaxes(title=unit, row=1, col=1)

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 import butterfly as bf
 
@@ -13,15 +12,10 @@ MADE = {"t": 10 * RAMP, "u": np.sin(RAMP), "q": np.cos(RAMP)}
 UNITS = {"time": "ms", "angle": "deg"}
 
 
-@pytest.mark.parametrize(
-    "table",
-    [
-        MADE,
-        pd.DataFrame(MADE),
-        np.rec.fromarrays(list(MADE.values()), names=list(MADE)),
-    ],
-    ids=["mapping", "frame", "named columns"],
-)
+FORMS = [MADE, pd.DataFrame(MADE), np.rec.fromarrays(list(MADE.values()), names=list(MADE))]
+
+
+@pytest.mark.parametrize("table", FORMS, ids=["mapping", "frame", "named columns"])
 def test_tables_are_read_by_the_names_of_their_columns(table):
     data = bf.read(table, columns=COLUMNS, units=UNITS, input_kind="torque")
     (log,) = data.logs
@@ -71,39 +65,10 @@ def test_repairs_are_allowed_by_name():
         bf.read(data, repair=["unwrap"])
 
 
-def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
-    content = yaml.safe_load(quick.read_text())
-    loads = [{"mass": 0.05, "mass_uncertainty": 1e-3}, {"mass": 0.12, "arm_uncertainty": 2e-3}]
-    added = [{"mass": 0.0}, *({"arm": 0.104} | each for each in loads)]
-    told = {"known": {"p4": {"value": 0.025, "uncertainty": 0.001}}, "holdout": ["run002*"]}
-    quick.write_text(yaml.safe_dump(content | told | {"added_masses": added}))
-    memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
-    for data in (memory, folder):
-        assert data.given.to_dict() == told["known"]
-        assert [log.name[:6] for log in data.test_logs.logs] == ["run002"]
-        carried = [log.added_mass for log in data.logs]
-        uncertain = {(added.mass_uncertainty, added.arm_uncertainty) for added in carried}
-        assert uncertain == {(0.0, 0.0), (1e-3, 0.0), (0.0, 2e-3)}
-    first, second = (bf.identify(data, "linear").estimate for data in (memory, folder))
-    np.testing.assert_array_equal(first.values, second.values)
-    np.testing.assert_array_equal(first.covariance, second.covariance)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("units", {"angle": ["deg"]}),
-        ("piece", (1, 2, 3)),
-        ("piece", 3.0),
-        ("repair", 3),
-        ("zero", "x"),
-        ("columns", "time=t"),
-    ],
-)
-def test_a_wrong_word_about_a_table_is_one_typed_error(field, value):
-    with pytest.raises(bf.InputError) as caught:
-        bf.read(MADE, **{"columns": COLUMNS} | {field: value})
-    assert caught.value.field.startswith(field)
+@pytest.mark.parametrize("piece", [(1, 2, 3), 3.0])
+def test_a_piece_is_a_pair_of_instants(piece):
+    with pytest.raises(bf.InputError, match="piece: got"):
+        bf.read(MADE, columns=COLUMNS, piece=piece)
 
 
 @pytest.mark.parametrize("names", [[3], "log"])

@@ -19,18 +19,10 @@ from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.mat import write_mat
+from tests.api.conftest import results_of
+from tests.verdicts import follow_nothing, impossible_data
 
 OLDER = Path(__file__).parents[1] / "data/older"
-
-
-@pytest.fixture(scope="module")
-def data(quick_data):
-    return bf.read(quick_data)
-
-
-@pytest.fixture(scope="module")
-def result(data):
-    return bf.identify(data, against={"wrong": {"p1": 0.004, "p2": 0.0015, "p3": 0.05}})
 
 
 def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
@@ -42,44 +34,80 @@ def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
         bf.read(data, zero="left")
 
 
-def test_verbs_take_paths_names_logs_and_results(quick_data, data):
-    expected = bf.identify(data, check=False).estimate.values
-    files = [quick_data / log.name for log in data.logs]
-    for source in (quick_data, str(quick_data / "manifest.yaml"), files, list(data.recorded)):
-        found = bf.identify(bf.read(source), check=False).estimate.values
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
-    one = bf.read(files[0])
-    assert (len(one.logs), one.logs[0].excitation) == (1, data.logs[0].excitation)
+KINDS = [
+    *("identification", "physical", "validation", "design", "comparison", "prediction", "draws")
+]
 
 
-def test_a_result_is_one_line_a_table_and_sentences(result):
-    assert len(repr(result).splitlines()) == 1
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results, kind, tmp_path):
+    each = results[kind]
+    assert each.standing == each.to_dict()["verdict"] == "good"
+    assert each.verdict[0] == each.summary[0] == each.page().verdict.sentence
+    assert len(repr(each).splitlines()) == 1
+    assert "good" not in repr(each)
+    assert len(each.to_dataframe()) == len(each.rows()) > 0
+    assert "<table>" in each._repr_html_()
+    each.save(tmp_path / "r.json")
+    again = bf.load(tmp_path / "r.json")
+    assert again.to_dict() == each.to_dict()
+    assert (repr(again), str(again)) == (repr(each), str(each))
+    again.report(tmp_path / "r.html")
+    least = 1e5 if again.page().figures else 5e3  # with or without what draws them
+    assert (tmp_path / "r.html").stat().st_size > least
+
+
+def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
+    data, monkeypatch, tmp_path
+):
+    follow_nothing(monkeypatch)
+    for each in results_of(data, bf.identify(data)).values():
+        assert each.standing == "do not use"
+        assert each.verdict[0].startswith("Do not use: ")
+        assert str(each).splitlines()[1] == each.verdict[0]
+        assert ", do not use" in repr(each)
+        each.save(tmp_path / "r.json")
+        again = bf.load(tmp_path / "r.json")
+        assert again.judged == each.judged
+        assert repr(again) == repr(each)
+
+
+def test_nothing_is_made_of_values_that_no_joint_has(quick_data, tmp_path):
+    found = bf.identify(impossible_data(quick_data, tmp_path / "data"))
+    for asked in (
+        lambda: bf.design(found),
+        lambda: bf.compare(found),
+        lambda: bf.predict(quick_data, found),
+        lambda: bf.draws(found),
+        lambda: found.model,
+    ):
+        with pytest.raises(bf.UnusableError, match=r"^Do not use: No joint has these values"):
+            asked()
+
+
+def test_the_table_of_parameters_is_aligned_and_has_values_units_and_intervals(result):
     assert "p1 0.0032" in repr(result)
     assert "known within 10 %" in str(result)
     lines = str(result).splitlines()
     assert [line.split()[0] for line in lines[-6:]] == ["p₁", "p₂", "p₃", "p₄", "T_c", "delay"]
     assert len({len(line) for line in lines[-7:]}) == 1
     frame = result.to_dataframe().set_index("parameter")
-    assert isinstance(frame, pd.DataFrame)
     assert frame.loc["p1", "value"] == result.parameters.p1
     assert frame.loc["p4", "unit"] == "N m/V"
     lower, upper = frame.loc["p1", ["lower", "upper"]]
     assert lower < 0.00325 < upper
-    loaded = replace(result, logs=None, saved={"summary": ["<b>"]})
-    html = loaded._repr_html_()
+    html = replace(result, logs=None, saved={"summary": ["<b>"]})._repr_html_()
     assert "<td>p₁</td>" in html
     assert "<p>&lt;b&gt;</p>" in html
 
 
-def test_what_parameters_are_made_of_is_told_of_what_is_known(result, tmp_path):
-    found = result.physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
+def test_what_parameters_are_made_of_is_told_of_what_is_known(result, results, tmp_path):
+    found = results["physical"]
     table = found.to_dataframe().set_index("parameter")
     assert table.loc["com_distance", "value"] == pytest.approx(0.05, rel=0.01)
     assert table.loc["com_distance", "standard_error"] == pytest.approx(5e-4, rel=0.05)
     assert table.loc["viscous_friction", "value"] == pytest.approx(2e-4, rel=0.1)
     assert "k_t from R" in str(found)
-    found.save(tmp_path / "physical.json")
-    assert bf.load(tmp_path / "physical.json").rows() == found.rows()
     result.save(tmp_path / "r.json")
     again = bf.load(tmp_path / "r.json").physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
     assert again.rows() == found.rows()
@@ -97,19 +125,15 @@ def test_what_parameters_are_made_of_is_told_of_what_is_known(result, tmp_path):
         told.physical(hand_mass=0.2)
 
 
-def test_what_was_saved_comes_back(result, data, tmp_path):
+def test_what_was_saved_is_a_model_and_finds_its_logs(result, data, tmp_path):
+    assert result.to_dict()["data"]["manifest"]["root"] is None
     result.save(tmp_path / "r.json")
     again = bf.load(tmp_path / "r.json")
-    assert again.to_dict() == result.to_dict()
-    assert repr(again) == repr(result)
-    assert str(again) == str(result)
     np.testing.assert_array_equal(again.covariance, result.covariance)
     assert again.estimate.left_out.keys() == result.estimate.left_out.keys()
     assert again.model.resonance() == result.model.resonance()
     assert again.data.logs[0].source == data.logs[0].source
     assert again.plot.time(0).data[0].name == "measured"
-    again.report(tmp_path / "again.html")
-    assert (tmp_path / "again.html").stat().st_size > 1e5
 
 
 def test_a_result_above_its_logs_is_moved_with_them_and_any_finds_them_where_one_says(
@@ -180,6 +204,14 @@ def test_no_damage_passes_and_fails_later(result, tmp_path, part):
             repr(loaded), str(loaded), loaded._repr_html_(), loaded.to_dict()
 
 
+def test_what_has_no_verdict_says_none(results):
+    found = results["validation"]
+    content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
+    older = type(found).from_dict(content)
+    assert (older.standing, older.verdict, older.to_dict()["verdict"]) == (None, [], None)
+    assert older.page().summary == list(found.summary)
+
+
 @pytest.mark.parametrize("kind", ["identification", "validation", "prediction"])
 def test_what_an_older_program_saved_is_read(kind):
     found = bf.load(OLDER / f"{kind}.json")
@@ -210,27 +242,12 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
     assert found.data.logs
 
 
-def test_the_other_results_show_and_save_themselves_too(result, data, tmp_path):
-    results = (
-        bf.validate(data),
-        bf.design(result),
-        bf.compare(result, logs=[0, 1]),
-    )
-    for k, each in enumerate(results):
-        assert len(repr(each).splitlines()) == 1
-        assert len(each.to_dataframe()) == len(each.rows())
-        assert "<table>" in each._repr_html_()
-        each.save(tmp_path / f"{k}.json")
-        again = bf.load(tmp_path / f"{k}.json")
-        assert again.to_dict() == each.to_dict()
-        assert str(again) == str(each)
-        again.report(tmp_path / f"{k}.html")
-        assert (tmp_path / f"{k}.html").stat().st_size > 1e5
-    validated, designed, compared = results
+def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     held = cross_validate(data, HarmonicBalance(check=False), Split.MASS)
-    np.testing.assert_allclose(validated.to_dataframe()["FIT left out in %"], held.fits)
-    safe = [row["mean"] for row in designed.rows() if not row["warning"]]
-    assert designed.rows()[0]["mean"] == min(safe)
+    left_out = results["validation"].to_dataframe()["FIT left out in %"]
+    np.testing.assert_allclose(left_out, held.fits)
+    designed, compared = results["design"].rows(), results["comparison"]
+    assert designed[0]["mean"] == min(row["mean"] for row in designed if not row["warning"])
     assert compared.to_dataframe()["simulators apart in rad"].max() < 3e-3
     assert len(compared.page().sections) > 3
 

@@ -7,7 +7,6 @@ import yaml
 
 from butterfly.cli.output import ExitCode
 from tests.cli.fitting import assert_tables_fit
-from tests.cli.one_line import assert_one_line_error
 from tests.verdicts import follow_nothing, impossible_data
 
 GOOD = "Good: nothing was found that speaks against these values."
@@ -169,8 +168,3 @@ def test_what_a_method_does_not_estimate_is_no_value_of_it(butterfly, quick_data
     assert not any(symbol in table for symbol in ("p₄", "T_c", "delay"))
     assert {*json.loads(page.with_suffix(".json").read_text())["parameters"]} == {"p1", "p2", "p3"}
     assert "<td>T_c</td>" not in page.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("command", ["residual", "design", "compare", "validate", "select"])
-def test_logs_are_held_out_of_every_fit(butterfly, quick_data, command):
-    assert_one_line_error(butterfly(command, quick_data, "--holdout", "nowhere*"), "nowhere*")

@@ -87,10 +87,3 @@ def test_what_the_page_identifies_is_near_what_the_weak_form_tells(pendulum):
 def test_the_manifests_on_the_page_name_logs_of_the_folder(pendulum):
     for text in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL):
         assert all((pendulum / each["file"]).is_file() for each in yaml.safe_load(text)["logs"])
-
-
-def test_every_option_on_the_page_is_one_of_its_command(butterfly):
-    for command in ("identify", "predict", "validate", "inspect"):
-        _, known, _ = butterfly(command, "--help")
-        told = re.findall(r"--[a-z]+", " ".join(_commands(command)))
-        assert all(option in known for option in told)

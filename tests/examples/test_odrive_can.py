@@ -163,17 +163,17 @@ def test_a_drive_that_is_not_well_is_not_started(drive, bus, fault):
     assert not any(drive.torques)
 
 
-@pytest.mark.parametrize(
-    ("fault", "said"),
-    [
-        ("is silent", "has sent no estimate"),
-        ("reports an error", "reports the error"),
-        ("disarms", "is in state 1"),
-    ],
-)
-def test_a_drive_that_fails_while_it_runs_is_let_go(drive, bus, fault, said):
+FAILURES = {
+    "is silent": "has sent no estimate",
+    "reports an error": "reports the error",
+    "disarms": "is in state 1",
+}
+
+
+@pytest.mark.parametrize("fault", FAILURES)
+def test_a_drive_that_fails_while_it_runs_is_let_go(drive, bus, fault):
     drive.fault, drive.fails_after = fault, 80
-    with pytest.raises(DriveError, match=said):
+    with pytest.raises(DriveError, match=FAILURES[fault]):
         _run(bus, lambda _: 0.1)
     assert any(drive.torques)
     assert drive.has_let_go

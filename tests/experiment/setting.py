@@ -6,7 +6,7 @@ from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.experiment.sweep_tables import TABLES
 
-SWEEP = {
+SINGLE = {
     "name": "small",
     "seed": 3,
     "plant": {
@@ -19,14 +19,27 @@ SWEEP = {
     "signals": [{"multisine": {"base": 0.5, "harmonics": [4, 6, 8, 11], "peak": 1e-3, "seed": 0}}],
     "duration": 12.0,
     "estimators": [{"method": "weak-form", "terms": []}],
-    "sweep": {"grid": {"plant.encoder.noise": [0.0, 1e-4]}, "repetitions": 3},
 }
+SWEEP = SINGLE | {"sweep": {"grid": {"plant.encoder.noise": [0.0, 1e-4]}, "repetitions": 3}}
+THREE_MASSES = [*SINGLE["added_masses"], {"mass": 0.1, "arm": 0.1}]
+
+
+def written(path, **content):
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def changed(path, **content):
+    """Write an experiment file anew with some of its keys changed."""
+    return written(path, **yaml.safe_load(path.read_text()) | content)
+
+
+def planned(path):
+    return plan_sweep(Source(path))
 
 
 def small_plan(folder, **changes):
-    path = folder / "small.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | changes))
-    return plan_sweep(Source(path))
+    return planned(written(folder / "small.yaml", **SWEEP | changes))
 
 
 class HereEngine:

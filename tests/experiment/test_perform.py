@@ -1,106 +1,119 @@
 """A single run is a run of a sweep, and nothing that is asked for is ignored."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+import butterfly as bf
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import perform as performing
 from butterfly.experiment.perform import execute, perform
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.source import Source, read_experiment
+from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import plan_sweep, run_sweep
-from tests.experiment.setting import SWEEP, HereEngine, small_plan
+from butterfly.experiment.sweep import run_sweep
+from tests.experiment.setting import (
+    SINGLE,
+    THREE_MASSES,
+    HereEngine,
+    changed,
+    planned,
+    small_plan,
+    written,
+)
 
-SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}
-THREE = [*SWEEP["added_masses"], {"mass": 0.1, "arm": 0.1}]
 ESTIMATORS = [{"method": "weak-form", "terms": terms} for terms in ([], ["load"])]
+ASKED = {"validation": {"split": "mass"}, "keep_signals": True, "estimators": ESTIMATORS}
 
 
-def _small(tmp_path, **changes):
-    path = tmp_path / "single.yaml"
-    path.write_text(yaml.safe_dump(SINGLE | changes))
-    return path
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """What a run gave of which much is asked, its file, and the folder of its results."""
+    folder = tmp_path_factory.mktemp("run")
+    path = written(folder / "single.yaml", **SINGLE | ASKED | {"added_masses": THREE_MASSES})
+    return bf.run(path, out=folder / "out"), path, folder / "out"
+
+
+def _json(path):
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def test_a_run_gives_the_same_in_a_worker_and_here(folder):
-    plan = small_plan(folder)
-    here = perform(Experiment.model_validate(plan.tasks[3].content)).record
-    there = execute(plan.tasks[3], {}).record
+    task = small_plan(folder).tasks[3]
+    here = perform(Experiment.model_validate(task.content)).record
+    there = execute(task, {}).record
     place = {"key": "", "overrides": {}, "repetition": 0, "seconds": {}}
     assert replace(there, **place).to_json() == replace(here, **place).to_json()
-    assert there.key == plan.tasks[3].key
+    assert there.key == task.key
 
 
-def test_every_key_counts_without_a_sweep(butterfly, tmp_path):
-    path = _small(
-        tmp_path,
-        added_masses=THREE,
-        estimators=ESTIMATORS,
-        validation={"split": "mass"},
-        keep_signals=True,
-    )
-    out = tmp_path / "out"
-    code, printed, err = butterfly("run", path, "--out", out)
-    assert (code, err) == (0, "")
-    assert printed.count("deviation") == 2
-    assert "weak-form(load): logs that were left out are followed with a median FIT" in printed
-    assert "harmonic" not in printed
+def test_every_key_counts_without_a_sweep(run):
+    found, _, out = run
+    left_out = "weak-form(load): logs that were left out are followed with a median FIT"
+    assert any(text.startswith(left_out) for text in found.paragraphs())
     for name in ("report.html", "report-2.html", "sweep.json", "runs.parquet", "manifest.yaml"):
         assert (out / name).exists()
-    (run,) = ResultStore(out).sweep().runs
-    record = ResultStore(out).read(run.key)
-    assert [each.estimator for each in record.estimates] == [
-        "weak-form(no terms)",
-        "weak-form(load)",
-    ]
+    (task,) = ResultStore(out).sweep().runs
+    record = ResultStore(out).read(task.key)
+    labels = ["weak-form(no terms)", "weak-form(load)"]
+    assert [each.estimator for each in record.estimates] == list(found.identifications) == labels
     assert all(each.held_out.median > 90 for each in record.estimates)
-    assert (ResultStore(out).files_path(run.key) / "manifest.yaml").exists()
-    (first, _) = record.estimates
-    numbers = json.loads((out / "report.json").read_text())["parameters"]
-    for row in first.parameters:
-        assert numbers[row.name]["value"] == row.value
+    assert (ResultStore(out).files_path(task.key) / "manifest.yaml").exists()
+    numbers = _json(out / "report.json")["parameters"]
+    assert {row.name: row.value for row in record.estimates[0].parameters} == {
+        name: row["value"] for name, row in numbers.items()
+    }
 
 
-def test_a_run_that_is_done_is_printed_from_its_record(butterfly, tmp_path):
-    path, out = _small(tmp_path), tmp_path / "out"
-    _, first, _ = butterfly("run", path, "--out", out)
-    written = (out / "report.html").stat().st_mtime_ns
-    code, again, _ = butterfly("run", path, "--out", out)
-    assert code == 0
-    assert "found done; --force does it again" in again
-    assert (out / "report.html").stat().st_mtime_ns == written
-    assert again.splitlines()[0] == first.splitlines()[0]  # the verdict
-    (estimate,) = json.loads((out / "result.json").read_text())["estimates"]
-    for row in estimate["parameters"].values():
-        assert f"{row['value']:.5g}" in again
-    assert "found done" not in butterfly("run", path, "--out", out, "--force")[1]
-    other = _small(tmp_path, duration=13.0)
-    assert "found done" not in butterfly("run", other, "--out", out)[1]
-    assert "found done" not in butterfly("run", _small(tmp_path), "--out", out)[1]
-    run_sweep(plan_sweep(Source(path)), out, HereEngine(), only="0")
-    assert "found done" not in butterfly("run", path, "--out", out)[1]
+def test_a_run_keeps_its_experiment_and_its_truth(run, butterfly):
+    _, _, out = run
+    truth = read_experiment(out / EXPERIMENT).plant.robot.lumped
+    said = _json(out / "result.json")
+    assert said["experiment"] == yaml.safe_load((out / EXPERIMENT).read_text())
+    assert said["truth"]["p1"] == {"value": truth.p1, "unit": "kg m²"}
+    first = said["estimates"][0]
+    assert first["parameters"]["p3"]["true"] == truth.p3
+    assert first["truth"] == said["truth"]
+    assert first["parameters"] == _json(out / "report.json")["parameters"]
+    code, again, _ = butterfly("run", out / EXPERIMENT, "--out", out, "--json", "-")
+    assert (code, json.loads(again)) == (0, said)
 
 
-def test_the_logs_of_a_run_are_identified_alike_by_identify(butterfly, tmp_path):
-    path, out = _small(tmp_path, added_masses=THREE), tmp_path / "out"
-    butterfly("run", path, "--out", out)
-    report = tmp_path / "again.html"
-    code, _, err = butterfly(
-        *("identify", out, "--method", "weak-form", "--terms", "", "--report", report)
-    )
+def test_the_logs_of_a_run_are_identified_alike_by_identify(run, butterfly, tmp_path):
+    _, _, out = run
+    report = ("--report", tmp_path / "report.html")
+    code, _, err = butterfly("identify", out, "--method", "weak-form", "--terms", "", *report)
     assert code == 0, err
-    first = json.loads((out / "report.json").read_text())["parameters"]
-    again = json.loads((tmp_path / "again.json").read_text())["parameters"]
+    first, again = (_json(folder / "report.json")["parameters"] for folder in (out, tmp_path))
     for name, row in first.items():
-        assert {k: v for k, v in row.items() if k != "true"} == {
-            k: v for k, v in again[name].items() if k != "true"
-        }
+        assert row | {"true": None} == again[name] | {"true": None}
+
+
+def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(run, butterfly, tmp_path):
+    path, out = Path(shutil.copy(run[1], tmp_path)), shutil.copytree(run[2], tmp_path / "out")
+    written_at = (out / "report.html").stat().st_mtime_ns
+    code, printed, err = butterfly("run", path, "--out", out)
+    assert (code, err) == (0, "")
+    assert "found done; --force does it again" in printed
+    assert (out / "report.html").stat().st_mtime_ns == written_at
+    assert printed.splitlines()[0] == run[0].judged.sentence
+    for estimate in _json(out / "result.json")["estimates"]:
+        for row in estimate["parameters"].values():
+            assert f"{row['value']:.5g}" in printed
+    changed(path, estimators=ESTIMATORS[:1], validation=None, keep_signals=False)
+    for words in ((), ("--force",)):
+        assert "found done" not in butterfly("run", path, "--out", out, *words)[1]
+    assert "found done" in butterfly("run", path, "--out", out)[1]
+    (out / "result.json").write_text("{}")
+    assert "found done" not in butterfly("run", path, "--out", out)[1]
+    run_sweep(planned(path), out, HereEngine(), only="0")
+    assert "found done" not in butterfly("run", path, "--out", out)[1]
 
 
 @pytest.mark.parametrize(
@@ -111,10 +124,8 @@ def test_the_logs_of_a_run_are_identified_alike_by_identify(butterfly, tmp_path)
         (("--scheduler", "tcp://127.0.0.1:1"), "--engine dask"),
     ],
 )
-def test_an_option_that_says_nothing_of_a_single_run_is_refused(
-    butterfly, tmp_path, arguments, part
-):
-    code, _, err = butterfly("run", _small(tmp_path), "--out", tmp_path / "out", *arguments)
+def test_an_option_that_says_nothing_of_a_single_run_is_refused(run, butterfly, arguments, part):
+    code, _, err = butterfly("run", run[1], "--out", run[2], *arguments)
     assert code == 2
     assert part in err
 
@@ -138,7 +149,7 @@ def test_a_run_in_which_one_of_two_estimators_refused_has_a_result():
 
 def test_intervals_mean_the_same_whether_or_not_logs_are_held_out():
     estimators = [{"method": "output-error", "terms": []}]
-    content = SINGLE | {"added_masses": THREE, "estimators": estimators, "duration": 6.0}
+    content = SINGLE | {"added_masses": THREE_MASSES, "estimators": estimators, "duration": 6.0}
 
     def parameters(**changes):
         (estimate,) = perform(Experiment.model_validate(content | changes)).record.estimates
@@ -150,11 +161,6 @@ def test_intervals_mean_the_same_whether_or_not_logs_are_held_out():
     assert all(row.largest_left_out <= row.upper for row in plain)
     unchecked = parameters(estimators=[estimators[0] | {"check": False}])
     assert all(row.least_left_out is None for row in unchecked)
-
-
-def test_two_estimators_of_one_name_are_refused():
-    with pytest.raises(ValueError, match="estimators that differ"):
-        Experiment.model_validate(SINGLE | {"estimators": [ESTIMATORS[0], ESTIMATORS[0]]})
 
 
 def test_the_orbit_draws_from_a_stream_of_its_own(monkeypatch):

@@ -12,11 +12,10 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
-from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import plan_sweep, run_sweep
+from butterfly.experiment.sweep import run_sweep
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS, SweepColumns
-from tests.experiment.setting import HereEngine, small_plan
+from tests.experiment.setting import HereEngine, planned, small_plan
 
 
 def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted(folder):
@@ -45,10 +44,9 @@ def test_kept_logs_that_were_cut_changed_or_lost_are_done_again(folder):
     store = ResultStore(folder / "kept-whole")
     run_sweep(plan, store.folder, HereEngine())
     assert run_sweep(plan, store.folder, HereEngine()).done == 0
-    cut, changed, lost, whole = [
-        sorted(store.files_path(task.key).glob("*.parquet"))[0] for task in plan.tasks
-    ]
-    contents = {path: path.read_bytes() for path in (cut, changed, lost, whole)}
+    logs = [min(store.files_path(task.key).glob("*.parquet")) for task in plan.tasks]
+    contents = {path: path.read_bytes() for path in logs}
+    cut, changed, lost, whole = logs
     cut.write_bytes(contents[cut][:-1])
     changed.write_bytes(contents[changed][:-1] + bytes([contents[changed][-1] ^ 1]))
     lost.unlink()
@@ -109,10 +107,7 @@ def test_a_foreign_record_counts_as_none(tmp_path, text):
         ('{"fields": [], "runs": []}', "no record"),
         ("[" * 100_000, "no record"),
         ('{"schema": 4, "versions": {"butterfly": "0.3.0"}}', "a damaged record"),
-        (
-            '{"schema": 2, "versions": {"butterfly": "0.1.0"}}',
-            "records of schema 2, written by butterfly 0.1.0",
-        ),
+        ('{"schema": 2, "versions": {"butterfly": "0.1"}}', "records of schema 2, .* 0.1"),
     ],
 )
 def test_results_of_another_version_are_named_as_such(tmp_path, content, found):
@@ -129,7 +124,7 @@ def test_a_half_done_sweep_of_0_2_0_is_read_and_done_anew(tmp_path):
     record = store.read(first.key)
     assert store.read(second.key) is None
     assert [each.name for each in record.estimates[0].parameters][:4] == ["p1", "p2", "p3", "p4"]
-    plan = plan_sweep(Source(store.folder / "experiment.yaml"))
+    plan = planned(store.folder / "experiment.yaml")
     assert {task.key for task in plan.tasks}.isdisjoint({first.key, second.key})
     summary = run_sweep(plan, store.folder, HereEngine())
     assert (summary.done, summary.reused, summary.unsuccessful) == (2, 0, 0)
@@ -169,11 +164,9 @@ def test_a_field_may_be_set_to_anything(values, kind):
 
 def test_a_swept_number_may_be_written_without_a_point(tmp_path):
     path = tmp_path / "s.yaml"
-    path.write_text(
-        "extends: quickstart\nname: s\n"
-        "sweep: {grid: {plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}}\n"
-    )
-    plan = plan_sweep(Source(path))
+    grid = "{plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}"
+    path.write_text(f"extends: quickstart\nname: s\nsweep: {{grid: {grid}}}\n")
+    plan = planned(path)
     runs = [task.run for task in plan.tasks]
     columns = SweepColumns(plan.fields, runs)
     schema = columns.schema(RUNS)
@@ -185,16 +178,19 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
 WRITES = 1_000
 
 
+def _written_by_two(function, folder):
+    """Return the store that two processes have written with a function of this module."""
+    begin = f"import sys; from tests.experiment import test_store as t; t.{function}(*sys.argv[1:])"
+    words = [sys.executable, "-c", begin, str(folder)]
+    writers = [subprocess.Popen([*words, name]) for name in ("a", "b")]  # noqa: S603
+    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
+    return ResultStore(folder)
+
+
 @pytest.mark.slow
 def test_two_writers_lose_nothing(tmp_path):
     """Every record of both is there and whole, of runs of their own and of runs they share."""
-    begin = (
-        "import sys; from tests.experiment.test_store import write_many; write_many(*sys.argv[1:])"
-    )
-    words = [sys.executable, "-c", begin, str(tmp_path)]
-    writers = [subprocess.Popen([*words, name]) for name in ("a", "b")]  # noqa: S603
-    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
-    store = ResultStore(tmp_path)
+    store = _written_by_two("write_many", tmp_path)
     for number in range(WRITES):
         for name in ("a", "b", "c"):
             record = store.read(_key(name, number))
@@ -205,11 +201,7 @@ def test_two_writers_lose_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_tables_that_two_write_belong_to_the_sweep(tmp_path):
-    begin = "import sys; from tests.experiment import test_store as t; t.end_often(*sys.argv[1:])"
-    words = [sys.executable, "-c", begin, str(tmp_path)]
-    writers = [subprocess.Popen([*words, name]) for name in ("a", "b")]  # noqa: S603
-    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
-    store = ResultStore(tmp_path)
+    store = _written_by_two("end_often", tmp_path)
     (run,) = store.sweep().runs
     assert store.table(RUNS)["key"].to_pylist() == [run.key]
 

@@ -1,4 +1,4 @@
-"""What the ranking of next experiments does while it works."""
+"""What a next experiment would tell is what its sensitivities say, and it can be run as it is."""
 
 import threading
 from dataclasses import replace
@@ -6,26 +6,79 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.errors import InputError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification import design
 from butterfly.identification.data import DataSet
+from butterfly.identification.design import rank_experiments
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.logs.log import Sine
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.signals.excitations import FreeDecay, Multisine
+from butterfly.thesis.method import fit_thesis
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, steady
+from tests.identification.simulated import simulated
+
+ROBOT = LumpedParameters(p1=0.003, p2=5e-4, p3=0.05, p4=0.5, coulomb=1e-3, delay=0.003)
 
 
 @pytest.fixture(scope="module")
 def found():
-    return HarmonicBalance(terms=(), check=False)(
-        DataSet.of(steady(ROBOT, {2.0: 0.2, 4.4: 0.3, 8.5: 0.5}))
-    )
+    """An estimate from noisy sines about the resonances."""
+    random, logs = np.random.default_rng(0), []
+    for mass in MASSES:
+        for sine in (Sine(omega=omega, amplitude=0.02) for omega in (4.0, 4.6, 6.5)):
+            log = simulated(ROBOT, mass, sine.sample, 20.0, start=0.2, sine=sine)
+            noise = 5e-3 * random.standard_normal(log.time.size)
+            logs.append(replace(log, angle=log.angle + noise))
+    return HarmonicBalance(terms=())(DataSet.of(logs))
+
+
+def test_a_candidate_tells_two_numbers_of_the_model_s_relative_error(found):
+    """What it would leave, from sensitivities simulated here and the sum of information."""
+    candidates = rank_experiments(found, [MASSES[1]], 0.01)
+    chosen = next(c for c in candidates if isinstance(c.signal, Sine) and not c.warning)
+    time = np.arange(0, 40, 5e-3)
+    instants = np.column_stack([time[:-1], time[:-1] + 2.5e-3, time[1:]])
+
+    def angle(values):
+        p = LumpedParameters(**dict(zip(found.names, values, strict=True)))
+        late = np.maximum(instants - p.delay, 0.0)
+        inputs = chosen.signal.amplitude * np.sin(chosen.signal.omega * late)
+        return simulate(p.with_added_mass(MASSES[1]), time, inputs, 0.0)[0]
+
+    there = angle(found.values)
+    steps = np.diag(found.standard_errors)
+    slopes = np.column_stack([angle(found.values + h) - there for h in steps])
+    slopes /= found.standard_errors
+    noise = (0.01 * np.std(there)) ** 2
+    information = 2 / time.size * slopes.T @ slopes / noise
+    prior = found.covariance
+    gain = prior @ np.linalg.inv(np.eye(len(prior)) + information @ prior)
+    expected = np.sqrt(np.diag(gain)) / found.standard_errors
+    assert expected.min() < 0.9
+    np.testing.assert_allclose(chosen.errors, expected, rtol=1e-3)
+
+
+def test_the_best_candidates_come_first_and_those_with_a_warning_last(found):
+    ranked = rank_experiments(found, [NO_ADDED_MASS, AddedMass(mass=0.2, arm=0.104)], 0.02)
+    good = [candidate for candidate in ranked if not candidate.warning]
+    assert ranked[: len(good)] == good
+    assert len(good) < len(ranked)
+    assert [c.score for c in good] == sorted(c.score for c in good)
+    assert all(np.all(c.errors <= 1 + 1e-9) for c in ranked)
+    assert good[0].score < 0.9 * good[-1].score
+    assert all(c.swing <= 1.0 for c in good)
+
+
+def test_an_estimate_without_covariance_cannot_be_improved_on(real):
+    with pytest.raises(IdentifiabilityError, match="no covariance"):
+        rank_experiments(fit_thesis(real.data.recorded), real.data.masses, 0.1)
 
 
 def test_progress_is_shown_while_candidates_are_judged(found, monkeypatch):
@@ -40,11 +93,11 @@ def test_progress_is_shown_while_candidates_are_judged(found, monkeypatch):
         return judge(*job, **options)
 
     monkeypatch.setattr(design, "judged_candidate", judged)
-    assert design.rank_experiments(found, [MASSES[1]], 0.05, track=track)
+    assert rank_experiments(found, [MASSES[1]], 0.05, track=track)
 
 
 def test_every_proposed_input_can_be_run_as_it_is_proposed(found):
-    ranked = design.rank_experiments(found, [MASSES[1]], 0.05, largest_swing=10.0)
+    ranked = rank_experiments(found, [MASSES[1]], 0.05, largest_swing=10.0)
     assert {type(each.signal) for each in ranked} == {Sine, Multisine, FreeDecay}
     robot = Robot.of_lumped(replace(found.parameters, delay=0.0))
     path = CommandPath(delay=max(found.parameters.delay, 0.0))
@@ -58,4 +111,4 @@ def test_every_proposed_input_can_be_run_as_it_is_proposed(found):
 def test_a_swing_that_is_none_is_refused(found):
     for swing in (0.0, -1.0, float("nan"), "wide"):
         with pytest.raises(InputError, match="swing"):
-            design.rank_experiments(found, [MASSES[1]], 0.05, largest_swing=swing)
+            rank_experiments(found, [MASSES[1]], 0.05, largest_swing=swing)

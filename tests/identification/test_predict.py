@@ -39,6 +39,22 @@ def _noisy(logs, seed, noise=NOISE):
     return DataSet.of([replace(log, angle=a) for log, a in zip(logs, angles, strict=True)])
 
 
+@pytest.fixture(scope="module")
+def data(clean):
+    return _noisy(clean, 0)
+
+
+@pytest.fixture(scope="module")
+def found(data):
+    """An estimate that was checked by leaving each mass out."""
+    return HarmonicBalance(terms=())(data)
+
+
+@pytest.fixture(scope="module")
+def unchecked(data):
+    return HarmonicBalance(terms=(), check=False)(data)
+
+
 def _predicted(data, found, draws, errors=(), seed=0):
     return predict_logs(
         data.logs, found, data.simulations.setting, draws=draws, errors=errors, seed=seed
@@ -46,15 +62,14 @@ def _predicted(data, found, draws, errors=(), seed=0):
 
 
 @pytest.mark.slow
-def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_linear(clean):
+def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_linear(data, unchecked):
     """For small errors: 1.96 times the root of the diagonal of J Cov J^T."""
-    data = _noisy(clean, 0)
-    found = HarmonicBalance(terms=(), check=False)(data)
+    reach = 0.196 * unchecked.standard_errors
     found = replace(
-        found,
-        covariance=1e-2 * found.covariance,
-        lower=found.values - 0.196 * found.standard_errors,
-        upper=found.values + 0.196 * found.standard_errors,
+        unchecked,
+        covariance=1e-2 * unchecked.covariance,
+        lower=unchecked.values - reach,
+        upper=unchecked.values + reach,
     )
     (prediction,) = _predicted(data.take([4]), found, draw_parameters(found, 4000))
     log, samples = data.logs[4], prediction.samples
@@ -131,10 +146,8 @@ def test_the_band_of_a_new_log_is_no_wider_than_it_has_to_be(clean):
     assert np.mean(half) < 0.8
 
 
-def test_draws_are_simulated_once_to_be_weighed_and_for_bands(clean, monkeypatch):
-    data = _noisy(clean, 0).take([0, 4, 8])
-    found = HarmonicBalance(terms=(), check=False)(_noisy(clean, 0))
-    drawn = draw_parameters(found, 40)
+def test_draws_are_simulated_once_to_be_weighed_and_for_bands(data, unchecked, monkeypatch):
+    data, drawn = data.take([0, 4, 8]), draw_parameters(unchecked, 40)
     apart = weighed(drawn, data)
     read_again = DataSet.of([replace(log, angle=log.angle.copy()) for log in data.logs])
     kept = weighed(drawn, data, bands=read_again.logs)
@@ -142,21 +155,17 @@ def test_draws_are_simulated_once_to_be_weighed_and_for_bands(clean, monkeypatch
     runs = []
     run = Simulation.run
     monkeypatch.setattr(Simulation, "run", lambda *each: runs.append(1) or run(*each))
-    once = _predicted(read_again, found, kept)
+    once = _predicted(read_again, unchecked, kept)
     assert len(runs) == len(data.logs)  # the free runs alone
-    for one, other in zip(once, _predicted(data, found, apart), strict=True):
+    for one, other in zip(once, _predicted(data, unchecked, apart), strict=True):
         np.testing.assert_array_equal(
             one.bands[OF_PARAMETERS].upper, other.bands[OF_PARAMETERS].upper
         )
-    assert (
-        kept.angles_of(replace(data.logs[0], angle=data.logs[0].angle + 1e-9), kept.runs[0].setting)
-        is None
-    )
+    other = replace(data.logs[0], angle=data.logs[0].angle + 1e-9)
+    assert kept.angles_of(other, kept.runs[0].setting) is None
 
 
-def test_seeds_fix_bands_and_only_their_own_part(clean):
-    data = _noisy(clean, 0)
-    found = HarmonicBalance(terms=())(data)
+def test_seeds_fix_bands_and_only_their_own_part(data, found):
     draws, errors = draw_parameters(found, 40), expected_errors(data, found)
     one, same, other = (
         _predicted(data.take([0]), found, draws, errors, seed)[0].bands for seed in (1, 1, 2)
@@ -169,61 +178,51 @@ def test_seeds_fix_bands_and_only_their_own_part(clean):
     assert plain.run.fit > 95
 
 
-def test_weights_leave_linear_models_alone_and_drop_draws_that_are_worse_than_promised(clean):
-    data = _noisy(clean, 0)
-    found = HarmonicBalance(terms=())(data)
+def test_weights_leave_linear_models_alone_and_drop_draws_that_are_worse_than_promised(data, found):
     draws = weighed(draw_parameters(found, 60), data)
     assert draws.effective_size > 0.9 * 60
-    wide = replace(found, covariance=1e6 * found.covariance)
-    limits = 1960 * found.standard_errors
-    wide = replace(wide, lower=found.values - limits, upper=found.values + limits)
+    reach = 1960 * found.standard_errors
+    limits = {"lower": found.values - reach, "upper": found.values + reach}
+    wide = replace(found, covariance=1e6 * found.covariance, **limits)
     far = weighed(draw_parameters(wide, 60, masses=MASSES), data)
     assert 1 < far.effective_size < 50
     assert far.weights.sum() == pytest.approx(1)
 
 
-def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(clean):
-    data = _noisy(clean, 0)
-    found = HarmonicBalance(terms=())(data)
+def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(data, found):
     errors = expected_errors(data, found)
     assert all(each.unseen for each in errors)
     mass = data.logs[0].added_mass
     unseen = replace(found, values=found.left_out[mass])
-    run = data.simulations.run(0, unseen)
-    expected = (run.log.angle - run.simulated) / np.std(run.log.angle)
-    np.testing.assert_allclose(errors[0].relative, expected, atol=1e-12)
+    np.testing.assert_allclose(errors[0].relative, _relative(data, unseen), atol=1e-12)
     others = donors(errors, mass)
     assert {each.log.added_mass for each in others} == {*data.masses} - {mass}
-    assert donors(others, data.masses[-1])
     assert donors(others[:1], others[0].log.added_mass) == others[:1]
 
 
-def test_errors_in_sample_stand_for_those_unseen_but_are_larger(clean):
-    data = _noisy(clean, 0)
-    found = HarmonicBalance(terms=(), check=False)(data)
-    (first, *_) = expected_errors(data, found)
-    run = data.simulations.run(0, found)
-    plain = (run.log.angle - run.simulated) / np.std(run.log.angle)
+def test_errors_in_sample_stand_for_those_unseen_but_are_larger(data, unchecked):
+    first, *_ = expected_errors(data, unchecked)
     assert not first.unseen
-    np.testing.assert_allclose(first.relative, np.sqrt(4 / 3) * plain, atol=1e-12)
+    expected = np.sqrt(4 / 3) * _relative(data, unchecked)
+    np.testing.assert_allclose(first.relative, expected, atol=1e-12)
 
 
-def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow(clean):
-    data = _noisy(clean, 0, noise=0.0)
-    errors = expected_errors(data, OutputError(terms=(), check=False)(data))
-    slow = replace(errors[0], relative=np.sin(2.0 * errors[0].log.time))
+def _relative(data, estimate):
+    """Errors of the first log over its motion."""
+    run = data.simulations.run(0, estimate)
+    return (run.log.angle - run.simulated) / np.std(run.log.angle)
+
+
+def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow_and_as_loud(data, found):
+    first, *_ = expected_errors(data, found)
+    slow = replace(first, relative=np.sin(2.0 * first.log.time))
     assert block(slow.log) == pytest.approx(2 * np.pi)
-    time = np.arange(0, 300, 0.02)
-    drawn = slow.drawn(time, np.random.default_rng(0))
+    drawn = slow.drawn(np.arange(0, 300, 0.02), np.random.default_rng(0))
     assert np.std(drawn) == pytest.approx(np.sqrt(0.5), rel=0.1)
     assert np.mean(np.abs(np.diff(drawn)) > 0.05) < 0.02  # but where blocks meet
     assert block(replace(slow.log, excitation=None)) == 5.0
-
-
-def test_drawn_noise_is_as_loud_as_the_log_s(clean):
-    data = _noisy(clean, 0)
-    noise = np.random.default_rng(0).standard_normal(data.logs[0].time.size)
-    loud = replace(expected_errors(data, HarmonicBalance(terms=())(data))[0], relative=noise)
+    noise = np.random.default_rng(0).standard_normal(first.log.time.size)
+    loud = replace(first, relative=noise)
     drawn = loud.drawn(np.arange(0, 300, 0.0131), np.random.default_rng(1))
     assert np.std(drawn) == pytest.approx(1.0, rel=0.03)
 
@@ -257,13 +256,9 @@ def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, es
         assert 0.85 <= share <= 0.99
 
 
-def test_the_centre_is_the_free_run(clean):
-    data = _noisy(clean, 0)
-    found = HarmonicBalance(terms=(), check=False)(data)
-    (prediction,) = _predicted(data.take([2]), found, draw_parameters(found, 40))
-    setting = data.simulations.setting(2, found)
-    np.testing.assert_allclose(
-        prediction.run.simulated, FreeRun.of(data.logs[2], setting).simulated, atol=1e-3
-    )
+def test_the_centre_is_the_free_run(data, unchecked):
+    (prediction,) = _predicted(data.take([2]), unchecked, draw_parameters(unchecked, 40))
+    run = FreeRun.of(data.logs[2], data.simulations.setting(2, unchecked))
+    np.testing.assert_allclose(prediction.run.simulated, run.simulated, atol=1e-3)
     band = prediction.bands[OF_PARAMETERS]
     assert band.share(prediction.run.simulated[prediction.samples]) > 0.95

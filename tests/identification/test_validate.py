@@ -1,33 +1,42 @@
-from itertools import pairwise
+"""What was not seen is predicted, and estimates from drawn logs scatter as their errors say."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from butterfly.errors import IdentifiabilityError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.estimators import (
+    Estimator,
+    HarmonicBalance,
+    Linear,
+    OutputError,
+    WeakForm,
+)
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import cross_validate, select_terms
-from tests.identification.simulated import ROBOT, SLOW, steady
+from butterfly.identification.validate import bootstrap, cross_validate, select_terms
+from butterfly.model.terms import PARAMETERS
+from tests.identification.simulated import ROBOT, steady
 
 BALANCE = HarmonicBalance(check=False)
 
 
-def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real):
+@pytest.mark.parametrize(("split", "parts"), [(Split.MASS, 3), (Split.FREQUENCY, 5)])
+def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real, split, parts):
+    """One estimate for all parts follows what is left out as it does what is not."""
     seen = []
 
     def spy(part):
         seen.append({log.source for log in part.logs})
-        return BALANCE(part)
+        return real.estimate
 
-    for split, parts in ((Split.MASS, 3), (Split.FREQUENCY, 5)):
-        seen.clear()
-        result = cross_validate(real.data, spy, split)
-        assert np.isfinite(result.fits).all()
-        assert len(result.estimates) == len(seen) == parts
-        missing = [source for log in real.data.logs for source in [log.source]]
-        assert sum(source not in part for source in missing for part in seen) == 41
+    result = cross_validate(real.data, spy, split)
+    assert len(result.estimates) == len(seen) == parts
+    assert all(sum(log.source not in part for part in seen) == 1 for log in real.data.logs)
+    np.testing.assert_allclose(result.fits, real.data.simulations.fits(real.estimate))
 
 
 def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
@@ -64,33 +73,83 @@ def test_a_term_is_chosen_only_if_it_helps_to_predict(real):
     assert passed[-1].in_sample == full
 
 
-def test_neighbouring_frequencies_are_left_out_in_different_parts():
-    logs = steady(ROBOT, SLOW)
-    data = DataSet.of(logs)
-    truth = BALANCE(data)
-    result = cross_validate(data, lambda _: truth, Split.FREQUENCY)
-    assert list(result.estimates) == [f"part {k + 1}" for k in range(5)]
-    omegas = sorted(SLOW)
-    left_out = []
-
-    def spy(part):
-        left_out.append(set(omegas) - {log.excitation.omega for log in part.logs})
-        return truth
-
-    cross_validate(data, spy, Split.FREQUENCY)
-    for one, other in pairwise(omegas):
-        assert not any({one, other} <= part for part in left_out)
-    assert set().union(*left_out) == set(omegas)
-    np.testing.assert_allclose(result.fits, data.simulations.fits(truth))
+@pytest.mark.parametrize(
+    ("logs", "refusal"),
+    [
+        (14, r"same added mass .*; split frequency works"),  # one mass
+        (27, r"one added mass left of two.*; split freq"),
+    ],
+)
+def test_too_few_masses_are_refused_with_the_split_that_works(real, logs, refusal):
+    with pytest.raises(IdentifiabilityError, match=refusal):
+        cross_validate(real.data.take(range(logs)), BALANCE, Split.MASS)
 
 
-def test_one_mass_cannot_be_held_out(real):
-    alone = real.data.take(range(14))
-    with pytest.raises(IdentifiabilityError, match=r"same added mass .*; split frequency works"):
-        cross_validate(alone, BALANCE, Split.MASS)
+class DescribingFunctions(HarmonicBalance):
+    """Without the remainder."""
+
+    def __call__(self, data):
+        return self.of_points(data.sines)
 
 
-def test_of_two_masses_it_is_said_which_was_left_out_when_one_is_too_few(real):
-    two = real.data.take(range(27))
-    with pytest.raises(IdentifiabilityError, match=r"one added mass left of two.*; split freq"):
-        cross_validate(two, BALANCE, Split.MASS)
+def test_the_bootstrap_agrees_with_the_sandwich(real):
+    estimator = DescribingFunctions(terms=())
+    whole = estimator(real.data)
+    drawn = bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
+    spread = np.std(drawn.values, axis=0)
+    np.testing.assert_allclose(spread / whole.standard_errors, 1.0, atol=0.35)
+    assert np.all(drawn.lower < whole.values)
+    assert np.all(whole.values < drawn.upper)
+    again = bootstrap(real.data, estimator, whole, repetitions=20, seed=1)
+    np.testing.assert_array_equal(again.values, drawn.values[:20])
+    with pytest.raises(InputError, match="at least 20"):
+        bootstrap(real.data, estimator, whole, repetitions=3)
+
+
+@pytest.mark.slow
+def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(real):
+    drawn = bootstrap(real.data, HarmonicBalance(), real.estimate, repetitions=20)
+    assert len(real.estimate.names) > len(PARAMETERS)
+    assert drawn.values.shape == (20, len(real.estimate.names))
+
+
+class Forgetful(Estimator):
+    """Drops its term where a draw is one log only."""
+
+    def __call__(self, data):
+        names = ("p1", "drag") if len({log.name for log in data.logs}) > 1 else ("p1",)
+        return SimpleNamespace(names=names, values=np.array([1.0, 2.0])[: len(names)])
+
+
+def test_draws_that_cannot_tell_a_term_are_drawn_again_or_refused():
+    logs = steady(ROBOT, {2.5: 0.2, 4.5: 0.2, 7.0: 0.2})[:3]  # of one mass
+    data = DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+    whole = SimpleNamespace(names=("p1", "drag"))
+    drawn = bootstrap(data, Forgetful(), whole, repetitions=20, seed=3)
+    assert drawn.values.shape == (20, 2)
+    with pytest.raises(IdentifiabilityError, match="cannot tell load"):
+        bootstrap(data, Forgetful(), SimpleNamespace(names=("p1", "load")), repetitions=20)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "terms"),
+    [
+        (HarmonicBalance(), ("stribeck", "bias")),
+        (WeakForm(terms=("drag", "load"), half_width=0.2), ("drag",)),
+        (OutputError(window=20.0), ("drag", "stribeck", "stribeck_velocity")),
+        (OutputError(terms=("drag",)), ()),
+    ],
+)
+def test_an_estimator_holds_the_terms_of_an_estimate_and_all_else_as_it_was(estimator, terms):
+    estimate = SimpleNamespace(names=(*PARAMETERS, *terms))
+    assert estimator.holding_terms_of(estimate) == estimator.with_terms(terms)
+    assert Linear().holding_terms_of(estimate) == Linear()  # which offers none
+
+
+def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
+    chosen = HarmonicBalance(check=False)(real.data)
+    held = HarmonicBalance(check=False).holding_terms_of(chosen)(real.data)
+    assert held.names == chosen.names
+    np.testing.assert_allclose(
+        (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3
+    )

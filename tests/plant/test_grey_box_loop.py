@@ -18,6 +18,7 @@ from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import BandLimitedNoise, Clock, Encoder, Faults
 from butterfly.signals.excitations import Chirp, FreeDecay, Multisine, Prbs, SteppedSine, Table
+from tests.plant.setting import ADDED, SINE, robot
 
 
 def _or_none(values):
@@ -117,16 +118,7 @@ SETUPS = st.builds(
     faults=FAULTS,
 )
 
-PLAIN = Rig(
-    robot=Robot(
-        hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-        drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
-        friction=Friction(viscous=2e-4, coulomb=3e-4),
-    ),
-    simulator=Simulator.GREY_BOX,
-)
-SINE = Sine(omega=4.0, amplitude=0.3)
-ADDED = AddedMass(mass=0.05, arm=0.104)
+PLAIN = Rig(robot=robot(coulomb=3e-4), simulator=Simulator.GREY_BOX)
 
 
 def _compiled(rig, runs, duration, *, threads=1):
@@ -182,16 +174,15 @@ def test_it_takes_no_more_threads_than_it_may():
     assert len(idents) == 1
 
 
-def _with(**parts):
-    return replace(PLAIN, robot=replace(PLAIN.robot, **parts))
-
-
 REFUSED = {
-    "diverges": (_with(friction=Friction(viscous=20.0)), SINE),
+    "diverges": (replace(PLAIN, robot=robot(viscous=20.0)), SINE),
     "starts beyond any angle": (PLAIN, FreeDecay(angle=1e6)),
     "command too large": (PLAIN, Table(time=(0.0, 0.05), values=(0.0, LARGEST_COMMAND))),
-    "friction": (_with(friction=Friction(load=-5e-3)), SINE),
-    "clutch": (_with(clutch=Clutch(backlash=0.01, rotor_inertia=1e-3)), SINE),
+    "friction": (replace(PLAIN, robot=robot(load=-5e-3)), SINE),
+    "clutch": (
+        replace(PLAIN, robot=robot(clutch=Clutch(backlash=0.01, rotor_inertia=1e-3))),
+        SINE,
+    ),
 }
 
 

@@ -8,14 +8,13 @@ from PIL import Image
 from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.log import Sine
-from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.mjcf import compile_model, disc_radius, mjcf, mount
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Encoder
 from butterfly.plant.watch.picture import Painter, RenderingError, render
+from tests.plant.setting import FINE, grey_box, mujoco_alone
 
 ROBOT = Robot(
     hand=Hand(mass=0.1 + 1e-13, com_distance=1 / 30, inertia=0.003 * (1 + 1e-12)),
@@ -23,16 +22,11 @@ ROBOT = Robot(
     friction=Friction(viscous=2e-4 / 3, coulomb=1e-4 / 7),
 )
 ADDED = AddedMass(mass=0.0517, arm=0.1041)
+SMOOTH = replace(ROBOT, friction=Friction(viscous=1e-3))
 
 
-def _trajectory(model):
-    data = mujoco.MjData(model)
-    states = []
-    for k in range(5000):
-        data.ctrl[0] = 0.4 * np.sin(4e-3 * k)
-        mujoco.mj_step(model, data)
-        states.append([data.qpos[0], data.qvel[0]])
-    return np.array(states)
+def _states(model):
+    return mujoco_alone(model, 0.4 * np.sin(4e-3 * np.arange(5000)))[0]
 
 
 def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
@@ -41,33 +35,25 @@ def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
     model = compile_model(ROBOT)
     mount(model, ROBOT, ADDED)
     exported = mujoco.MjModel.from_xml_path(str(path))
-    np.testing.assert_allclose(_trajectory(exported), _trajectory(model), rtol=0, atol=1e-12)
-    assert np.ptp(_trajectory(model)[:, 0]) > 0.1
+    np.testing.assert_allclose(_states(exported), _states(model), rtol=0, atol=1e-12)
+    assert np.ptp(_states(model)[:, 0]) > 0.1
 
 
 def test_what_is_drawn_changes_no_bit_of_what_moves():
     drawn, bare = (compile_model(ROBOT, ADDED, scene=scene) for scene in (True, False))
     assert drawn.ngeom > 40
-    assert bare.ngeom == bare.nmesh == 0
+    assert (bare.ngeom, bare.nmesh, bare.nbody, bare.nu) == (0, 0, 3, 1)
     assert not drawn.geom_contype.any()
     assert not drawn.geom_conaffinity.any()
     for name in ("body_mass", "body_inertia", "body_ipos", "dof_M0", "dof_damping"):
         np.testing.assert_array_equal(getattr(drawn, name), getattr(bare, name))
-    np.testing.assert_array_equal(_trajectory(drawn), _trajectory(bare))
+    np.testing.assert_array_equal(_states(drawn), _states(bare))
 
 
 def _delayed(attributes):
     """Angle of an exported robot in plain MuJoCo, with a delay, under a sine."""
-    smooth = replace(ROBOT, friction=Friction(viscous=1e-3))
-    text = mjcf(smooth, ADDED).replace('name="motor"', f'name="motor" {attributes}', 1)
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    angles = [0.0]
-    for k in range(10_000):
-        data.ctrl[0] = 0.6 * np.sin(6e-3 * k)
-        mujoco.mj_step(model, data)
-        angles.append(data.qpos[0])
-    return np.array(angles)
+    text = mjcf(SMOOTH, ADDED).replace('name="motor"', f'name="motor" {attributes}', 1)
+    return mujoco_alone(text, 0.6 * np.sin(6e-3 * np.arange(10_000)))[0][:, 0]
 
 
 @pytest.mark.parametrize(
@@ -80,8 +66,7 @@ def _delayed(attributes):
 )
 def test_mujoco_s_own_delay_can_be_that_of_the_command_path(delay, attributes):
     """As the model's README says."""
-    smooth = replace(ROBOT, friction=Friction(viscous=1e-3))
-    rig = Rig(robot=smooth, encoder=Encoder(steps=2**45), path=CommandPath(delay=delay))
+    rig = Rig(robot=SMOOTH, encoder=FINE, path=CommandPath(delay=delay))
     sine = Sine(omega=6.0, amplitude=0.6)
     log = rig.play(ADDED, sine, 10.0, np.random.default_rng(0))
     np.testing.assert_allclose(_delayed(attributes), log.angle, atol=1e-6)
@@ -150,13 +135,9 @@ def test_a_picture_shows_the_hand_turned_and_its_mass(frame, tmp_path):
         assert picture.size == (100, 100)
 
 
-def test_up_and_down_look_different_without_an_added_mass(frame):
+def test_up_and_down_look_different_and_an_added_mass_by_its_size(frame):
     down, up = frame(AddedMass(), 0.0), frame(AddedMass(), np.pi)
-    differs = np.abs(up - down).max(axis=2) > 60
-    assert differs.mean() > 0.003
-
-
-def test_a_larger_added_mass_looks_larger(frame):
+    assert (np.abs(up - down).max(axis=2) > 60).mean() > 0.003
     masses = (AddedMass(mass=mass, arm=0.104) for mass in (0.0, 0.052, 0.154))
     none, small, large = (len(_pixels(frame(added, 0.0), "orange")) for added in masses)
     assert none == 0
@@ -179,21 +160,15 @@ def test_a_picture_of_an_unknown_format_is_refused(tmp_path):
 @pytest.mark.parametrize(("integrator", "order"), [("RK4", 4), ("EULER", 1), ("IMPLICITFAST", 1)])
 def test_each_integrator_of_mujoco_converges_with_its_order(integrator, order):
     """Why the model asks for RK4."""
-    smooth = replace(ROBOT, friction=Friction(viscous=2e-4))
-    model = compile_model(smooth)
+    model = compile_model(SMOOTH)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
 
     def final(step):
         model.opt.timestep = step
-        data = mujoco.MjData(model)
-        data.qpos[0], data.ctrl[0] = 0.5, 0.3
-        for _ in range(round(5 / step)):
-            mujoco.mj_step(model, data)
-        return data.qpos[0]
+        return mujoco_alone(model, [0.3] * round(5 / step), 0.5)[0][-1, 0]
 
-    instants = np.arange(0, 5.0005, 1e-3)
-    held = np.full((instants.size - 1, 3), 0.3)
-    exact = simulate(smooth.lumped, instants, held, 0.5)[0][-1]
+    time = np.arange(0, 5.0005, 1e-3)
+    exact = grey_box(SMOOTH.lumped, time, np.full(time.size, 0.3), 0.5)[0][-1]
     coarse, fine = (abs(final(step) - exact) for step in (0.02, 0.01))
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.2)
 
@@ -214,8 +189,3 @@ def test_even_the_smallest_added_mass_is_seen_and_nothing_is_drawn_of_none():
         mujoco.MjModel.from_xml_string(mjcf(ROBOT, each)) for each in (AddedMass(), ADDED)
     )
     assert loaded.ngeom > bare.ngeom
-
-
-def test_a_model_without_a_scene_has_nothing_to_draw():
-    model = compile_model(ROBOT, ADDED)
-    assert (model.ngeom, model.nmesh, model.nbody, model.nu) == (0, 0, 3, 1)

@@ -8,24 +8,16 @@ from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
-from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.robot import Robot
+from butterfly.model.parameters import Hand, TorqueDrive
+from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.rollout import replay_input
+from tests.plant.setting import ADDED, JOINTS, robot
 
-ADDED = AddedMass(mass=0.05, arm=0.104)
-ROBOT = Robot(
-    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-    drive=TorqueDrive(gain=0.025),
-    friction=Friction(viscous=1e-3),
-)
-WEIGHTLESS = Robot(
-    hand=Hand(mass=0.1, com_distance=0.0, inertia=0.003),
-    drive=TorqueDrive(gain=1.0),
-    friction=Friction(viscous=0.003),
+ROBOT = robot(TorqueDrive(gain=0.025), viscous=1e-3)
+WEIGHTLESS = robot(
+    TorqueDrive(gain=1.0), Hand(mass=0.1, com_distance=0.0, inertia=0.003), viscous=0.003
 )
 ZERO, FIRST = Intersample.ZERO_ORDER_HOLD, Intersample.FIRST_ORDER_HOLD
-JOINTS = [GreyBoxJoint, MujocoJoint]
 
 
 def _log(intersample, step, inputs, jitter=0.0):
@@ -113,8 +105,7 @@ def test_a_compressing_drive_delivers_less(joint):
 
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_replay_starts_at_rest_where_the_joint_was_put_and_can_be_repeated(joint):
-    log = _log(ZERO, 0.002, np.zeros(500))
-    put = joint(ROBOT, ADDED, angle=0.2)
+    log, put = _log(ZERO, 0.002, np.zeros(500)), joint(ROBOT, ADDED, angle=0.2)
     first = replay_input(put, log)
     assert first[0] == 0.2
     assert abs(first[1] - 0.2) < 1e-3

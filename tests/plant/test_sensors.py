@@ -4,6 +4,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.plant.sensors import (
     BandLimitedNoise,
+    Clock,
     Encoder,
     Faults,
     FilteredDifference,
@@ -34,11 +35,16 @@ def test_one_reading_or_all_at_once_carry_the_same_noise():
     encoder = Encoder(steps=2**40, band_limited=BandLimitedNoise(power=1e-6, sample_time=0.02))
     rng = np.random.default_rng(0)
     time, angle = np.arange(200) * 0.01, np.linspace(0, 1, 200)
-    single = [
-        encoder.read_one(t, a, rng) for t, a in zip(time.tolist(), angle.tolist(), strict=True)
-    ]
+    single = [encoder.read_one(*both, rng) for both in zip(time.tolist(), angle, strict=True)]
     np.testing.assert_allclose(encoder.read(time, angle, rng), single, atol=1e-11)
     assert np.std(encoder.read(time, angle, rng) - angle) > 1e-3
+
+
+def test_the_encoder_reads_whole_steps_around_the_true_angle():
+    angle, step = np.linspace(-3, 3, 999), 2 * np.pi / 1000
+    read = Encoder(steps=1000).read(angle, angle, np.random.default_rng(0))
+    np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
+    assert np.abs(read - angle).max() <= step / 2 + 1e-12
 
 
 @pytest.mark.parametrize(
@@ -50,11 +56,24 @@ def test_one_reading_or_all_at_once_carry_the_same_noise():
         lambda: BandLimitedNoise(power=1, sample_time=1e-9).sample(np.array([1.0])),
         lambda: Faults(dropped=1.0),
         lambda: Faults(duplicated=-0.1),
+        lambda: Clock(step=0),
+        lambda: Clock(step=1e-3, jitter=1e-3),
+        lambda: Encoder(steps=0),
+        lambda: Encoder(noise=-1),
+        lambda: FilteredDifference(0.0),
+        lambda: FilteredDifference(-1.0),
     ],
 )
-def test_impossible_noise_and_faults_are_refused(build):
+def test_what_makes_no_sense_is_refused(build):
     with pytest.raises(InputError):
         build()
+
+
+def test_the_clock_has_the_jitter_it_was_given():
+    steps = Clock(step=1e-3, jitter=2e-4).cycles(50.0, np.random.default_rng(0))
+    assert steps.min() > 0
+    assert steps.mean() == pytest.approx(1e-3, rel=5e-3)
+    assert steps.std() == pytest.approx(2e-4, rel=0.02)
 
 
 def test_faults_lose_and_repeat_the_share_of_samples_asked_for(sine_log):
@@ -85,9 +104,3 @@ def test_the_filtered_difference_of_a_loop_is_that_of_its_log():
     found = [loop.update(t, x, 0.0) for t, x in zip(time.tolist(), angle.tolist(), strict=True)]
     np.testing.assert_allclose(filtered_difference(time, angle), found, rtol=1e-12, atol=1e-9)
     assert loop.update(time[-1], 5.0, 0.0) == found[-1]  # a clock that stood still
-
-
-def test_a_time_constant_that_is_not_positive_is_refused():
-    for wrong in (0.0, -1.0):
-        with pytest.raises(InputError, match="time_constant"):
-            FilteredDifference(wrong)

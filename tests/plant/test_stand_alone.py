@@ -1,5 +1,6 @@
 """An exported robot moves by itself, in MuJoCo alone, as our free run with the same parameters."""
 
+import re
 from dataclasses import replace
 
 import mujoco
@@ -11,39 +12,35 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.greybox import simulate
 from butterfly.model.parameters import (
-    AddedMass,
-    Friction,
-    Hand,
     LumpedParameters,
     TorqueDrive,
-    VoltageDrive,
 )
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.plant.rollout import replay_input
 from butterfly.plant.stand_alone import AIM, command_of, models, stand_alone
 from butterfly.signals import hold
+from tests.plant.setting import ADDED, MOTOR, grey_box, mujoco_alone, robot
 
 MASS = 2.0  # kg, which carries all that is drawn
-ADDED = AddedMass(mass=0.05, arm=0.104)
-HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
+PLAIN = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
 
 
-def _log(inputs, intersample=Intersample.ZERO_ORDER_HOLD, angle=0.0, added=ADDED):
+def _log(inputs, intersample=Intersample.ZERO_ORDER_HOLD):
     return Log(
         time=1e-3 * np.arange(inputs.size),
         input=inputs,
-        angle=np.full(inputs.size, angle),
+        angle=np.zeros(inputs.size),
         input_kind=InputKind.TORQUE,
         intersample=intersample,
-        added_mass=added,
+        added_mass=ADDED,
     )
 
 
-def _moved(model, log, zero=0.0):
+def _moved(text, log, zero=0.0):
     """(n,) angles at a log's stamps: MuJoCo alone, given the mean of the input over each step."""
+    model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[0] = log.angle[0] - zero
     if model.nhistory and log.intersample is Intersample.FIRST_ORDER_HOLD:
@@ -105,45 +102,39 @@ def test_the_file_alone_moves_within_a_ten_thousandth_of_a_radian_of_our_free_ru
     IdentifiedModel(parameters).export(path, ADDED, mass=MASS)
     ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
     assert np.ptp(ours) > 0.1
-    model = mujoco.MjModel.from_xml_path(str(path))
-    assert (parameters.delay / model.opt.timestep) % 1 > 1e-3
-    assert np.abs(_moved(model, log) - ours).max() < AIM
+    step = mujoco.MjModel.from_xml_path(str(path)).opt.timestep
+    assert (parameters.delay / step) % 1 > 1e-3
+    assert np.abs(_moved(path.read_text(), log) - ours).max() < AIM
 
 
 def test_without_its_delay_the_file_would_move_otherwise():
     parameters, log = _drawn(0, "smooth")
     ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
-    model = mujoco.MjModel.from_xml_string(
-        stand_alone(Robot.of_lumped(parameters, MASS), ADDED).text
-    )
-    assert np.abs(_moved(model, log) - ours).max() > 10 * AIM
+    undelayed = stand_alone(Robot.of_lumped(parameters, MASS), ADDED).text
+    assert np.abs(_moved(undelayed, log) - ours).max() > 10 * AIM
+
+
+def _quick_start():
+    plant = read_experiment(shipped("experiments/quickstart.yaml")).plant
+    return plant.robot, vars(plant.path)
 
 
 @pytest.mark.parametrize(
-    "drive",
+    ("driven", "path"),
     [
-        VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
-        VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03, inductance=2e-3),
-        TorqueDrive(gain=0.025),
+        (robot(viscous=1e-3, coulomb=3e-4), {"delay": 0.00213}),
+        (robot(replace(MOTOR, inductance=2e-3), coulomb=3e-4), {"delay": 0.00213}),
+        (robot(TorqueDrive(gain=0.025), viscous=1e-3, coulomb=3e-4), {"delay": 0.00213}),
+        _quick_start(),
     ],
-    ids=["voltage", "inductance", "torque"],
+    ids=["voltage", "inductance", "torque", "quick start"],
 )
-def test_any_drive_is_delayed(drive):
-    robot = Robot(hand=HAND, drive=drive, friction=Friction(viscous=1e-3, coulomb=3e-4))
-    log = _log(0.5 * np.sin(4e-3 * np.arange(300)))
-    model = mujoco.MjModel.from_xml_string(stand_alone(robot, ADDED, delay=0.00213).text)
-    ours = replay_input(GreyBoxJoint(robot, ADDED), log, 0.00213)
-    assert np.abs(_moved(model, log) - ours).max() < AIM
-
-
-def test_the_quick_start_s_robot_needs_no_help():
-    plant = read_experiment(shipped("experiments/quickstart.yaml")).plant
-    written = stand_alone(plant.robot, ADDED, **vars(plant.path))
+def test_any_drive_is_delayed_without_help(driven, path):
+    written = stand_alone(driven, ADDED, **path)
     assert written.left_out == ()
-    log = _log(0.4 * np.sin(4e-3 * np.arange(2000)))
-    ours = replay_input(GreyBoxJoint(plant.robot, ADDED), log, plant.path.delay)
-    moved = _moved(mujoco.MjModel.from_xml_string(written.text), log)
-    assert np.abs(moved - ours).max() < AIM
+    log = _log(0.5 * np.sin(4e-3 * np.arange(300)))
+    ours = replay_input(GreyBoxJoint(driven, ADDED), log, path["delay"])
+    assert np.abs(_moved(written.text, log) - ours).max() < AIM
 
 
 def test_the_twin_of_the_real_robot_moves_alone(real, tmp_path):
@@ -154,15 +145,13 @@ def test_the_twin_of_the_real_robot_moves_alone(real, tmp_path):
     assert model.parameters.stribeck > 0
     model.export(tmp_path / "twin.xml", log.added_mass)
     ours = model.simulate(log, zero=log.angle[0], velocity=0.0).angle
-    moved = _moved(mujoco.MjModel.from_xml_path(str(tmp_path / "twin.xml")), log, log.angle[0])
+    moved = _moved((tmp_path / "twin.xml").read_text(), log, log.angle[0])
     assert np.ptp(ours) > 0.1
     assert np.abs(moved - ours).max() < AIM
 
 
 def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity():
-    parameters = LumpedParameters(
-        p1=0.003, p2=0, p3=0.05, p4=1, coulomb=2e-3, stribeck=3e-3, stribeck_velocity=0.2
-    )
+    parameters = replace(PLAIN, p2=0, coulomb=2e-3, stribeck=3e-3, stribeck_velocity=0.2)
     model = mujoco.MjModel.from_xml_string(stand_alone(Robot.of_lumped(parameters)).text)
     data = mujoco.MjData(model)
     for velocity in (-3.0, -0.5, -0.2, -0.05, 0.01, 0.1, 0.3, 0.55, 0.7, 5.0):
@@ -183,19 +172,18 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
     ],
 )
 def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(command, said, tmp_path):
-    parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
-    written = stand_alone(Robot.of_lumped(parameters), **command)
+    written = stand_alone(Robot.of_lumped(PLAIN), **command)
     (sentence,) = written.left_out
+    assert re.search(said, sentence)
     assert f"<!-- {sentence} -->" in written.text
-    if command.keys() <= command_of(parameters).keys():
+    if command.keys() <= command_of(PLAIN).keys():
         with pytest.warns(UserWarning, match=said):
-            IdentifiedModel(replace(parameters, **command)).export(tmp_path / "twin.xml")
+            IdentifiedModel(replace(PLAIN, **command)).export(tmp_path / "twin.xml")
 
 
-def test_a_delay_too_short_to_be_seen_is_none():
-    parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
-    for delay in (-8e-6, 0.0, 8e-6):
-        assert stand_alone(Robot.of_lumped(parameters), delay=delay).left_out == ()
+@pytest.mark.parametrize("delay", [-8e-6, 0.0, 8e-6])
+def test_a_delay_too_short_to_be_seen_is_none(delay):
+    assert stand_alone(Robot.of_lumped(PLAIN), delay=delay).left_out == ()
 
 
 def test_friction_too_strong_for_any_step_is_said():
@@ -205,22 +193,20 @@ def test_friction_too_strong_for_any_step_is_said():
 
 
 def test_a_limit_of_the_command_is_its_range():
-    robot = Robot(hand=HAND, drive=TorqueDrive(gain=1), friction=Friction())
-    model = mujoco.MjModel.from_xml_string(stand_alone(robot, limit=3.5).text)
+    model = mujoco.MjModel.from_xml_string(stand_alone(robot(), limit=3.5).text)
     np.testing.assert_array_equal(model.actuator("motor").ctrlrange, [-3.5, 3.5])
 
 
 def test_a_clutch_s_friction_brakes_the_rotor_alone_and_asks_for_shorter_steps():
-    robot = Robot(hand=HAND, drive=TorqueDrive(gain=1), friction=Friction(coulomb=1e-3))
-    loose = replace(robot, clutch=Clutch(backlash=0.01, rotor_inertia=3e-4))
-    assert stand_alone(loose).step < stand_alone(robot).step
+    rigid = robot(TorqueDrive(gain=1), coulomb=1e-3)
+    loose = replace(rigid, clutch=Clutch(backlash=0.01, rotor_inertia=3e-4))
+    assert stand_alone(loose).step < stand_alone(rigid).step
     assert mujoco.MjModel.from_xml_string(stand_alone(loose).text).njnt == 2
 
 
 def test_a_twin_takes_numbers_of_any_kind():
-    numbers = {"p1": 0.003, "p2": 0.001, "p3": 0.05, "p4": 1.0, "coulomb": 0.003, "delay": 0.004}
-    plain = LumpedParameters(**numbers)
-    drawn = LumpedParameters(**{name: np.float64(number) for name, number in numbers.items()})
+    plain = replace(PLAIN, coulomb=0.003, delay=0.004)
+    drawn = replace(plain, **{name: np.float64(number) for name, number in vars(plain).items()})
     texts = [stand_alone(Robot.of_lumped(each), **command_of(each)).text for each in (plain, drawn)]
     assert texts[0] == texts[1]
     assert mujoco.MjModel.from_xml_string(texts[0]).nhistory
@@ -234,27 +220,21 @@ def _drawn_about(seed, **more):
     )
 
 
-def _driven(text, angle, commands):
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    data.qpos[0] = angle
-    angles = [angle]
-    for command in commands:
-        data.ctrl[0] = command
-        mujoco.mj_step(model, data)
-        angles.append(data.qpos[0])
-    return model.opt.timestep, np.array(angles)
+COMMANDS = 0.02 * np.sin(5e-3 * np.arange(8000))
+
+
+def _beside_the_grey_box(text, parameters):
+    """Angles from 0.3 rad on in plain MuJoCo, and by the equation."""
+    states, step = mujoco_alone(text, COMMANDS, 0.3)
+    angles = states[:, 0]
+    return angles, grey_box(parameters, step * np.arange(angles.size), COMMANDS, 0.3)[0]
 
 
 def test_each_model_moves_as_the_grey_box_with_its_draw():
     drawn = [_drawn_about(seed, drag=1e-5 * seed, bias=1e-3) for seed in range(4)]
-    commands = 0.02 * np.sin(5e-3 * np.arange(8000))
     ends = []
     for parameters, text in zip(drawn, models(drawn, ADDED), strict=True):
-        step, angles = _driven(text, 0.3, commands)
-        time = step * np.arange(angles.size)
-        held = np.repeat(commands[:, None], 3, axis=1)
-        expected, _ = simulate(parameters.with_added_mass(ADDED), time, held, 0.3)
+        angles, expected = _beside_the_grey_box(text, parameters.with_added_mass(ADDED))
         assert np.abs(angles - expected).max() < 2e-3
         ends.append(expected[-1])
     assert np.ptp(ends) > 1e-2
@@ -278,8 +258,5 @@ def test_friction_that_is_larger_at_rest_needs_bristles():
     first, second = models(drawn, bristle_stiffness=10.0)
     assert "lugre" in first
     assert "lugre" not in second
-    commands = 0.02 * np.sin(5e-3 * np.arange(8000))
-    step, angles = _driven(first, 0.3, commands)
-    held = np.repeat(commands[:, None], 3, axis=1)
-    expected, _ = simulate(drawn[0], step * np.arange(angles.size), held, 0.3)
+    angles, expected = _beside_the_grey_box(first, drawn[0])
     assert np.abs(angles - expected).max() < 0.02

@@ -19,25 +19,26 @@ from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
 from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
-from butterfly.report.estimate_figures import (
+from butterfly.report.figures import seen_samples
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import interval, with_error
+from butterfly.report.identification_figures import (
     correlation_map,
     frequency_response_figure,
     parameter_figure,
     ranked_figure,
     swings_between,
 )
-from butterfly.report.figures import packable, seen_samples
-from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.identification_page import identification_page, write_report
-from butterfly.report.inspection import health_rows
-from butterfly.report.inspection_page import write_inspection
+from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
     time_figure,
     time_series,
 )
-from butterfly.report.parameter_table import Whisker, interval, parameter_rows, with_error
+from butterfly.report.page import Whisker, packable, write_html
+from butterfly.report.parameter_table import parameter_texts
 from butterfly.report.residual import (
     misfit_sentences,
     misfit_table,
@@ -76,9 +77,9 @@ def test_the_page_asks_nothing_of_the_network(page):
 def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
     text = html.unescape(page.read_text(encoding="utf-8"))
     result, truth = simulated
-    for row in parameter_rows(result.estimate.table(truth)):
-        for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
-            assert cell in text
+    for row in map(parameter_texts, result.estimate.table(truth)):
+        for key in ("symbol", "value", "error", "interval", "true", "deviation"):
+            assert row[key] in text
     said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
@@ -249,9 +250,7 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
     assert page.headed.text == "Good"
     assert f"{result.fit.median:.1f} %" in [fact.value for fact in page.facts]
     (table,) = page.lead.tables
-    assert [str(row[0]) for row in table.rows] == [
-        row.symbol for row in parameter_rows(result.estimate.table())
-    ]
+    assert [str(row[0]) for row in table.rows] == [row.symbol for row in result.estimate.table()]
     for row, name in zip(table.rows, result.estimate.names, strict=True):
         assert row[3].true == getattr(truth, name)
         assert row[3].limits[0] <= row[3].value <= row[3].limits[1]
@@ -314,16 +313,15 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
 def test_a_value_of_0_inside_its_interval_may_be_0():
     about = {"name": "p2", "symbol": "p₂", "meaning": "friction", "unit": "N m s/rad"}
     parameter = Parameter(**about, value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
-    (row,) = parameter_rows([parameter])
-    assert row.width == "may be 0"
+    assert parameter_texts(parameter)["width"] == "may be 0"
 
 
 def test_the_forest_plot_has_a_panel_for_each_parameter(simulated):
     result, truth = simulated
-    rows = parameter_rows(result.estimate.table(truth))
+    rows = result.estimate.table(truth)
     figure = parameter_figure(rows)
     estimates = [trace.x[0] for trace in figure.data if trace.name == "estimate"]
-    assert estimates == [row.whisker.value for row in rows]
+    assert estimates == [row.value for row in rows]
 
 
 def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
@@ -332,7 +330,7 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
     assert float(rows["dominant frequency"].split()[0]) == pytest.approx(5, abs=0.1)
     assert float(rows["amplitude"].split()[0]) == pytest.approx(0.1, rel=1e-2)
     assert rows["findings"] == "none"
-    write_inspection(clean, health, tmp_path / "log.html")
+    write_html(inspection_page(clean, health), tmp_path / "log.html")
     page = (tmp_path / "log.html").read_text(encoding="utf-8")
     assert '<span class="badge">✓ Ok</span>' in page
     assert rows["longest interval"] in page

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.experiment.sweep_tables import Estimates
-from butterfly.report.page import Link, Page, PageTable, Section, rendered, write_page
+from butterfly.report.page import Marked, Page, PageTable, Section, rendered, write_page
 from butterfly.report.pictures import draw, write_pictures
 from butterfly.report.sweep_figures import axis_figure
 from butterfly.verdict import Level, Verdict
@@ -57,7 +57,7 @@ def test_a_dollar_is_no_formula_wherever_it_stands(trace, tmp_path):
 def test_a_page_runs_no_text(tmp_path):
     script = ODD[-1]
     figure = Figure([Scatter(x=[script], y=[1], name=f"</script>{script}")])
-    rows = [(script,), (Link(script, "runs/x.json"),)]
+    rows = [(script,), (Marked(script, "runs/x.json"),)]
     parts = {"text": script, "tables": (PageTable(headers=(script,), rows=rows, caption=script),)}
     section = Section(title=script, figures={"f": figure}, **parts)
     about = {"name": script, "description": script, "kind": "sweep", "numbers": {script: 1}}

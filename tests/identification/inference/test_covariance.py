@@ -4,10 +4,15 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.covariance import cluster_covariance, robust
+from butterfly.identification.inference.covariance import (
+    cluster_covariance,
+    honest_limits,
+    robust,
+)
 from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.model.parameters import AddedMass
 
@@ -18,15 +23,6 @@ def _regression(rng, clusters, size):
     flat = rows.reshape(-1, 2)
     estimate = np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]
     return rows, (flat @ estimate - noise.ravel()).reshape(clusters, size)
-
-
-def test_with_clusters_of_one_it_is_hc2():
-    rows, residuals = _regression(np.random.default_rng(0), 30, 1)
-    x, e = rows[:, 0], residuals[:, 0]
-    normal = np.linalg.inv(x.T @ x)
-    leverage = np.einsum("ni,ij,nj->n", x, normal, x)
-    hc2 = normal @ (x.T * (e**2 / (1 - leverage))) @ x @ normal
-    np.testing.assert_allclose(cluster_covariance(rows, residuals)[0], hc2, rtol=1e-10)
 
 
 def test_for_one_mean_the_degrees_of_freedom_are_students():
@@ -178,3 +174,14 @@ def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
 def test_a_loss_that_is_not_convex_about_the_end_leaves_the_covariance_as_it_is():
     covariance = np.diag([2.0, 3.0])
     assert robust(covariance, np.eye(2), np.diag([1.0, -1.0])) is covariance
+
+
+def test_limits_are_student_s_at_95_per_cent_and_hold_estimates_of_partial_data():
+    values, freedom = np.array([1.0, -2.0]), np.array([3.0, 20.0])
+    covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
+    lower, upper = honest_limits(values, covariance, freedom, [])
+    low, high = student.interval(0.95, freedom, values, np.sqrt(np.diag(covariance)))
+    np.testing.assert_allclose((lower, upper), (low, high))
+    left_out = [np.array([5.0, -2.1]), np.array([0.9, -9.0])]
+    wider = honest_limits(values, covariance, freedom, left_out)
+    np.testing.assert_array_equal(wider, ([lower[0], -9.0], [5.0, upper[1]]))

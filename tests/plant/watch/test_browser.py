@@ -17,7 +17,7 @@ from mujoco.studio import messages
 
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.watch import browser
-from tests.plant.test_rig import ADDED, ROBOT
+from tests.plant.setting import ADDED, robot
 
 GUARD = browser.Guard(8001, "known-to-one")
 HOST = {"Host": "127.0.0.1:8001"}
@@ -26,7 +26,7 @@ COOKIE = {"Cookie": GUARD.cookie.partition(";")[0]}
 
 @pytest.fixture(name="front")
 def _front():
-    model = compile_model(ROBOT, ADDED, scene=True)
+    model = compile_model(robot(), ADDED, scene=True)
     front = browser.Front()
     front.viewer = SimpleNamespace(camera=mujoco.MjvCamera(), data=mujoco.MjData(model))
     front.look(messages.PostModelEvent(model=model, data=front.viewer.data))

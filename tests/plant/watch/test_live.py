@@ -15,10 +15,10 @@ from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.watch.live import LiveRun, RealTime, watch
 from butterfly.plant.watch.picture import RenderingError
 from butterfly.signals.excitations import FreeDecay
-from tests.plant.test_rig import ADDED, ROBOT, SINE, STIFF
+from tests.plant.setting import ADDED, FINE, MOTOR, SINE, robot
 
 ROUGH = Rig(
-    robot=replace(ROBOT, drive=STIFF),
+    robot=robot(replace(MOTOR, inductance=0.002), coulomb=3e-4),
     clock=Clock(step=0.002, jitter=3e-4),
     path=CommandPath(limit=0.2, delay=0.0037),
     encoder=Encoder(noise=1e-4),
@@ -74,7 +74,7 @@ def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation
 
 
 def test_a_watched_run_is_that_of_the_compiled_loop_too():
-    rig = Rig(robot=ROBOT, encoder=Encoder(steps=2**40), path=CommandPath(limit=0.02))
+    rig = Rig(robot=robot(), encoder=FINE, path=CommandPath(limit=0.02))
     (log,) = simulate_runs(rig, [(ADDED, SINE)], 0.5, [SEED])
     assert rig.runs_open_loop
     seen, shown = _watched(rig)
@@ -116,7 +116,7 @@ def test_at_its_end_and_when_a_viewer_resets_it_the_run_starts_again(simulator):
 
 
 def test_a_frame_ends_even_if_a_sample_costs_more_than_it_lasts():
-    run = LiveRun(Rig(robot=ROBOT), ADDED, Sine(omega=3.0, amplitude=0.1), 60.0, SEED)
+    run = LiveRun(Rig(robot=robot()), ADDED, Sine(omega=3.0, amplitude=0.1), 60.0, SEED)
     wall = _Wall()
     pace = RealTime(run, wall)
     pace.catch_up()
@@ -146,4 +146,4 @@ def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(RenderingError, match="--web"):
-        watch(LiveRun(Rig(robot=ROBOT), ADDED, SINE, 1.0, SEED))
+        watch(LiveRun(Rig(robot=robot()), ADDED, SINE, 1.0, SEED))

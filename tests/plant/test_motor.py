@@ -9,21 +9,14 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
-from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ControlLoop, ReplayMotor
 from butterfly.plant.rig import SimulatedMotor
-from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.sensors import Clock
+from tests.plant.setting import ADDED, FINE, JOINTS, grey_box, robot
 
-FINE = Encoder(steps=2**40)
-ADDED = AddedMass(mass=0.05, arm=0.104)
-ROBOT = Robot(
-    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-    drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
-    friction=Friction(viscous=2e-4),
-)
+ROBOT = robot()
 
 
 def _spring(reading):
@@ -31,13 +24,13 @@ def _spring(reading):
     return 3.0 * (0.4 - reading.angle)
 
 
-def _run(joint, law=_spring, duration=5.0, **parts):
+def _run(joint, law=_spring, **parts):
     with ControlLoop(SimulatedMotor(joint, encoder=FINE, **parts), clock=Clock(step=0.002)) as loop:
-        return loop.run(law, duration)
+        return loop.run(law, 5.0)
 
 
 def test_under_feedback_mujoco_and_grey_box_give_the_same_log():
-    first, second = (_run(joint(ROBOT, ADDED)) for joint in (MujocoJoint, GreyBoxJoint))
+    first, second = (_run(joint(ROBOT, ADDED)) for joint in JOINTS)
     assert np.ptp(first.angle) > 0.1
     np.testing.assert_allclose(first.angle, second.angle, atol=1e-9)
     np.testing.assert_allclose(first.input, second.input, atol=1e-8)
@@ -61,7 +54,7 @@ def test_one_command_or_all_at_once_leave_the_path_alike():
 
 
 @pytest.mark.parametrize("delay", [0.0007, 0.002, 0.0153])
-@pytest.mark.parametrize("joint", [MujocoJoint, GreyBoxJoint])
+@pytest.mark.parametrize("joint", JOINTS)
 def test_a_delayed_command_takes_effect_at_its_own_instant(joint, delay):
     def law(reading):
         return 0.5 * math.sin(4 * reading.time)
@@ -71,7 +64,7 @@ def test_a_delayed_command_takes_effect_at_its_own_instant(joint, delay):
     instants = np.unique(np.concatenate([[0.0], log.time, switches[switches < log.time[-1]]]))
     held = np.searchsorted(switches, instants[:-1] + 1e-12, side="right") - 1
     inputs = np.where(held >= 0, log.input[np.maximum(held, 0)], 0.0)
-    exact, _ = simulate(ROBOT.lumped, instants, np.repeat(inputs[:, None], 3, axis=1), 0.0)
+    exact, _ = grey_box(ROBOT.lumped, instants, inputs)
     np.testing.assert_allclose(log.angle, np.interp(log.time, instants, exact), atol=1e-9)
 
 
@@ -84,8 +77,7 @@ def test_the_current_is_that_of_the_armature_and_unknown_for_a_torque_drive():
     before, after = motor.read(), (motor.wait(1e-5), motor.read())[1]
     speed = (after.angle - before.angle) / 1e-5
     assert before.current == pytest.approx((1 - 0.03 * speed) / 2, rel=1e-4)
-    torque = Robot(hand=ROBOT.hand, drive=TorqueDrive(gain=1), friction=ROBOT.friction)
-    assert math.isnan(SimulatedMotor(GreyBoxJoint(torque)).read().current)
+    assert math.isnan(SimulatedMotor(GreyBoxJoint(robot(TorqueDrive(gain=1)))).read().current)
 
 
 def test_a_replayed_log_comes_back_sample_by_sample(sine_log):
@@ -112,22 +104,22 @@ class _Recorder(SimulatedMotor):
         super().stop()
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_command_that_is_not_finite_stops_the_motor_and_names_the_law(value):
+def _fails():
+    raise ZeroDivisionError
+
+
+@pytest.mark.parametrize(
+    ("late", "error"),
+    [
+        (lambda: math.nan, pytest.raises(InputError, match="control law: command")),
+        (lambda: math.inf, pytest.raises(InputError, match="control law: command")),
+        (_fails, pytest.raises(ZeroDivisionError)),
+    ],
+)
+def test_a_law_that_fails_or_is_not_finite_stops_the_motor(late, error):
     motor = _Recorder(GreyBoxJoint(ROBOT))
-    with pytest.raises(InputError, match="control law: command"), ControlLoop(motor) as loop:
-        loop.run(lambda reading: value if reading.time > 0.1 else 0.1, 1.0)
-    assert motor.stopped
-
-
-def test_an_error_in_the_law_stops_the_motor():
-    motor = _Recorder(GreyBoxJoint(ROBOT))
-
-    def law(_):
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError), ControlLoop(motor) as loop:
-        loop.run(law, 1.0)
+    with error, ControlLoop(motor) as loop:
+        loop.run(lambda reading: late() if reading.time > 0.1 else 0.1, 1.0)
     assert motor.stopped
 
 
@@ -149,8 +141,7 @@ class _FakeDrive(threading.Thread):
         self.commands = []
 
     def run(self):
-        torque = Robot(hand=ROBOT.hand, drive=TorqueDrive(gain=0.02), friction=ROBOT.friction)
-        motor = SimulatedMotor(GreyBoxJoint(torque, ADDED))
+        motor = SimulatedMotor(GreyBoxJoint(robot(TorqueDrive(gain=0.02)), ADDED))
         connection, _ = self._server.accept()
         with self._server, connection, connection.makefile("r") as lines:
             for line in lines:

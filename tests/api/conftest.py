@@ -1,0 +1,43 @@
+"""One data set, what is identified from it, and every kind of result that rests on that."""
+
+from __future__ import annotations
+
+import pytest
+
+import butterfly as bf
+
+WRONG = {"p1": 0.004, "p2": 0.0015, "p3": 0.05}
+
+
+@pytest.fixture(scope="session")
+def data(quick_data):
+    return bf.read(quick_data)
+
+
+@pytest.fixture(scope="session")
+def result(data):
+    return bf.identify(data, against={"wrong": WRONG})
+
+
+@pytest.fixture(scope="session")
+def predicted(data, result):
+    return bf.predict(data, result, draws=60)
+
+
+@pytest.fixture(scope="session")
+def results(data, result, predicted):
+    others = results_of(data, result)
+    return others | {"prediction": predicted}
+
+
+def results_of(data, found):
+    """Return a result of each kind that rests on an identification."""
+    return {
+        "identification": found,
+        "physical": found.physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05),
+        "validation": bf.validate(data),
+        "design": bf.design(found),
+        "comparison": bf.compare(found, logs=[0, 1]),
+        "prediction": bf.predict(data, found, bands=False),
+        "draws": bf.draws(found, 40),
+    }
