@@ -59,14 +59,8 @@ def with_error(value: float, error: float) -> str:
         return f"{value:.5g}"
     if abs(value) < error / 10:
         return f"{value:.1g}"
-    return f"{value:#.{significant_digits(value, error)}g}".rstrip(".")
-
-
-def significant_digits(value: float, error: float) -> int:
-    """Count the digits of ``value`` down to the second digit of ``error``."""
-    if value == 0:
-        return 2
-    return max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 2, 2)
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 2
+    return f"{value:#.{max(digits, 2)}g}".rstrip(".")
 
 
 def interval(lower: float, upper: float) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import Parameter
 from butterfly.model.linear import resonance_frequency
@@ -31,7 +32,16 @@ from butterfly.report.log_figures import (
     time_figure,
     time_series,
 )
-from butterfly.report.page import Fact, Marked, Page, PageTable, Section, Whisker, write_page
+from butterfly.report.page import (
+    Fact,
+    Marked,
+    Page,
+    PageTable,
+    Section,
+    Whisker,
+    tabulated,
+    write_page,
+)
 from butterfly.report.parameter_table import (
     HEADERS,
     TITLE,
@@ -110,9 +120,9 @@ def identification_page(
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
-        *_resonances(identification),
-        *_against(identification),
-        *_held_out(identification),
+        *tabulated("Resonances", _resonances_table(identification)),
+        *tabulated("Against other parameters", _against_table(identification)),
+        *tabulated("Held out", _held_out_table(identification)),
     ]
     return Page(
         name=data.name,
@@ -249,51 +259,40 @@ def _physical(identification: Identification) -> list[Section]:
     return [Section(title=TITLE, text=text, tables=(table,) if rows else ())]
 
 
-def _resonances(identification: Identification) -> list[Section]:
+def _resonances_table(identification: Identification) -> PageTable:
     """Tabulate where each added mass swings by itself; without gravity none does."""
-    if not identification.data.hangs:
-        return []
     estimate, data = identification.estimate, identification.data
-    thesis = bool(estimate.resonances)
+    headers = ["added mass", "resonance in rad/s, of small swings"]
+    headers += ["resonance in rad/s, by the thesis"] if estimate.resonances else []
     rows = []
-    for mass, angle in data.equilibria.items():
+    for mass, angle in data.equilibria.items() if data.hangs else ():
         loaded = estimate.parameters.with_added_mass(mass)
         row = [str(mass), f"{resonance_frequency(loaded):#.4g}"]
-        row += [f"{estimate.resonances.get(mass, np.nan):#.4g}"] if thesis else []
+        if estimate.resonances:
+            row.append(f"{estimate.resonances.get(mass, np.nan):#.4g}")
         rows.append((*row, f"{angle:z.4f}"))
-    headers = ["added mass", "resonance in rad/s, of small swings"]
-    headers += ["resonance in rad/s, by the thesis"] if thesis else []
-    table = PageTable(headers=(*headers, "rest angle in rad"), rows=rows)
-    return [Section(title="Resonances", tables=(table,))]
+    return PageTable(headers=(*headers, "rest angle in rad"), rows=rows)
 
 
-def _against(identification: Identification) -> list[Section]:
-    if not identification.comparisons:
-        return []
+def _against_table(identification: Identification) -> PageTable:
+    """Tabulate what the identification was compared with, below itself."""
     found = [each for each in identification.estimate.table() if not each.known]
     own = {each.name: parameter_texts(each)["value"] for each in found}
-    fit = identification.fit
-    lines = [
-        (
-            "this identification",
-            *(own.get(key, "–") for key in _COMPARED),
-            *map(fit_text, (fit.median, fit.mean, fit.worst)),
-        )
-    ]
+    values = [own.get(key, "–") for key in _COMPARED]
+    rows = [("this identification", *values, *_fits(identification.fit))]
     for other in identification.comparisons:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
         values[3] += " (fitted)" if other.gain_fitted else ""
-        fits = (other.summary.median, other.summary.mean, other.summary.worst)
-        lines.append((other.name, *values, *map(fit_text, fits)))
+        rows.append((other.name, *values, *_fits(other.summary)))
     headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
-    table = PageTable(name="against", headers=headers, rows=lines)
-    return [Section(title="Against other parameters", tables=(table,))]
+    return PageTable(name="against", headers=headers, rows=rows if len(rows) > 1 else ())
 
 
-def _held_out(identification: Identification) -> list[Section]:
-    if not identification.held_out:
-        return []
+def _fits(fit: FitSummary) -> list[str]:
+    return [fit_text(each) for each in (fit.median, fit.mean, fit.worst)]
+
+
+def _held_out_table(identification: Identification) -> PageTable:
     rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
     caption = "Logs that were not used for the fit, simulated with its values."
-    table = PageTable(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
-    return [Section(title="Held out", tables=(table,))]
+    return PageTable(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)

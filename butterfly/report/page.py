@@ -181,6 +181,11 @@ class Section:
     series: Mapping[str, Series] = field(default_factory=dict)
 
 
+def tabulated(title: str, table: PageTable, text: str = "") -> list[Section]:
+    """Return the section of a table; none if that is empty."""
+    return [Section(title=title, text=text, tables=(table,))] if table.rows else []
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Page:
     """A report: on its first screen badge, facts and lead; then the summary, and the sections."""

@@ -116,24 +116,19 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
     axes = still.add_axes(box)
     axes.grid(visible=True, alpha=0.3)
     axes.ticklabel_format(useOffset=False)
-    for axis, setter, ticks, label in (
-        (across, axes.set_xscale, axes.xaxis, axes.set_xlabel),
-        (up, axes.set_yscale, axes.yaxis, axes.set_ylabel),
-    ):
+    for name, axis, ticks in (("x", across, axes.xaxis), ("y", up, axes.yaxis)):
         if axis.get("type") == "log":
-            setter("log")
+            axes.set(**{f"{name}scale": "log"})
             ticks.set_major_formatter(_PlainPowers())
             ticks.set_minor_formatter(_PlainPowers())
         elif axis.get("dtick"):
             ticks.set_major_locator(MultipleLocator(axis["dtick"]))
-        label(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
-    for axis, mark in ((across, axes.set_xticks), (up, axes.set_yticks)):
+        ticks.set_label_text(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
         if axis.get("ticktext"):
             texts = [_lines(text) for text in axis["ticktext"]]
-            mark(axis["tickvals"], texts, fontsize="x-small")
-    for axis, limit in ((across, axes.set_xlim), (up, axes.set_ylim)):
+            ticks.set_ticks(axis["tickvals"], texts, fontsize="x-small")
         if axis.get("range"):
-            limit(*axis["range"])
+            axes.set(**{f"{name}lim": axis["range"]})
     if up.get("visible") is False:
         axes.yaxis.set_visible(False)
     axes.tick_params(

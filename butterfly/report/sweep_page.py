@@ -14,7 +14,7 @@ from butterfly.experiment.sweep_tables import MISSING, Estimates, Recovery, colu
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
-from butterfly.report.page import Fact, Marked, Page, PageTable, Section
+from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.sweep_figures import axis_figure, heat_maps, parallel_figure, short
 from butterfly.result import document
 from butterfly.verdict import VERDICTS
@@ -55,8 +55,8 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         ],
     }
     sections = [
-        *_tabulated("Estimators, the best first", _ranking_table(table)),
-        *_tabulated(
+        *tabulated("Estimators, the best first", _ranking_table(table)),
+        *tabulated(
             "Verdicts",
             _verdicts_table(table),
             "How many estimates may be used, by what their own data say, not by the truth.",
@@ -68,10 +68,10 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
             tables=(_recovery_table(recovered),),
         ),
         *_against_fields(table.deviating, fields),
-        *_tabulated("Worst runs", _worst_table(table, fields, sweep.worst)),
-        *_tabulated("Estimates that did not converge", _unconverged_table(table)),
-        *_tabulated("Runs without a result", _failures_table(runs)),
-        *_tabulated("Orbits", _orbits_table(runs)),
+        *tabulated("Worst runs", _worst_table(table, fields, sweep.worst)),
+        *tabulated("Estimates that did not converge", _unconverged_table(table)),
+        *tabulated("Runs without a result", _failures_table(runs)),
+        *tabulated("Orbits", _orbits_table(runs)),
     ]
     return Page(
         name=sweep.name,
@@ -88,11 +88,6 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
             units={"recovery.rms_deviation": "1", "recovery.coverage": "1"},
         ),
     )
-
-
-def _tabulated(title: str, table: PageTable, text: str = "") -> list[Section]:
-    """Return a section of a table, none if that is empty."""
-    return [Section(title=title, text=text, tables=(table,))] if table.rows else []
 
 
 def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section]:
