@@ -119,3 +119,31 @@ def test_lines_across_a_figure_are_in_its_picture():
     assert list(points.get_xdata()) == [0, 1]
     assert list(across.get_ydata()) == [2.5, 2.5]
     assert list(up.get_xdata()) == [0.5, 0.5]
+
+
+def test_a_band_is_filled_and_a_map_of_correlations_has_its_own_scale():
+    lower = Scatter(x=[0, 1], y=[-1, -2], line={"width": 0})
+    upper = Scatter(x=[0, 1], y=[1, 2], line={"width": 0}, fill="tonexty", name="band")
+    (axes,) = draw(Figure([lower, upper])).axes
+    assert len(axes.collections) == 1
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["band"]
+    cells = Heatmap(z=[[1.0, -0.2]], x=["a", "b"], y=["c"], zmin=-1, zmax=1, showscale=False)
+    still = draw(Figure(cells))
+    assert len(still.axes) == 1
+    assert still.axes[0].images[0].get_clim() == (-1, 1)
+
+
+def test_every_kind_of_trace_has_its_picture():
+    bars = Figure([Bar(x=["a", "b"], y=[1, 2], name="one"), Bar(x=["a", "b"], y=[2, 1])])
+    assert len(draw(bars).axes[0].patches) == 4
+    cells = Figure(Heatmap(z=[[1.0, 2.0]], x=["a", "b"], y=["c"], texttemplate="%{z}"))
+    assert len(draw(cells).axes[0].texts) == 2
+    filled = Scatter(x=[0, 1, 1], y=[0, 0, 1], fill="toself", fillcolor="#0072B2", opacity=0.5)
+    (patch,) = draw(Figure(filled)).axes[0].patches
+    assert patch.get_alpha() == 0.5
+    spread = {"array": [1, 1], "arrayminus": [0.5, 0.5]}
+    lines = Figure(Scatter(x=[1, 10], y=[1, 2], mode="lines+markers", error_y=spread))
+    lines.update_xaxes(type="log", title="x<br>in m")
+    drawn = draw(lines).axes[0]
+    assert drawn.get_xscale() == "log"
+    assert drawn.get_xlabel() == "x in m"
