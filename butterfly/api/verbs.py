@@ -23,6 +23,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
+from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
@@ -32,9 +33,6 @@ from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
 Method = str | Estimator
-
-CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
-"""Terms that `select` chooses from if none are named."""
 
 
 def identify(

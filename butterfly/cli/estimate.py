@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 import butterfly as bf
 from butterfly.api.sources import RESULT_ENDING
-from butterfly.api.verbs import CANDIDATES, rank
+from butterfly.api.verbs import rank
 from butterfly.cli.estimator_options import Fit, SelectFit, ValidateFit
 from butterfly.cli.options import (
     NO_REPORT,
@@ -31,6 +31,7 @@ from butterfly.cli.options import (
 from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
+from butterfly.identification.inference.term_choice import CANDIDATES
 
 
 def identify(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,22 +52,23 @@ _OF_PARTS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Way:
     """How a quantity follows from others."""
 
-    name: str  # Its name
-    # What must be known: lumped parameters, physical ones, and `gravity` in m/s^2
-    needs: tuple[str, ...]
+    name: str
+    needs: tuple[
+        str, ...
+    ]  # What must be known of parameters, motor and hand, or `gravity` in m/s^2
+    formula: Formula
+    _: KW_ONLY
     # What must not be known: there is a better way then, or the formula does not hold
     without: tuple[str, ...] = ()
-    # How it is written, of what is no part of motor or hand: such are told where they are known
-    # from 0
+    # How it is written, if it is no part of motor or hand: such is shown where it is known from 0
     symbol: Symbol | None = None
     # input_kind, joint: Where it holds; everywhere if None
     input_kind: InputKind | None = None
     joint: JointKind | None = JointKind.HINGE
-    formula: Formula  # How
 
     def leads(self, names: Iterable[str], input_kind: InputKind, joint: JointKind) -> bool:
         """Whether what is known tells the parameter, which is not told itself."""
@@ -97,119 +98,90 @@ def _about_mass(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
 
 
 _MOTOR: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "joint": None}
+_SLIDE: dict[str, Any] = {"joint": JointKind.SLIDE}
 _WEIGHED = ("hand_mass", "gravity", "p3")
+_ROTOR = ("rotor_inertia", "gear_ratio")
 _STIFFER = ("cogging", "cogging_cosine", "time_constant")
 
 OF_PARAMETERS = (
     Way(
+        "p4",
+        ("gear_ratio", "torque_constant", "resistance"),
+        lambda of: of["gear_ratio"] * of["torque_constant"] / of["resistance"],
         **_MOTOR,
-        name="p4",
-        needs=("gear_ratio", "torque_constant", "resistance"),
-        formula=lambda of: of["gear_ratio"] * of["torque_constant"] / of["resistance"],
     ),
-    Way(
-        name="p1",
-        needs=("hand_mass", "gear_ratio", "rotor_inertia"),
-        joint=JointKind.SLIDE,
-        formula=lambda of: of["hand_mass"] + _rotor(of),
-    ),
+    Way("p1", ("hand_mass", *_ROTOR), lambda of: of["hand_mass"] + _rotor(of), **_SLIDE),
 )
 """Of a torque command neither R nor N nor k_t tells p4, which is 1, N or N k_t as the command means
 N m at the joint, N m at the motor or A: nobody but the user knows which."""
 
 WAYS = (
     Way(
+        "resistance",
+        ("p4", "torque_constant", "gear_ratio"),
+        lambda of: of["gear_ratio"] * of["torque_constant"] / of["p4"],
         **_MOTOR,
-        name="resistance",
-        needs=("p4", "torque_constant", "gear_ratio"),
-        formula=lambda of: of["gear_ratio"] * of["torque_constant"] / of["p4"],
     ),
     Way(
+        "torque_constant",
+        ("p4", "resistance", "gear_ratio"),
+        lambda of: of["p4"] * of["resistance"] / of["gear_ratio"],
         **_MOTOR,
-        name="torque_constant",
-        needs=("p4", "resistance", "gear_ratio"),
-        formula=lambda of: of["p4"] * of["resistance"] / of["gear_ratio"],
     ),
     Way(
+        "viscous_friction",
+        ("p2", "p4", "back_emf_constant", "gear_ratio"),
+        lambda of: of["p2"] - of["gear_ratio"] * of["back_emf_constant"] * of["p4"],
         **_MOTOR,
-        name="viscous_friction",
-        needs=("p2", "p4", "back_emf_constant", "gear_ratio"),
-        formula=lambda of: of["p2"] - of["gear_ratio"] * of["back_emf_constant"] * of["p4"],
     ),
     Way(
-        name="motor_current",
-        needs=("p4", "torque_constant", "gear_ratio"),
+        "motor_current",
+        ("p4", "torque_constant", "gear_ratio"),
+        lambda of: of["p4"] / (of["gear_ratio"] * of["torque_constant"]),
         input_kind=InputKind.TORQUE,
         joint=None,
-        formula=lambda of: of["p4"] / (of["gear_ratio"] * of["torque_constant"]),
+    ),
+    Way("com_distance", _WEIGHED, lambda of: of["p3"] / _pull(of)),
+    Way("com_offset", (*_WEIGHED, "p3_offset"), lambda of: of["p3_offset"] / _pull(of)),
+    Way("hand_inertia", ("p1", *_ROTOR), lambda of: of["p1"] - _rotor(of)),
+    Way("inertia", ("p1", *_WEIGHED, *_ROTOR), lambda of: _about_mass(of) - _rotor(of)),
+    Way("inertia_with_rotor", ("p1", *_WEIGHED), _about_mass, without=("rotor_inertia",)),
+    Way("hand_mass", ("p1", *_ROTOR), lambda of: of["p1"] - _rotor(of), **_SLIDE),
+    Way(
+        "rotor_inertia",
+        ("p1", "hand_mass", "gear_ratio"),
+        lambda of: (of["p1"] - of["hand_mass"]) / of["gear_ratio"] ** 2,
+        **_SLIDE,
     ),
     Way(
-        name="com_distance",
-        needs=_WEIGHED,
-        formula=lambda of: of["p3"] / _pull(of),
-    ),
-    Way(
-        name="com_offset",
-        needs=(*_WEIGHED, "p3_offset"),
-        formula=lambda of: of["p3_offset"] / _pull(of),
-    ),
-    Way(
-        name="hand_inertia",
-        needs=("p1", "rotor_inertia", "gear_ratio"),
-        formula=lambda of: of["p1"] - _rotor(of),
-    ),
-    Way(
-        name="inertia",
-        needs=("p1", *_WEIGHED, "rotor_inertia", "gear_ratio"),
-        formula=lambda of: _about_mass(of) - _rotor(of),
-    ),
-    Way(
-        name="inertia_with_rotor",
-        needs=("p1", *_WEIGHED),
-        without=("rotor_inertia",),
-        formula=_about_mass,
-    ),
-    Way(
-        name="hand_mass",
-        needs=("p1", "rotor_inertia", "gear_ratio"),
-        joint=JointKind.SLIDE,
-        formula=lambda of: of["p1"] - _rotor(of),
-    ),
-    Way(
-        name="rotor_inertia",
-        needs=("p1", "hand_mass", "gear_ratio"),
-        joint=JointKind.SLIDE,
-        formula=lambda of: (of["p1"] - of["hand_mass"]) / of["gear_ratio"] ** 2,
-    ),
-    Way(
-        name="resonance",
+        "resonance",
+        ("p1", "p2", "p3"),
+        lambda of: np.sqrt(of["p3"] / of["p1"] - (of["p2"] / of["p1"]) ** 2 / 2),
         symbol=Symbol("ω_r", "resonance of small swings, of the bare hand", "rad/s", "–"),
-        needs=("p1", "p2", "p3"),
         without=_STIFFER,
-        formula=lambda of: np.sqrt(of["p3"] / of["p1"] - (of["p2"] / of["p1"]) ** 2 / 2),
     ),
     Way(
-        name="damping_ratio",
+        "damping_ratio",
+        ("p1", "p2", "p3"),
+        lambda of: of["p2"] / (2 * np.sqrt(of["p1"] * of["p3"])),
         symbol=Symbol("ζ", "damping ratio of small swings, of the bare hand", "–", "–"),
-        needs=("p1", "p2", "p3"),
         without=_STIFFER,
-        formula=lambda of: of["p2"] / (2 * np.sqrt(of["p1"] * of["p3"])),
     ),
     Way(
-        name="decay_time",
+        "decay_time",
+        ("p1", "p2"),
+        lambda of: of["p1"] / of["p2"],
         symbol=Symbol("p₁/p₂", "time constant of the speed, of the bare hand", "s", "s"),
-        needs=("p1", "p2"),
         without=("time_constant",),
         joint=None,
-        formula=lambda of: of["p1"] / of["p2"],
     ),
     Way(
-        name="speed_gain",
+        "speed_gain",
+        ("p2", "p4"),
+        lambda of: of["p4"] / of["p2"],
         symbol=Symbol("p₄/p₂", "speed gained per unit of input", "rad/s/unit", "m/s/unit"),
-        needs=("p2", "p4"),
         without=("drag",),
         joint=None,
-        formula=lambda of: of["p4"] / of["p2"],
     ),
 )
 """Each in its own right: what a joint's knowledge leaves out, it leaves out."""

@@ -86,10 +86,7 @@ def read_parameters(told: Mapping[str, object], source: str) -> LumpedParameters
     for name, value in told.items():
         if name not in known:
             raise InputError(source, name, "an unknown parameter", nearest(name, known))
-        try:
-            values[name] = float(value)  # type: ignore[arg-type]  # what is none is refused
-        except (TypeError, ValueError):
-            raise InputError(source, name, value, "a number") from None
+        values[name] = _number(value, source, name)
     missing = {"p1", "p3"} - values.keys()
     if missing:
         raise InputError(source, min(missing), "nothing", "a value")
@@ -162,7 +159,7 @@ def given_estimate(
     parameters = read_parameters(values, source)
     local: dict[AddedMass | str | None, dict[str, float]] = {}
     if zero is not None:
-        local[None] = {"zero": _angle(zero, source)}
+        local[None] = {"zero": _number(zero, source, "zero", "an angle in rad")}
         data = data and data.with_zero(Known(value=local[None]["zero"]))
     if math.isnan(parameters.p4):
         if data is None:
@@ -222,8 +219,8 @@ def outdone(
     return [Finding(FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
-def _angle(value: object, source: str) -> float:
+def _number(value: object, source: str, name: str, expected: str = "a number") -> float:
     try:
         return float(value)  # type: ignore[arg-type]  # what is none is refused
     except (TypeError, ValueError):
-        raise InputError(source, "zero", value, "an angle in rad") from None
+        raise InputError(source, name, value, expected) from None

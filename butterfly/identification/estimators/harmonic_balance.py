@@ -55,8 +55,8 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     folds_of,
     missing_terms,
+    requested_terms,
     stribeck_velocities,
-    told_terms,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
@@ -96,7 +96,7 @@ class HarmonicBalanceTerms:
         offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
         known = fit.phasors.known
         every = candidates(offers, fit.phasors.masses, known)
-        told = None if terms is None else told_terms(terms, {_OF_REST, *known.parameters})
+        told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})
         found = ScannedTerms.of(_Balances(fit), every, told, check=check)
         chosen, free = found.chosen, found.free
         names = chosen.names
