@@ -213,7 +213,7 @@ def residual(
     data, method, holdout, options
         As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
     logs
-        Numbers of the logs of which the residual torque is told, too; all errors are if not given.
+        Numbers of the logs of which the residual torque is shown, too; all errors are if not given.
 
     Raises
     ------
@@ -318,7 +318,7 @@ def saved_identification(data: Data) -> Identification | None:
 def _prepared(
     data: Data, method: Method, options: Mapping[str, Any], holdout: Sequence[str]
 ) -> tuple[DataSet, Estimator]:
-    estimator = make_estimator(method, options)  # what it cannot be told is refused first
+    estimator = make_estimator(method, options)  # a wrong option is refused first
     logs = read(data).holding_out(holdout)
     return logs, estimator.suited(logs)
 
@@ -335,10 +335,10 @@ def _estimated(
     found = saved_identification(data)
     if found is not None:
         if method is not None or options or holdout:
-            given = [*options, *(["holdout"] if holdout else [])]
-            told = ", ".join(given) if method is None else str(method)
+            names = [*options, *(["holdout"] if holdout else [])]
+            given = ", ".join(names) if method is None else str(method)
             expected = "none beside a result, which has its estimate"
-            raise InputError("butterfly", "method", told, expected)
+            raise InputError("butterfly", "method", given, expected)
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
     return logs, estimator, judged(logs, estimator if check else estimator.unchecked())
