@@ -142,7 +142,7 @@ class Result(ABC):
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return `rows` as a person reads them."""
-        return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
+        return [{name: cell_text(value) for name, value in row.items()} for row in self.rows()]
 
     def paragraphs(self) -> list[str]:
         """Return what a command prints above its tables, the verdict first if there is one."""
@@ -267,7 +267,7 @@ class Answer(Result):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return what `to_dict` said.
+        """Return what `to_dict` gave.
 
         Raises
         ------
@@ -325,7 +325,7 @@ def aligned(rows: Sequence[dict[str, str]]) -> list[str]:
     ]
 
 
-def shown(value: object) -> str:
+def cell_text(value: object) -> str:
     """Return a cell as a person reads it."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"

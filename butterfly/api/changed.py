@@ -31,8 +31,8 @@ _NAMES = {
     "delay": "the delay",
 }
 _PLACES = ("the first", "the second")
-_WHOLE = 0.1  # share from which whole per cents are told
-_LISTED = 4  # parameters of which it is said what would have been seen
+_WHOLE = 0.1  # share from which whole per cents are given
+_LISTED = 4  # parameters whose detectable change is named
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -127,7 +127,7 @@ class Changed(Answer):
 
 
 def _is_relative(row: Mapping[str, Any]) -> bool:
-    """Whether a row's parameter was known well enough for its change to be told in per cent."""
+    """Whether a row's parameter was known well enough for its change to be given in per cent."""
     return row["change in %"] is not None and math.isfinite(row["change in %"])
 
 
@@ -201,13 +201,13 @@ def _seen(found: Change) -> str:
 
 def _untested(found: Change) -> list[str]:
     """Say of which parameters there is no evidence."""
-    said = [f"Not compared: {name}, which {why}." for name, why in found.untested.items()]
+    sentences = [f"Not compared: {name}, which {why}." for name, why in found.untested.items()]
     if math.isnan(found.joint_probability) and len(found.parameters) > 1:
-        said.append(
+        sentences.append(
             "The parameters were compared one by one only: these logs are too few to tell how "
             "their errors go together."
         )
-    return said
+    return sentences
 
 
 def _reserve(*both: Identification) -> str:
@@ -222,34 +222,36 @@ def _reserve(*both: Identification) -> str:
 
 def _warnings(*both: Identification) -> list[str]:
     """Say what else than the robot may make a difference."""
-    said = [
+    sentences = [
         f"The verdict on {place}: {each.judged.sentence}"
         for place, each in zip(_PLACES, both, strict=True)
         if each.judged.level is not Level.GOOD
     ]
     one, other = (each.estimate for each in both)
     if both[0].estimator != both[1].estimator:
-        said.append(
+        sentences.append(
             f"The first is by {both[0].estimator}, the second by {both[1].estimator}: a difference "
             "may be theirs."
         )
     terms = sorted(set(one.names) ^ set(other.names))
     if terms:
-        said.append(
+        sentences.append(
             f"Only one of them fits {listed(terms)}: what it takes up there, the other has in its "
             "other parameters."
         )
     in_both = one.fixed.keys() & other.fixed.keys()
     fixed = sorted(name for name in in_both if one.fixed[name] != other.fixed[name])
     if fixed:
-        said.append(f"They hold {listed(fixed)} at different values, on which the others rest.")
+        sentences.append(
+            f"They hold {listed(fixed)} at different values, on which the others rest."
+        )
     shared = _files(both[0]) & _files(both[1])
     if shared:
-        said.append(
+        sentences.append(
             f"{len(shared)} of the logs are in both: the errors are taken to be independent, so "
             "that a change is harder to see than it need be."
         )
-    return said
+    return sentences
 
 
 def _files(found: Identification) -> set[Path]:

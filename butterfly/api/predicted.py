@@ -46,7 +46,7 @@ class Drawn(Answer):
 
     @classmethod
     def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
-        """Tabulate draws from an identification; ``more`` is said of them."""
+        """Tabulate draws from an identification; ``more`` goes to the summary."""
         estimate, count = draws.estimate, len(draws.values)
         columns = [*estimate.names, *(key for key in estimate.fixed if key not in estimate.names)]
         rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
@@ -133,7 +133,7 @@ class Predicted(Tabulated):
         drawn: Drawn | None,
         measured: bool,
     ) -> Predicted:
-        """Tabulate predictions with an estimate, judged by them; ``more`` is said of them."""
+        """Tabulate predictions with an estimate, judged by them; ``more`` goes to the summary."""
         verdict, log = estimate_verdict(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
@@ -224,23 +224,23 @@ def _followed(predictions: Sequence[Prediction], level: Level, *, measured: bool
     fit = FitSummary.of(fits, predictions[0].run.horizon)
     start = "in segments, each from a start that was fitted to it" if fit.over else ""
     like = "They move like this robot: " if level is Level.GOOD else ""
-    said = [
+    sentences = [
         f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "
         f"{fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
     ]
     inside = {name: _share(predictions, name) for name in predictions[0].bands}
     if OF_NEW_LOG in inside:
-        said.append(
+        sentences.append(
             f"{inside[OF_NEW_LOG]:.1f} % of the measured samples lie inside the band of a new log, "
             "which is to hold 95 %."
         )
     if OF_PARAMETERS in inside:
-        said.append(
+        sentences.append(
             f"{inside[OF_PARAMETERS]:.1f} % lie inside the band of the parameters, which is to "
             "hold the motion of the model, not what the model misses."
         )
-    return said
+    return sentences
 
 
 def _share(predictions: Sequence[Prediction], name: str) -> float:

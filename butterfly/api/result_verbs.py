@@ -93,15 +93,15 @@ def predict(
         logs, setting = whole.logs, whole.simulations.setting
     masses = sorted({log.added_mass for log in logs})
     if isinstance(result, LumpedParameters | Mapping):
-        told = result if isinstance(result, Mapping) else asdict(result)
-        estimate = given_estimate(told, "predict", data=whole, masses=masses)
+        given = result if isinstance(result, Mapping) else asdict(result)
+        estimate = given_estimate(given, "predict", data=whole, masses=masses)
         require_possible(estimate)
         if whole is not None and None in estimate.local:
             whole = whole.with_zero(Known(value=estimate.local[None]["zero"]))
             logs, setting = whole.logs, whole.simulations.setting
         if bands:
             raise IdentifiabilityError("bands need an identification: parameters alone have none")
-        sentences = _of_gain(told, estimate, whole)
+        sentences = _of_gain(given, estimate, whole)
     else:
         found = _identified(result)
         require_possible(found.estimate)
@@ -211,11 +211,11 @@ def _left_open(
 
 
 def _of_gain(
-    told: Mapping[str, object], estimate: Estimate, data: DataSet | None
+    given: Mapping[str, object], estimate: Estimate, data: DataSet | None
 ) -> tuple[str, ...]:
     """Say which p4 was taken where none was given."""
     known = {} if data is None else data.known.fixed
-    gain = (known | dict(told)).get("p4", math.nan)
+    gain = (known | dict(given)).get("p4", math.nan)
     if isinstance(gain, float) and math.isnan(gain):
         return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)
     return ()

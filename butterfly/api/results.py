@@ -282,7 +282,7 @@ class Residual(Answer):
     estimate: Estimate
     misfit: Misfit
     chosen: tuple[int, ...]  # numbers of the logs that were asked for
-    with_torques: bool  # whether their residual torques are told, too
+    with_torques: bool  # whether their residual torques are shown, too
 
     @classmethod
     def of(

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from numbers import Real
 from operator import index
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from butterfly.api.compared import Compared, Leaderboard
 from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.saved import load
-from butterfly.api.sources import RESULT_ENDING, Data, choice, read
+from butterfly.api.sources import Data, choice, names_result, read
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
@@ -23,6 +21,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
+from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
@@ -32,9 +31,6 @@ from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
 Method = str | Estimator
-
-CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
-"""Terms that `select` chooses from if none are named."""
 
 
 def identify(
@@ -217,7 +213,7 @@ def residual(
     data, method, holdout, options
         As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
     logs
-        Numbers of the logs of which the residual torque is told, too; all errors are if not given.
+        Numbers of the logs of which the residual torque is shown, too; all errors are if not given.
 
     Raises
     ------
@@ -311,7 +307,7 @@ def saved_identification(data: Data) -> Identification | None:
     """Return the result that a file holds, or that data are already; None for other data."""
     if isinstance(data, Identification):
         return data
-    if isinstance(data, str | PathLike) and Path(data).suffix == RESULT_ENDING:
+    if names_result(data):
         found = load(data)
         if isinstance(found, Identification):
             return found
@@ -322,7 +318,7 @@ def saved_identification(data: Data) -> Identification | None:
 def _prepared(
     data: Data, method: Method, options: Mapping[str, Any], holdout: Sequence[str]
 ) -> tuple[DataSet, Estimator]:
-    estimator = make_estimator(method, options)  # what it cannot be told is refused first
+    estimator = make_estimator(method, options)  # a wrong option is refused first
     logs = read(data).holding_out(holdout)
     return logs, estimator.suited(logs)
 
@@ -339,10 +335,10 @@ def _estimated(
     found = saved_identification(data)
     if found is not None:
         if method is not None or options or holdout:
-            given = [*options, *(["holdout"] if holdout else [])]
-            told = ", ".join(given) if method is None else str(method)
+            names = [*options, *(["holdout"] if holdout else [])]
+            given = ", ".join(names) if method is None else str(method)
             expected = "none beside a result, which has its estimate"
-            raise InputError("butterfly", "method", told, expected)
+            raise InputError("butterfly", "method", given, expected)
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
     return logs, estimator, judged(logs, estimator if check else estimator.unchecked())

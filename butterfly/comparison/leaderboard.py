@@ -64,7 +64,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         predictor = data.simulations
         found = predictor.settled(found)
         fits = predictor.fits(found)
-        found = judge(data, estimator, found, fits)
+        found = judge(data, estimator, found)
         seen = FitSummary.of(fits, found.horizon)
         held = cross_validate(data, estimator.unchecked(), split)
     except ButterflyError as problem:

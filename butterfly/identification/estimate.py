@@ -103,8 +103,8 @@ class Estimate:
         """
         rows, residuals = solved.by_cluster()
         whole, left = solved.with_prior(rows, residuals)
-        told = None if solved.prior is None else solved.prior.active
-        conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names, told)
+        active = None if solved.prior is None else solved.prior.active
+        conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names, active)
         conditioning.refuse_singular()
         numbers = np.unique(solved.cluster).tolist() if masses else []
         carried = {number: masses[number // blocks] for number in numbers}
@@ -250,7 +250,7 @@ class Estimate:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """Return the estimate of which `to_dict` told; others of its keys are not looked at.
+        """Return what `to_dict` gave; others of its keys are not looked at.
 
         KeyError, TypeError or ValueError say that something is missing or not what it should be.
         """

@@ -163,7 +163,9 @@ class Simulations:
 
     def run_with(self, number: int, setting: Setting) -> FreeRun:
         """Simulate one log, by its number, with the recorded input."""
-        return setting.run(self.simulation(number, setting))
+        run = setting.run(self.simulation(number, setting))
+        self._fits.setdefault((number, setting), run.fit)
+        return run
 
     def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""

@@ -25,7 +25,13 @@ from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+)
 from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.result import Result, TextTable, aligned, document, text, texts, write_document
 from butterfly.signals.frequency_response import measured_response
@@ -75,9 +81,12 @@ class Identification(Result):
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Identification:
-        """Return what `to_dict` told of (see `Estimate.from_dict` for what is raised)."""
+        """Return what `to_dict` gave (see `Estimate.from_dict` for what is raised)."""
         origin = dict(content["data"])
         InputKind(origin["input"])
+        JointKind(origin.get("joint", JointKind.HINGE))
+        float(origin.get("gravity", GRAVITY))
+        int(origin["logs"])
         if origin["manifest"] is not None:
             manifest = origin["manifest"]
             Manifest.model_validate({**manifest, "root": manifest["root"] or "."})
@@ -168,9 +177,9 @@ class Identification(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""
-        shown = ("value", "standard_error", "lower", "upper", "unit")
+        columns = ("value", "standard_error", "lower", "upper", "unit")
         return [
-            {"parameter": each.name, **{name: getattr(each, name) for name in shown}}
+            {"parameter": each.name, **{name: getattr(each, name) for name in columns}}
             for each in self.estimate.table()
         ]
 
@@ -266,9 +275,9 @@ class Identification(Result):
 
     def separated(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
         """Return the physical parameters, with what is known besides (see `physical`)."""
-        before, told = Prior.of(self.origin.get("known", {})), Prior.of(known)
+        before, new = Prior.of(self.origin.get("known", {})), Prior.of(known)
         for name in known:
-            if name not in told.physical:
+            if name not in new.physical:
                 raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
             if name in before.physical:
                 expected = "what was not known before; else identify again with it"
@@ -276,7 +285,7 @@ class Identification(Result):
         gravity = float(self.origin.get("gravity", GRAVITY))
         carrier = AddedMass(gravity=gravity, joint=self.estimate.joint)
         kind = InputKind(self.origin["input"])
-        return physical_parameters(self.estimate, before | told, kind, carrier)
+        return physical_parameters(self.estimate, before | new, kind, carrier)
 
     @property
     def fit(self) -> FitSummary:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.plausibility import (
     judge_fit,
     judge_held_out,
@@ -54,10 +53,7 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    fits, held = run.fit_of_logs, np.array(list(run.held_out.values()))
-    (sure,) = [
-        judge(data, estimator, each, fits, held) for each in track([run.estimate], "Judging")
-    ]
+    (sure,) = [judge(data, estimator, each) for each in track([run.estimate], "Judging")]
     return replace(run, estimate=sure, made_by=estimator, estimator=estimator.label)
 
 
@@ -65,80 +61,68 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
     if data.test_logs is None:
         return {}
-    fits = data.test_logs.simulations.fits(estimate)
-    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
+    fits, names = _named_fits(data.test_logs, estimate, range(len(data.test_logs.logs)))
+    return dict(zip(names, fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
     estimator = estimator.suited(data)
     found = data.simulations.settled(estimated(data, estimator))
-    return judge(data, estimator, found, data.simulations.fits(found))
+    return judge(data, estimator, found)
 
 
 @_UNWARNED
-def judge(
-    data: DataSet,
-    estimator: Estimator,
-    found: Estimate,
-    fits: NDArray[np.float64],
-    held: NDArray[np.float64] | None = None,
-) -> Estimate:
-    """Add to an estimate what physics, its free runs, the input and slips say of it.
-
-    `fits`: (n,) FIT in per cent of its free run of each log; `held`: The same of the logs that are
-    held out, if they are at hand.
-    """
+def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
+    """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
-    counted = list(range(fits.size)) if segmented else data.counted
-    told = found.with_findings(
+    counted = list(range(len(data.logs))) if segmented else data.counted
+    fits, names = _named_fits(data, found, counted)
+    of_test = []
+    if data.test_logs is not None:
+        of_test = judge_held_out(
+            *_named_fits(data.test_logs, found, data.test_logs.counted), seen=fits
+        )
+    judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
-        *_of_held_out(data, found, fits[counted], held),
+        *judge_fit(fits, names),
+        *of_test,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
     )
-    return told.with_unit_errors(*find_unit_errors(data, estimator, told))
+    return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
 
 
-def _of_held_out(
-    data: DataSet, found: Estimate, seen: NDArray[np.float64], fits: NDArray[np.float64] | None
-) -> list[Finding]:
-    """Judge by the logs that were held out, but for those that pass the upright."""
-    if data.test_logs is None:
-        return []
-    counted = data.test_logs.counted
-    fits = data.test_logs.simulations.fits(found, counted) if fits is None else fits[counted]
-    return judge_held_out(fits, [data.test_logs.logs[k].name for k in counted], seen)
+def _named_fits(
+    data: DataSet, found: Estimate, counted: Sequence[int]
+) -> tuple[NDArray[np.float64], list[str]]:
+    return data.simulations.fits(found, counted), [data.logs[k].name for k in counted]
 
 
 @_UNWARNED
 def estimated(data: DataSet, estimator: Estimator) -> Estimate:
-    """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
+    """Estimate, not judged yet; a refusal names the mistake that explains it (see `identify`)."""
     clock = find_unit_errors_of_clock(data, estimator)
     if clock:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
     try:
         found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-        _refuse_not_finite(found)
+        values = zip(found.names, found.values.tolist(), strict=True)
+        # a p4 that is no number is, where nothing drives
+        wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
+        if wrong:
+            raise IdentifiabilityError(
+                f"the equations of these logs lead to no numbers for {', '.join(wrong)}"
+            )
     except ButterflyError as error:
         raise with_unit_errors(error, find_unit_errors_of_refused(data, estimator)) from None
     except np.linalg.LinAlgError as error:
         refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
         raise with_unit_errors(refusal, find_unit_errors_of_refused(data, estimator)) from None
     return found
-
-
-def _refuse_not_finite(found: Estimate) -> None:
-    """Raise IdentifiabilityError for values that are none; a p4 is, where nothing drives."""
-    values = zip(found.names, found.values.tolist(), strict=True)
-    wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
-    if wrong:
-        listed = ", ".join(wrong)
-        raise IdentifiabilityError(f"the equations of these logs lead to no numbers for {listed}")
 
 
 @_UNWARNED

@@ -28,52 +28,64 @@ _NAMED = 4  # robots of one refusal
 
 def main(arguments=None):
     """Score, print, and write what was asked for."""
-    asked = _options().parse_args(arguments)
+    parser = options(__doc__, METHODS, 100)
+    parser.add_argument("--family", default=FAMILIES, help="letters of the families")
+    parser.add_argument("--repeats", type=int, default=0, help="of one robot, with new noise")
+    parser.add_argument("--of", type=int, default=0, help="number of that robot")
+    asked = parser.parse_args(arguments)
     robots = [(asked.of, k) for k in range(asked.repeats)] if asked.repeats else None
     jobs = [
         (family, number, asked.seed, repeat, asked.method)
         for family in asked.family
         for number, repeat in robots or [(k, 0) for k in range(asked.robots)]
     ]
+    write(asked, _score_robot, jobs, report)
+
+
+def options(doc, methods, robots):
+    """What the programs that score robots have in common."""
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("--robots", type=int, default=robots, help="of each family or kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--method", nargs="*", choices=methods, default=list(methods))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--json", help="file for all scores")
+    return parser
+
+
+def write(asked, function, jobs, *reports):
+    """Score by a function from a job to its scores, print reports, and keep what is asked for."""
     scores = []
     with ProcessPoolExecutor(asked.workers) as pool:
-        for done, more in enumerate(pool.map(_score_robot, jobs), 1):
+        for done, more in enumerate(pool.map(function, jobs), 1):
             scores += more
-            print(f"\r{done}/{len(jobs)} robots", end="", file=sys.stderr, flush=True)
+            print(f"\r{done}/{len(jobs)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    print(report(scores))
+    for each in reports:
+        print(each(scores))
     if asked.json:
         rows = json.dumps([asdict(each) for each in scores], indent=1)
         Path(asked.json).write_text(rows, encoding="utf-8")
 
 
-def _options():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--family", default=FAMILIES, help="letters of the families")
-    parser.add_argument("--robots", type=int, default=100, help="of each family")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--method", nargs="*", choices=METHODS, default=list(METHODS))
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--repeats", type=int, default=0, help="of one robot, with new noise")
-    parser.add_argument("--of", type=int, default=0, help="number of that robot")
-    parser.add_argument("--json", help="file for all scores")
-    return parser
-
-
 def _score_robot(job):
     family, number, seed, repeat, methods = job
     chosen = [name for name in methods if family in METHODS[name][1]]
-    if not chosen:
-        return []
-    robot = draw(family, number, seed, repeat)
+    robot = draw(family, number, seed, repeat) if chosen else None
     return [score(robot, name) for name in chosen]
+
+
+def grouped(scores):
+    """Scores by family and method."""
+    groups = {}
+    for each in scores:
+        groups.setdefault((each.family, each.method), []).append(each)
+    return groups
 
 
 def report(scores: list[Score]) -> str:
     """Return the tables and lists as text."""
-    groups = {}
-    for each in scores:
-        groups.setdefault((each.family, each.method), []).append(each)
+    groups = grouped(scores)
     coverage = {key: _cells(rows, _coverage) for key, rows in groups.items()}
     cells = [cell for row in coverage.values() for cell in row if np.isfinite(cell)]
     most = max(len(rows) for rows in groups.values())

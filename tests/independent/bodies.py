@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.independent.drives import clock, log_uniform
 from tests.independent.integrator import Joint, Law, motion, tracking
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 GRAVITY = 9.81
 MOST_FRICTION = 0.3  # Coulomb torque over the drive's amplitude, in every log
@@ -41,29 +38,13 @@ class Mass(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """A joint, and how it likes to be moved.
-
-    Parameters
-    ----------
-    joint
-        Bare.
-    masses
-        That it carries, one after another.
-    pace
-        Angular frequency in rad/s that moves it well, where gravity gives it none.
-    gravity
-        In m/s^2, on the masses.
-    reach
-        What is as large a motion as 1 rad is: 1, or in m for a slide.
-    slides
-        Whether it does.
-    """
+    """A bare joint, the masses that it carries one after another, and how it likes to be moved."""
 
     joint: Joint
     masses: tuple[Mass, ...]
-    pace: float
-    gravity: float = GRAVITY
-    reach: float = 1.0
+    pace: float  # rad/s that moves it well, where gravity gives it none
+    gravity: float = GRAVITY  # m/s^2, on the masses
+    reach: float = 1.0  # what is as large a motion as 1 rad is: 1, or in m for a slide
     slides: bool = False
 
     def carrying(self, mass: Mass) -> Joint:
@@ -101,24 +82,15 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A torque of (n,) stamps in s, of a body let go at ``start`` rad; or a law and its plan.
-
-    Parameters
-    ----------
-    size
-        Amplitude of the torque.
-    omega
-        Of a sine.
-    plan
-        Angles and rates that a law shall track, and its pumps, of (n,) stamps.
-    """
+    """A torque of (n,) stamps in s, of a body let go at ``start`` rad; or a law and its plan."""
 
     mass: Mass
     torque: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
-    size: float
-    omega: float | None = None
+    size: float  # amplitude of the torque
+    omega: float | None = None  # of a sine
     start: float = 0.0
     law: Law | None = None
+    # angles and rates that the law shall track, and its pumps, of (n,) stamps
     plan: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ...]] | None = None
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +29,6 @@ from tests.independent.bodies import (
 from tests.independent.drives import chirp, log_uniform, multisine, stairs, steps, still
 from tests.independent.integrator import Law
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 _ATTEMPTS = 1000
 _SWING = 2.0  # rad, widest of a robot that is driven about its rest
 _TRAVEL = 30.0  # rad, of a joint that gravity does not bring back
@@ -39,31 +37,17 @@ _TURNS = 25.0  # rad, of a swing through the upright
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOfKind:
-    """What was drawn.
-
-    Parameters
-    ----------
-    truth
-        Parameters by name, in SI units.
-    zero
-        Of the encoder in rad or m, but for whole turns.
-    heaviest
-        Largest added gravity moment in N m, as the size of p3's errors.
-    owner
-        Keys of the manifest, all but the logs.
-    recordings
-        One file each; ``parts`` are further keys of entries, by the number of the file.
-    """
+    """What was drawn."""
 
     kind: str
     number: int
     seed: int
-    truth: dict[str, float]
-    zero: float
-    heaviest: float
-    owner: dict[str, Any]
-    recordings: tuple[Recording, ...]
-    parts: tuple[tuple[int, dict[str, Any]], ...]
+    truth: dict[str, float]  # parameters by name, in SI units
+    zero: float  # of the encoder in rad or m, but for whole turns
+    heaviest: float  # largest added gravity moment in N m, as the size of p3's errors
+    owner: dict[str, Any]  # keys of the manifest, all but the logs
+    recordings: tuple[Recording, ...]  # one file each,
+    parts: tuple[tuple[int, dict[str, Any]], ...]  # and its number with further keys of an entry
 
     @property
     def name(self) -> str:
@@ -83,14 +67,8 @@ class RobotOfKind:
         folder.mkdir(parents=True, exist_ok=True)
         for k, each in enumerate(self.recordings):
             rows = np.column_stack([each.time, each.input, each.angle])
-            np.savetxt(
-                folder / f"{k}.csv",
-                rows,
-                fmt="%.12g",
-                delimiter=",",
-                header="time,input,angle",
-                comments="",
-            )
+            head = {"header": "time,input,angle", "comments": ""}
+            np.savetxt(folder / f"{k}.csv", rows, fmt="%.12g", delimiter=",", **head)
         manifest = self.owner | {"name": self.name, "logs": [*self._entries()]}
         (folder / "manifest.yaml").write_text(json.dumps(manifest, indent=1), encoding="utf-8")
 

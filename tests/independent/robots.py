@@ -8,22 +8,18 @@ inputs (sums of sines, chirps, free decays), half of the robots with drag.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from tests.independent.drives import chirp, clock, log_uniform, multisine
 from tests.independent.integrator import Joint, motion
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 FAMILIES = "ABC"
 
@@ -36,25 +32,15 @@ _ATTEMPTS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class RandomRobot:
-    """What was drawn: robot ``number`` of a family with a seed, its noise the ``repeat``-th.
-
-    Parameters
-    ----------
-    truth
-        Parameters of the bare hand.
-    zero
-        Of the encoder, in rad.
-    logs
-        What identification may see.
-    """
+    """What was drawn: robot ``number`` of a family with a seed, its noise the ``repeat``-th."""
 
     family: str
     seed: int
     number: int
     repeat: int
-    truth: LumpedParameters
-    zero: float
-    logs: tuple[Log, ...]
+    truth: LumpedParameters  # of the bare hand
+    zero: float  # of the encoder, in rad
+    logs: tuple[Log, ...]  # what identification may see
 
     @cached_property
     def data(self) -> DataSet:
@@ -93,15 +79,8 @@ def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobo
         clean = [_clean(truth, run, clock(rng, duration, *ticks)) for run in runs]
         if all(_accepted(log, _WIDEST[family], encoder[0]) for log in clean):
             logs = tuple(_seen(log, zero, *encoder, noise) for log in clean)
-            return RandomRobot(
-                family=family,
-                seed=seed,
-                number=number,
-                repeat=repeat,
-                truth=truth,
-                zero=zero,
-                logs=logs,
-            )
+            named = {"family": family, "seed": seed, "number": number, "repeat": repeat}
+            return RandomRobot(**named, truth=truth, zero=zero, logs=logs)
     raise RuntimeError(f"no robot {family}{number} of seed {seed} moves as it should")
 
 

@@ -32,24 +32,15 @@ _MILLI = 1e3
 class Reading:
     """One parameter.
 
-    Parameters
-    ----------
-    error, half_width
-        In % of the true value; of p3 in % of |p3| and the largest added gravity moment; of the
-        delay in ms; of a true value of zero as it stands.
-    covered
-        Whether the interval holds the truth.
-    claimed
-        Whether it is said to be known within 10 %.
-    miss
-        Distance to the truth over the true value's size, which the claim is about.
+    Error and half-width are in % of the true value; of p3 in % of |p3| and the largest added
+    gravity moment; of the delay in ms; of a true value of zero as it stands.
     """
 
     error: float
     half_width: float
-    covered: bool
-    claimed: bool
-    miss: float
+    covered: bool  # whether the interval holds the truth
+    claimed: bool  # whether it is said to be known within 10 %
+    miss: float  # distance to the truth over the true value's size, which the claim is about
 
     @property
     def false_claim(self) -> bool:
@@ -59,19 +50,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """One robot identified by one method; ``refused`` says why not, if it was not.
-
-    Parameters
-    ----------
-    fit
-        Median FIT in %.
-    ending, verdict, condition
-        As the estimate says them; empty if it has none.
-    excess
-        Cost over that of a fit begun at the truth; NaN where there is no cost.
-    seconds
-        That the identification took.
-    """
+    """One robot identified by one method; ``refused`` says why not, if it was not."""
 
     family: str
     number: int
@@ -79,12 +58,12 @@ class Score:
     method: str
     refused: str = ""
     readings: dict[str, Reading] = field(default_factory=dict)
-    fit: float = float("nan")
+    fit: float = float("nan")  # median, in %
     condition: float = float("nan")
     ending: str = ""
     verdict: str = ""
-    excess: float = float("nan")
-    seconds: float = 0.0
+    excess: float = float("nan")  # cost over that of a fit begun at the truth, if there is one
+    seconds: float = 0.0  # that the identification took
 
     @property
     def local_minimum(self) -> bool:
@@ -98,39 +77,42 @@ class Score:
 
 
 def score(robot, method):
-    """Identify a robot; a refusal or a crash is a score too."""
-    began = time.perf_counter()
-    try:
-        judged = _judged(robot, METHODS[method][0])
-    except ButterflyError as refusal:
-        judged = {"refused": str(refusal)}
-    except Exception as crash:  # it is counted, not hidden
-        judged = {"refused": f"{type(crash).__name__}: {crash}"}
-    return Score(
-        family=robot.family,
-        number=robot.number,
-        repeat=robot.repeat,
+    """Identify a robot of a family by one of `METHODS`."""
+    estimator = METHODS[method][0]
+    named = {"family": robot.family, "number": robot.number, "repeat": robot.repeat}
+    truth = {name: getattr(robot.truth, name) for name in PARAMETERS}
+    heaviest = max(mass.gravity_moment for mass in robot.masses)
+    return scored(
+        lambda: identify(robot.data, estimator),
+        truth,
+        heaviest,
+        lambda estimate: _excess(robot, estimator, estimate),
         method=method,
-        **{"seconds": time.perf_counter() - began} | judged,
+        **named,
     )
 
 
-def _judged(robot, estimator):
+def scored(identified, truth, heaviest, excess=lambda _: float("nan"), **named):
+    """Return the score of what is identified; a refusal or a crash is a score too."""
     began = time.perf_counter()
-    found = identify(robot.data, estimator)
-    seconds = time.perf_counter() - began
-    estimate = found.estimate
-    truth = {name: getattr(robot.truth, name) for name in PARAMETERS}
-    verdict = getattr(estimate, "verdict", "") or getattr(found, "verdict", "")
-    return {
-        "readings": readings_of(estimate, truth, max(m.gravity_moment for m in robot.masses)),
-        "fit": found.fit.median,
-        "condition": estimate.condition,
-        "ending": str(estimate.ending),
-        "verdict": str(verdict),
-        "excess": _excess(robot, estimator, estimate),
-        "seconds": seconds,
-    }
+    try:
+        found = identified()
+        seconds, estimate = time.perf_counter() - began, found.estimate
+        return Score(
+            **named,
+            readings=readings_of(estimate, truth, heaviest),
+            fit=found.fit.median,
+            condition=estimate.condition,
+            ending=str(estimate.ending),
+            verdict=str(found.standing),
+            excess=excess(estimate),
+            seconds=seconds,
+        )
+    except ButterflyError as refusal:
+        said = str(refusal)
+    except Exception as crash:  # it is counted, not hidden
+        said = f"{type(crash).__name__}: {crash}"
+    return Score(**named, refused=said, seconds=time.perf_counter() - began)
 
 
 def readings_of(estimate, truth, heaviest):
@@ -141,12 +123,8 @@ def readings_of(estimate, truth, heaviest):
         if each.kind is FindingKind.PRECISE
         for name in each.parameters
     }
-    limits = {
-        name: (value, lower, upper)
-        for name, value, lower, upper in zip(
-            estimate.names, estimate.values, estimate.lower, estimate.upper, strict=True
-        )
-    }
+    rows = zip(estimate.names, estimate.values, estimate.lower, estimate.upper, strict=True)
+    limits = {name: row for name, *row in rows}
     readings = {}
     for name in PARAMETERS:
         if name not in limits or name not in truth:

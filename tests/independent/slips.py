@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,10 +24,7 @@ from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.independent.robots import draw as draw_robot
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Logs = list[Log]
+Logs = list[Log]
 
 
 def every(change: Callable[[Log], Log]) -> Callable[[Logs, np.random.Generator], Logs]:

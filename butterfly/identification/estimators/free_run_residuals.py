@@ -30,7 +30,9 @@ from butterfly.identification.inference.covariance import FEW, blocks_of
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
+    CANDIDATES,
     NEGLIGIBLE,
+    SCANNED,
     SLACK_OF_STRETCHES,
     TermChoice,
     choose_terms,
@@ -51,7 +53,7 @@ from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocity")
+TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 """Terms that are tried where none are told."""
 
 LOCAL = ("zero", "bias", "velocity")
@@ -210,7 +212,7 @@ class FreeRunResiduals:
         ``point``, ``at``: (n,) scaled values, and the equations about them; ``always``: names of
         parameters that are not to be chosen, but fitted. Values of the choice are scaled.
         """
-        optional = {name for name in CANDIDATES if name not in always}
+        optional = {name for name in TRIED if name not in always}
         masses = [each.log.added_mass for each in self.simulations]
         stretches = stretches_of(len(masses))
         at = at if stretches == 1 else at.cut(stretches)
@@ -235,7 +237,7 @@ class FreeRunResiduals:
         names = tuple(name for name, _ in self.keys)
         told = None if self.prior is None else self.prior.active
         conditioning = Conditioning.of(rows, names, told)
-        doubtful = [n for n in conditioning.weakest if n in {*CANDIDATES, *offered("output-error")}]
+        doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
             return ()
         last = doubtful[-1]

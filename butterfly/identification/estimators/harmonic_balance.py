@@ -55,8 +55,8 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     folds_of,
     missing_terms,
+    requested_terms,
     stribeck_velocities,
-    told_terms,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
@@ -96,7 +96,7 @@ class HarmonicBalanceTerms:
         offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
         known = fit.phasors.known
         every = candidates(offers, fit.phasors.masses, known)
-        told = None if terms is None else told_terms(terms, {_OF_REST, *known.parameters})
+        told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})
         found = ScannedTerms.of(_Balances(fit), every, told, check=check)
         chosen, free = found.chosen, found.free
         names = chosen.names
@@ -122,10 +122,6 @@ class HarmonicBalanceTerms:
             said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
             best={name: value for name, value in self.best.items() if name not in idle},
         )
-
-    def judge(self, found: Estimate) -> Estimate:
-        """Return the estimate, with what there is to say of terms."""
-        return found.with_findings(*self.said, *missing_terms(found, self.best))
 
 
 class _Balances:
@@ -192,7 +188,8 @@ class HarmonicBalance(Estimator):
         chosen = HarmonicBalanceTerms.of(fit, self.terms, check=self.check)
         fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):
-            fit, chosen = fit.without(idle), chosen.without(idle)
+            chosen = chosen.without(idle)
+            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
             points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
@@ -298,7 +295,9 @@ def _judged(
         local=None if rest is None else rest.shared_zero,
         besides=besides,
     )
-    return chosen.judge(found) if chosen else found
+    if chosen is None:
+        return found
+    return found.with_findings(*chosen.said, *missing_terms(found, chosen.best))
 
 
 def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:

@@ -24,8 +24,8 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
-    CANDIDATES,
     LOCAL,
+    TRIED,
     FreeRunResiduals,
 )
 from butterfly.identification.estimators.gauss_newton import Loss, Minimum
@@ -38,7 +38,11 @@ from butterfly.identification.inference.identifiability import (
     refuse_without_scale,
     without_each_mass,
 )
-from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
+from butterfly.identification.inference.term_choice import (
+    candidates,
+    missing_terms,
+    requested_terms,
+)
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
@@ -262,7 +266,7 @@ class OutputError(Estimator):
             return []
         if "zero" in found.local.get(None, {}):
             zeros = dict.fromkeys(zeros, found.local[None]["zero"])
-        more = candidates(CANDIDATES, zeros, found.known)
+        more = candidates(TRIED, zeros, found.known)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
         problem = every.problem(logs, found.parameters, zeros, found.known, variance)
         at = problem.equations(problem.initial).counting(self.loss)
@@ -308,9 +312,9 @@ class OutputError(Estimator):
         """Return the terms that are fitted, or tried."""
         terms = self.terms
         if terms is None:
-            terms = candidates(CANDIDATES, masses, known)
+            terms = candidates(TRIED, masses, known)
         else:
-            terms = told_terms(terms, known.uncertain)
+            terms = requested_terms(terms, known.uncertain)
         leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
         settled = {*terms, *self.fixed, *known.parameters}
         brought = {COMPANIONS[name] for name in leaders} - settled

@@ -44,12 +44,14 @@ from butterfly.identification.inference.identifiability import (
 )
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
+    CANDIDATES,
+    SCANNED,
     ScannedTerms,
     candidates,
     folds_of,
     missing_terms,
+    requested_terms,
     stribeck_velocities,
-    told_terms,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
@@ -59,8 +61,6 @@ from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
-CANDIDATES = ("drag", "load", "bias", "p3_offset")
-"""Terms that are tried where none are told, besides Stribeck friction."""
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
 
@@ -74,8 +74,9 @@ def fitted_terms(
     """
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always = known.fitted(PARAMETERS)
-    tried = candidates(CANDIDATES, (each.added for each in windows), known)
-    told = None if terms is None else told_terms(terms, known.parameters)
+    names = [name for name in CANDIDATES if name != SCANNED]
+    tried = candidates(names, (each.added for each in windows), known)
+    told = None if terms is None else requested_terms(terms, known.parameters)
     first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
     equations = _Averages(first, windows, always)
     found = ScannedTerms.of(equations, tried, told, check=check, scan=False)

@@ -1,7 +1,7 @@
 """One fit with every term, and what its equations say of fits with fewer.
 
 About a fit with all terms the equations are linear. Those of a fit without some of them are the
-same ones, the values of what is left out set to 0; so a fit with fewer terms, and what it foretells
+same ones, the values of what is left out set to 0; so a fit with fewer terms, and what it predicts
 of data that it has not seen, costs the solution of a few equations and no simulation.
 """
 
@@ -39,7 +39,7 @@ class Nested:
     demanded: tuple[str, ...] = ()  # parameters without which these equations are not asked
     negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
     prior: Penalty | None = None  # what is known besides, in every part of the data
-    slack: float = 1.0  # standard errors by which a fit with fewer parameters may foretell worse
+    slack: float = 1.0  # standard errors by which a fit with fewer parameters may predict worse
 
     @cached_property
     def _total(self) -> tuple[Samples, Samples]:
@@ -85,7 +85,7 @@ class Nested:
         return self._fitted(*self._total, kept)
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples:
-        """(t, k) squared errors of each log, foretold by fits to the other parts of the data.
+        """(t, k) squared errors of each log, as fits to the other parts predict it.
 
         They are nan where the rest does not determine the parameters, or there are no two parts
         (see `fitted`), and infinite where simulations ran away.

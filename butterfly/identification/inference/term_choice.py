@@ -1,6 +1,6 @@
 """Which terms are fitted: those that help to predict logs that were left out.
 
-Of all sets of terms that are offered the one is sought that foretells best what it has not seen
+Of all sets of terms that are offered the one is sought that predicts best what it has not seen
 (cross-validation; Stone, J. R. Statist. Soc. B 36, 1974), and of those that do so about as well the
 smallest (the rule of one standard error; Breiman et al., Classification and Regression Trees, 1984,
 section 3.4.3).
@@ -29,8 +29,11 @@ from butterfly.verdict import Level
 Samples = NDArray[np.float64]
 
 
+CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
+"""Terms that are tried where none are asked for."""
+
 NEGLIGIBLE = 1e-6
-"""Of a motion, how well it is foretold at best: rounding leaves more."""
+"""Of a motion, how well it is predicted at best: rounding leaves more."""
 
 _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
 _SPEEDS = 10  # Stribeck velocities that are tried
@@ -39,7 +42,7 @@ _LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
 _STRETCHES = 6  # of time in all, into which too few logs are cut
 
 SLACK_OF_STRETCHES = 2.0
-"""Standard errors where stretches of time are foretold, whose errors are alike."""
+"""Standard errors where stretches of time are predicted, whose errors are alike."""
 
 SCANNED = "stribeck"
 """The term whose velocity is tried."""
@@ -51,7 +54,7 @@ class TermChoice:
 
     names: tuple[str, ...]  # of the parameters, the terms last
     terms: tuple[str, ...]  # chosen
-    values: dict[str, float]  # of the parameters, by name, as the nested fit foretells them
+    values: dict[str, float]  # of the parameters, by name, as the nested fit has them
     settings: dict[str, float]  # see `Nested`
     # values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
@@ -100,8 +103,8 @@ def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) 
     return tuple(name for name in names if name not in lost)
 
 
-def told_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
-    """Return terms that were told, but for others that are found, or known, by themselves."""
+def requested_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
+    """Return terms that were asked for, but those that are found, or known, by themselves."""
     return tuple(name for name in terms if name not in others)
 
 
@@ -314,23 +317,23 @@ class ScannedTerms:
         cls,
         equations: TermEquations,
         tried: tuple[str, ...],
-        told: tuple[str, ...] | None,
+        requested: tuple[str, ...] | None,
         *,
         check: bool,
         scan: bool = True,
     ) -> ScannedTerms:
-        """Choose from the terms ``tried`` and Stribeck friction, or fit those ``told``.
+        """Choose from the terms ``tried`` and Stribeck friction, or fit those ``requested``.
 
         Of the latter only the Stribeck velocity is chosen; ``check`` says besides which terms would
         help that were not asked for, Stribeck friction among them if there is a ``scan``.
         """
-        if told is None:
+        if requested is None:
             free = choose_terms([*_fits(equations, tried)], always=equations.always)
             return cls(chosen=free, free=free)
-        rest = tuple(name for name in told if name != SCANNED)
-        with_it = SCANNED in told
+        rest = tuple(name for name in requested if name != SCANNED)
+        with_it = SCANNED in requested
         fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
-        chosen = choose_terms(fits, always=equations.always, demanded=told)
+        chosen = choose_terms(fits, always=equations.always, demanded=requested)
         if not check:
             return cls(chosen=chosen, free=None)
         every = [*_fits(equations, tried, scanned=scan)]
