@@ -85,13 +85,7 @@ def robot_of(
     """Return the robot of an experiment, or the twin that data or a saved result make.
 
     A saved result is the estimate; other data are identified by the method that suits them.
-
-    Raises
-    ------
-    InputError
-        If ``source`` is neither an experiment nor data, cannot be read, or is of a slide.
-    UnusableError
-        If no joint has the parameters that were identified.
+    InputError if the source is of a slide, UnusableError if no joint has what was identified.
     """
     path = locate(Path(source))
     carried = AddedMass(mass=added_mass, arm=ARM if arm is None else arm)

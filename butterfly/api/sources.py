@@ -112,14 +112,9 @@ def manifest_of(
     massless: bool = False,
     **description: Any,  # noqa: ANN401 - as `read` takes it
 ) -> Manifest:
-    """Describe files, as `read` takes them, as a manifest.
+    """Describe files, as `read` takes them, as one manifest; InputError if that cannot be.
 
     ``massless``: whether the added masses that names of files tell may be left out, without an arm.
-
-    Raises
-    ------
-    InputError
-        If a source cannot be read, or several have too little in common for one manifest.
     """
     folder, given = None if root is None else Path(root), _given(description)
     sources = [source] if isinstance(source, str | PathLike) else source
@@ -385,13 +380,7 @@ def is_data(path: Path) -> bool:
 
 
 def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts
-    """Return a member of an enumeration of texts, that a field of a verb holds.
-
-    Raises
-    ------
-    InputError
-        If it has no such member.
-    """
+    """Return a member of an enumeration of texts, that a field of a verb holds, or InputError."""
     try:
         return kind(value)
     except ValueError:

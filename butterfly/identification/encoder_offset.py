@@ -161,13 +161,12 @@ def _of_mass(
         return EncoderOffset(value=float(np.median(middles)), kind=OffsetKind.SWING)
     fitted = fitted_offset(logs)
     rests = [reading for log in logs for reading in rest_readings(log)]
-    slack = math.asin(min(_SLACK if fitted is None else fitted.friction, 1.0))
-    found = []
+    friction, found = _SLACK, []
     if fitted is not None:
-        found.append(
-            EncoderOffset(value=fitted.value, uncertainty=fitted.uncertainty, kind=OffsetKind.FIT)
-        )
-        rests = [each for each in rests if abs(near(each, fitted.value) - fitted.value) < np.pi / 2]
+        own, friction = fitted
+        found.append(own)
+        rests = [each for each in rests if abs(near(each, own.value) - own.value) < np.pi / 2]
+    slack = math.asin(min(friction, 1.0))
     if rests:
         middle = float(np.median([near(each, rests[0]) for each in rests]))
         found.append(
@@ -218,21 +217,11 @@ def _shared(told: Sequence[EncoderOffset]) -> EncoderOffset | None:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class FittedOffset:
-    """What the motion of some logs with one added mass tells."""
-
-    # value, uncertainty: encoder reading in rad where the model's angle is 0, and its standard
-    # error
-    value: float
-    uncertainty: float
-    friction: float  # Coulomb torque over the moment of gravity
-
-
-def fitted_offset(logs: Sequence[Log]) -> FittedOffset | None:
+def fitted_offset(logs: Sequence[Log]) -> tuple[EncoderOffset, float] | None:
     """Return the zero that logs with the same added mass share; None where they tell none.
 
-    ``logs``: with increasing stamps, of any input.
+    Besides the zero it is the Coulomb torque over the moment of gravity. ``logs``: with increasing
+    stamps, of any input.
     """
     about = float(np.median(logs[0].angle))
     parts = [part for log in logs if (part := _averages(log, about)) is not None]
@@ -242,9 +231,9 @@ def fitted_offset(logs: Sequence[Log]) -> FittedOffset | None:
     cluster = np.repeat(np.arange(len(parts)), [part[_TARGET].size for part in parts])
     plain = _solved(means, _NAMES, cluster, about)
     biased = _solved(means, (*_NAMES, _BIAS), cluster, about)
-    if biased is not None and biased[0].uncertainty < _WELL and biased[1] > _SEEN:
-        return biased[0]
-    return None if plain is None else plain[0]
+    if biased is not None and biased[0].uncertainty < _WELL and biased[2] > _SEEN:
+        return biased[:2]
+    return None if plain is None else plain[:2]
 
 
 def _averages(log: Log, about: float) -> dict[str, Samples] | None:
@@ -263,8 +252,8 @@ def _averages(log: Log, about: float) -> dict[str, Samples] | None:
 
 def _solved(
     means: dict[str, Samples], names: tuple[str, ...], cluster: NDArray[np.intp], about: float
-) -> tuple[FittedOffset, float] | None:
-    """Return the zero, and how many standard errors the last unknown is from 0."""
+) -> tuple[EncoderOffset, float, float] | None:
+    """Return zero and friction, and how many standard errors the last unknown is from 0."""
     names = tuple(name for name in names if means[name].any())
     target = -means[_TARGET]
     if target.size < _PER_UNKNOWN * len(names) or not set(_GRAVITY) <= set(names):
@@ -288,12 +277,13 @@ def _solved(
     slope[[sine, cosine]] = b / gravity**2, -a / gravity**2
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     friction = float(values[names.index("coulomb")]) if "coulomb" in names else 0.0
-    found = FittedOffset(
+    found = EncoderOffset(
         value=about - math.atan2(b, a),
         uncertainty=math.sqrt(max(float(slope @ covariance @ slope), 0.0)),
-        friction=max(friction, 0.0) / gravity,
+        kind=OffsetKind.FIT,
     )
-    return found, abs(float(values[-1])) / float(errors[-1] or np.inf)
+    last = abs(float(values[-1])) / float(errors[-1] or np.inf)
+    return found, max(friction, 0.0) / gravity, last
 
 
 def rest_readings(log: Log) -> list[float]:

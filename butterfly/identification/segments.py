@@ -90,7 +90,7 @@ class Segments:
 
     def directions(self, parameters: LumpedParameters, zero: float) -> tuple[Samples, ...]:
         """Return for each segment the (m, j) directions in which its start moves its errors."""
-        return tuple(each.expanded((), parameters, zero).directions for each in self._counted)
+        return tuple(each.expanded((), parameters, zero)[3] for each in self._counted)
 
     def averaged(self, values: Samples) -> Samples:
         """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
@@ -107,23 +107,12 @@ class Segments:
         return np.concatenate([each.simulation.middles() for each in self._counted])
 
 
-class _Expanded(NamedTuple):
-    """A segment's errors at its start, less what a change of that explains, and derivatives.
-
-    The fields are as `Simulation.linearised` returns them, and the (m, j) orthonormal directions in
-    which the start moves the errors.
-    """
-
-    errors: Samples
-    rows: Samples
-    mixture: Samples
-    directions: Samples
-
-
 class _About(NamedTuple):
-    """The same as they are; ``explained`` (j,) is how far the errors lie along each direction.
+    """A segment's errors and derivatives about a start, as `Simulation.linearised` returns them.
 
-    A ``step`` of angle in rad and velocity in rad/s takes that away, to first order.
+    ``directions`` are the (m, j) orthonormal ones in which the start moves the errors, which lie
+    ``explained`` (j,) far along each. A ``step`` of angle in rad and velocity in rad/s takes that
+    away, to first order.
     """
 
     errors: Samples
@@ -164,19 +153,19 @@ class _Segment:
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
-    ) -> _Expanded:
-        """Return what the errors come down to at the best start."""
+    ) -> tuple[Samples, Samples, Samples, Samples]:
+        """Return errors, derivatives (two) and directions at the best start (see `_About`).
+
+        Errors and derivatives are less what a change of the start explains.
+        """
         every = tuple(dict.fromkeys((*names, *_START)))
         found = self._about(every, parameters, zero, self._near)
         if not found.settled:
             found = self._about(every, parameters, zero, self.begin(parameters, zero))
         directions, rows = found.directions, found.rows
-        return _Expanded(
-            errors=found.errors - directions @ found.explained,
-            rows=rows - directions @ (directions.T @ rows),
-            mixture=found.mixture[:, : len(names)],
-            directions=directions,
-        )
+        errors = found.errors - directions @ found.explained
+        rows = rows - directions @ (directions.T @ rows)
+        return errors, rows, found.mixture[:, : len(names)], directions
 
     def begin(self, parameters: LumpedParameters, zero: float) -> InitialState:
         """Return the start from which a simulation follows the segment best."""

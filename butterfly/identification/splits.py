@@ -87,9 +87,9 @@ def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -
     why = "as asked"
     if split is Split.AUTO:
         split, why = _suited(data, folds)
-    parts = _PARTS[split](data, folds)
+    parts = _parts(data, split, folds)
     if len(parts) < 2:  # noqa: PLR2004 - nothing would be left to estimate from
-        raise IdentifiabilityError(f"{_SAME[split](data)}: none can be left out{remedy(data)}")
+        raise IdentifiabilityError(f"{_why_alike(data, split)}: none can be left out{remedy(data)}")
     return Division(split=split, why=why, parts=parts)
 
 
@@ -119,7 +119,7 @@ def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
 def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
     """Whether without any part the logs still tell the scale, if all of them do."""
     try:
-        parts = _PARTS[split](data, folds)
+        parts = _parts(data, split, folds)
     except InputError:
         return False
     if len(parts) < 2:  # noqa: PLR2004 - one left out, one kept
@@ -131,40 +131,36 @@ def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
     return all(len(masses) > 1 for masses in kept)
 
 
-def _by_mass(data: DataSet, _: int | None) -> dict[str, Samples]:
-    parts: dict[str, dict[int, slice]] = {}
-    for number, log in enumerate(data.logs):
-        parts.setdefault(str(log.added_mass), {})[number] = slice(None)
-    return dict(parts)
-
-
-def _by_frequency(data: DataSet, folds: int | None) -> dict[str, Samples]:
-    omegas = _frequencies(data)
-    count = _count(folds, len(omegas), "frequencies")
-    dealt: list[dict[int, slice]] = [{} for _ in range(count)]
-    for number, log in enumerate(data.logs):
-        if log.excitation is not None:
-            dealt[omegas.index(log.excitation.omega) % count][number] = slice(None)
-    return {f"part {k + 1}": samples for k, samples in enumerate(dealt)}
-
-
-def _by_log(data: DataSet, folds: int | None) -> dict[str, Samples]:
-    total = len(data.logs)
-    count = _count(folds, total, "logs")
-    dealt = [{number: slice(None) for number in range(k, total, count)} for k in range(count)]
-    names = [data.logs[k].name if count == total else f"fold {k + 1}" for k in range(count)]
-    return dict(zip(names, dealt, strict=True))
-
-
-def _by_time(data: DataSet, folds: int | None) -> dict[str, Samples]:
-    count = folds or FOLDS
-    sizes = [log.time.size for log in data.logs]
-    return {
-        f"stretch {k + 1} of {count}": {
-            number: slice(size * k // count, size * (k + 1) // count)
-            for number, size in enumerate(sizes)
+def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]:
+    """Return the samples that each part leaves out, by its name."""
+    logs = data.logs
+    if split is Split.TIME:
+        count = folds or FOLDS
+        sizes = [log.time.size for log in logs]
+        return {
+            f"stretch {k + 1} of {count}": {
+                number: slice(size * k // count, size * (k + 1) // count)
+                for number, size in enumerate(sizes)
+            }
+            for k in range(count)
         }
-        for k in range(count)
+    if split is Split.MASS:
+        owners = [str(log.added_mass) for log in logs]
+        names = list(dict.fromkeys(owners))
+    elif split is Split.FREQUENCY:
+        omegas = _frequencies(data)
+        count = _count(folds, len(omegas), "frequencies")
+        names = [f"part {k + 1}" for k in range(count)]
+        owners = [
+            names[omegas.index(log.excitation.omega) % count] if log.excitation else ""
+            for log in logs
+        ]
+    else:
+        count = _count(folds, len(logs), "logs")
+        names = [logs[k].name if count == len(logs) else f"fold {k + 1}" for k in range(count)]
+        owners = [names[k % count] for k in range(len(logs))]
+    return {
+        name: {k: slice(None) for k, owner in enumerate(owners) if owner == name} for name in names
     }
 
 
@@ -178,37 +174,21 @@ def _count(folds: int | None, available: int, what: str) -> int:
     return folds or min(FOLDS, available)
 
 
-def _same_mass(data: DataSet) -> str:
-    (mass,) = data.masses
-    return f"all logs carry {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
-
-
-def _same_frequency(data: DataSet) -> str:
-    return "all sines have the same frequency" if _frequencies(data) else "no log is a sine"
-
-
-def _same_log(_: DataSet) -> str:
+def _why_alike(data: DataSet, split: Split) -> str:
+    """Return why all logs are of one part."""
+    if split is Split.MASS:
+        (mass,) = data.masses
+        return f"all logs carry {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
+    if split is Split.FREQUENCY:
+        return "all sines have the same frequency" if _frequencies(data) else "no log is a sine"
     return "there is one log only"
 
-
-_PARTS = {
-    Split.MASS: _by_mass,
-    Split.FREQUENCY: _by_frequency,
-    Split.LOG: _by_log,
-    Split.TIME: _by_time,
-}
 
 _LEFT_OUT = {
     Split.MASS: "one added mass left out",
     Split.FREQUENCY: "some frequencies left out",
     Split.LOG: "some logs left out",
     Split.TIME: "a stretch of time left out",
-}
-
-_SAME = {
-    Split.MASS: _same_mass,
-    Split.FREQUENCY: _same_frequency,
-    Split.LOG: _same_log,
 }
 
 

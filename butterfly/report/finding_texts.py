@@ -93,18 +93,23 @@ def _text(finding: Finding, values: Values) -> str:
     text = _TEXTS[finding.kind]
     if not isinstance(text, str):
         return text(finding, values)
-    names, number = finding.parameters, finding.number
-    numbers: dict[str, object] = {}
+    names, number, logs = finding.parameters, finding.number, finding.logs
+    fields: dict[str, object] = {
+        "names": ", ".join(names),
+        "count": len(names),
+        "combined": " and ".join(names),
+        "first": names[0] if names else "",
+        "others": ", ".join(names[1:]),
+        "them": "them" if names and "," in names[0] else "it",
+        "logs": listed(logs),
+        "are": "is" if len(logs) == 1 else "are",
+        "were": "was" if len(logs) == 1 else "were",
+    }
     if number is not None:
-        numbers = {"number": number, "percent": 100 * number, "fit": fit_text(number)}
-    return text.format(
-        names=", ".join(names),
-        count=len(names),
-        logs=listed(finding.logs),
-        are="is" if len(finding.logs) == 1 else "are",
-        were="was" if len(finding.logs) == 1 else "were",
-        **numbers,
-    )
+        fields |= {"number": number, "percent": 100 * number, "fit": fit_text(number)}
+        fields["used"] = counted(number, "log")
+        fields["rounded"] = float(f"{number:.2g}")
+    return text.format(**fields)
 
 
 def _number(finding: Finding) -> float:
@@ -141,31 +146,6 @@ def _known_apart(finding: Finding, _: Values) -> str:
     )
 
 
-def _missing_term(finding: Finding, _: Values) -> str:
-    first, *others = finding.parameters
-    return (
-        f"{first} would help to predict logs that were left out, and move {', '.join(others)} by "
-        f"{100 * _number(finding):.0f} % or more: add {'them' if ',' in first else 'it'} to the "
-        "terms."
-    )
-
-
-def _scanned(finding: Finding, _: Values) -> str:
-    return (
-        f"{', '.join(finding.parameters)} is {_number(finding):.2g} "
-        f"{TERMS[finding.parameters[0]].unit}, found by trying several; the intervals hold what "
-        "others that predict as well would give."
-    )
-
-
-def _combination(finding: Finding, _: Values) -> str:
-    condition = float(f"{_number(finding):.2g}")
-    return (
-        f"{' and '.join(finding.parameters)} are known mainly in one combination (condition number "
-        f"{condition:.0f}): add a run that tells them apart."
-    )
-
-
 def _simulations(finding: Finding, _: Values) -> str:
     how = "converged"
     if finding.severity is Level.WARNING:
@@ -188,13 +168,6 @@ def _few_masses(finding: Finding, _: Values) -> str:
     if _number(finding) < _LEAST_MASSES:
         why = "Fewer than three added masses"
     return f"{why}: the intervals could not be checked by leaving one out."
-
-
-def _few_logs(finding: Finding, _: Values) -> str:
-    return (
-        f"With {counted(_number(finding), 'log')} the intervals come from stretches of time, and "
-        "hold nothing of how the robot differs from run to run: record more."
-    )
 
 
 def _torque_driven(finding: Finding, values: Values) -> str:
@@ -278,8 +251,15 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{logs} {were} left out: the hand passes the upright, where small causes tell, and no "
         "simulation from the start stays near. The method weak-form uses them."
     ),
-    FindingKind.MISSING_TERM: _missing_term,
-    FindingKind.SCANNED: _scanned,
+    FindingKind.MISSING_TERM: (
+        "{first} would help to predict logs that were left out, and move {others} by "
+        "{percent:.0f} % or more: add {them} to the terms."
+    ),
+    FindingKind.SCANNED: lambda finding, _: (
+        f"{', '.join(finding.parameters)} is {_number(finding):.2g} "
+        f"{TERMS[finding.parameters[0]].unit}, found by trying several; the intervals hold what "
+        "others that predict as well would give."
+    ),
     FindingKind.NOT_HELPING: (
         "Not fitted, since {names} did not help to predict logs that were left out."
     ),
@@ -298,14 +278,20 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "Started elsewhere the fit ends elsewhere, where it follows the logs less well "
         "({number:.3g} times the squared error): the best of the ends is given."
     ),
-    FindingKind.COMBINATION: _combination,
+    FindingKind.COMBINATION: (
+        "{combined} are known mainly in one combination (condition number {rounded:.0f}): add a "
+        "run that tells them apart."
+    ),
     FindingKind.ROUNDS: (
         "The iteration did not settle in {number:.0f} rounds: do not trust the values."
     ),
     FindingKind.SIMULATIONS: _simulations,
     FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
-    FindingKind.FEW_LOGS: _few_logs,
+    FindingKind.FEW_LOGS: (
+        "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
+        "differs from run to run: record more."
+    ),
     FindingKind.UNCHECKED: (
         "The intervals were not checked by leaving an added mass out, as asked."
     ),

@@ -119,9 +119,9 @@ def response_point(
 ) -> ResponsePoint:
     """Fit the steady response of a log whose input is a sine.
 
-    From the last `seconds`; `pole` is of a transient that is fitted too (see `fit_sine`), a loud
-    one is found unasked. An InputError if the log has no sine excitation, is too short or too
-    coarse, or its input is not that sine.
+    From the last `seconds`; `pole` is of a transient that is fitted too, a loud one is found
+    unasked (see `with_transient`). An InputError if the log has no sine excitation, is too short or
+    too coarse, or its input is not that sine.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")

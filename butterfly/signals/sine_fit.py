@@ -75,31 +75,10 @@ class SineFit:
         return float(np.sqrt(unit @ self.covariance @ unit))
 
 
-def fit_sine(
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
-    omega: float,
-    harmonics: int = HARMONICS,
-    pole: complex | None = None,
-) -> SineFit:
-    """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
-
-    The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
-    time, so that residuals that are correlated from sample to sample, as encoder steps and slow
-    drifts are, do not make it too small.
-
-    Of (n,) samples at stamps in s that need not be uniform; `harmonics` multiples of `omega` in
-    rad/s are fitted, the fundamental included, and with `pole` in 1/s a transient Re{c e^(pole t)}
-    of any amplitude and phase.
-    """
-    basis = with_transient(sine_basis(time, omega, harmonics), time, pole)
-    return fit_basis(basis, values, omega, harmonics)
-
-
 def sine_basis(
     time: NDArray[np.float64], omega: float, harmonics: int = HARMONICS
 ) -> NDArray[np.float64]:
-    """Return what `fit_sine` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
+    """Return what `fit_basis` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
 
     Returns (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
     """
@@ -131,9 +110,14 @@ def fit_basis(
     omega: float,
     harmonics: int = HARMONICS,
 ) -> SineFit:
-    """Fit a signal by the rows of a basis; for several signals on the same stamps (see `fit_sine`).
+    """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
 
-    `basis` has (m, n) rows of `sine_basis`, then any others to be fitted beside.
+    The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
+    time, so that residuals that are correlated from sample to sample, as encoder steps and slow
+    drifts are, do not make it too small.
+
+    `basis` has (m, n) rows of `sine_basis`, at stamps that need not be uniform, then any others to
+    be fitted beside; `omega` is in rad/s.
     """
     return _fit(basis, values, omega, harmonics, _equations(basis, values))
 

@@ -12,6 +12,8 @@ from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import LumpedParameters
+from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.sine_fit import SineFit
 from tests.conftest import MASSES
 from tests.independent.integrator import motion
 
@@ -74,6 +76,18 @@ def wild(robot, masses=MASSES, duration=24.0):
         simulated(robot, mass, tones(k), duration, start=0.5 * gentle)
         for k, mass in enumerate(masses)
     ]
+
+
+def response(mass, omega, phasor, *, input_=1.0, offset=0.0, error=1e-6):
+    """A steady response with an angle's phasor in rad, each component of which is uncertain."""
+    fit = SineFit(
+        omega=omega,
+        offset=offset,
+        phasors=np.array([phasor]),
+        covariance=np.eye(2) * error**2,
+        residual_rms=0.0,
+    )
+    return ResponsePoint(added_mass=mass, input=input_, angle=fit, drift=0.0, label="")
 
 
 def steady(robot, swings):

@@ -76,7 +76,7 @@ def test_the_weak_form_finds_the_robot_from_torque_steps_whatever_the_zero():
 
 
 def test_a_constant_torque_is_told_from_gravity_where_the_motion_is_wide():
-    found = fitted_offset([_run(NO_ADDED_MASS, _steps(3, 0.08), 0.4, bias=6e-3)])
+    found, _ = fitted_offset([_run(NO_ADDED_MASS, _steps(3, 0.08), 0.4, bias=6e-3)])
     assert near(found.value, 0.4) == pytest.approx(0.4, abs=2e-3)
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.estimators import WeakForm
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
@@ -97,12 +96,6 @@ def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
         np.testing.assert_array_equal(found.still, fresh.still)
         for name in names:
             np.testing.assert_array_equal(found.mean[name], fresh.mean[name])
-
-
-def test_output_error_starts_from_it_when_there_are_no_sines(logs):
-    found = OutputError()(DataSet.of(logs)).parameters
-    for name in ("p1", "p2", "p3", "p4", "delay"):
-        assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=5e-3)
 
 
 def test_what_cannot_be_estimated_is_refused(logs):

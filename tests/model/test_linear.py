@@ -29,8 +29,8 @@ from butterfly.model.linear import (
     resonance_frequency,
 )
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.sine_fit import fit_sine
 from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, instants
+from tests.signals.sines import fit_sine
 
 THESIS = replace(PENDULUM, p4=10)
 WHOLE = replace(SLIDING, delay=0.0, coulomb=0.0, load=0.0, stribeck=0.0, compression=0.3, **LAG)

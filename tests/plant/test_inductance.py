@@ -15,8 +15,8 @@ from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Clutch
-from butterfly.signals.sine_fit import fit_sine
 from tests.plant.setting import ADDED, FINE, JOINTS, MOTOR, integrated, mujoco_alone, play, robot
+from tests.signals.sines import fit_sine
 
 pytestmark = pytest.mark.slow
 

@@ -13,8 +13,8 @@ from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.excitations import Chirp, FreeDecay, Multisine, Table
-from butterfly.signals.sine_fit import fit_sine
 from tests.plant.setting import ADDED, FINE, MOTOR, grey_box, robot
+from tests.signals.sines import fit_sine
 
 SINE = Sine(omega=4.0, amplitude=0.5)
 

@@ -21,7 +21,6 @@ from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
 from butterfly.report.figures import seen_samples
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import interval, with_error
 from butterfly.report.identification_figures import (
     correlation_map,
     frequency_response_figure,
@@ -34,6 +33,8 @@ from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
+    spectrum_figure,
+    spectrum_series,
     time_figure,
     time_series,
 )
@@ -68,28 +69,25 @@ def page(simulated, tmp_path_factory):
     return path
 
 
-def test_the_page_asks_nothing_of_the_network(page):
-    markup = re.sub(r"<script>.*?</script>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+def test_the_page_holds_every_parameter_log_and_sentence_and_asks_nothing_of_the_network(
+    page, simulated
+):
+    text = html.unescape(page.read_text(encoding="utf-8"))
+    markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
     assert "@import" not in markup
-
-
-def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
-    text = html.unescape(page.read_text(encoding="utf-8"))
     result, truth = simulated
     for row in map(parameter_texts, result.estimate.table(truth)):
         for key in ("symbol", "value", "error", "interval", "true", "deviation"):
             assert row[key] in text
     said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
-    for sentence in (*said.paragraphs, *summary(result)[1:]):
+    for sentence in (*said.paragraphs, *summary(result)[1:], *misfit_sentences(result.misfit)):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24
     for row in misfit_table(result.misfit.logs).rows:
         for cell in row:
             assert cell in text
-    for sentence in misfit_sentences(result.misfit):
-        assert sentence in text
 
 
 def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
@@ -134,18 +132,6 @@ def test_a_time_plot_is_true_wherever_the_clock_starts(simulated, start):
     drawn = time_figure(dataclasses.replace(run, log=log), None).data[0].x
     np.testing.assert_allclose(np.diff(drawn), np.diff(drawn - start), atol=1e-6)
     assert np.diff(drawn).max() < 0.1
-
-
-def test_a_page_s_correlations_are_those_of_each_log_s_own_figure(simulated):
-    misfit = simulated[0].misfit
-    shown = json.loads(json.dumps(vars(correlation_series(misfit.logs))))
-    for log, panels in zip(misfit.logs, shown["curves"], strict=True):
-        flat = [[_numbers(each) for each in panel] for panel in panels]
-        drawn = correlation_figure(log).data
-        ys = [y for _, *lines in flat for y in lines]
-        assert len(ys) == len(drawn) == len(shown["data"])
-        for y, trace in zip(ys, drawn, strict=True):
-            _assert_seen(y, trace.y)
 
 
 def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_it(
@@ -205,18 +191,23 @@ def test_several_swings_at_one_frequency_count_as_their_geometric_mean(simulated
     assert swing == pytest.approx([0.2])
 
 
-def test_a_page_s_time_series_are_the_points_of_each_log_s_own_figure(simulated):
-    result = simulated[0]
-    runs, bands = result.free_runs, [log.band for log in result.misfit.logs]
-    shown = json.loads(json.dumps(vars(time_series(runs, bands))))
-    assert len(shown["curves"]) == len(runs)
-    for run, band, (curves,) in zip(runs, bands, shown["curves"], strict=True):
-        x, *ys = map(_numbers, curves)
-        drawn = time_figure(run, band)
-        assert [trace.get("name") for trace in shown["data"]] == [t.name for t in drawn.data]
-        for y, trace in zip(ys, drawn.data, strict=True):
-            _assert_seen(x, trace.x)
-            _assert_seen(y, trace.y)
+def test_a_page_s_curves_are_the_points_of_each_log_s_own_figure(simulated):
+    runs, logs = simulated[0].free_runs, simulated[0].misfit.logs
+    bands = [log.band for log in logs]
+    pairs = list(zip(runs, logs, strict=True))
+    for series, figures in (
+        (time_series(runs, bands), [time_figure(run, log.band) for run, log in pairs]),
+        (correlation_series(logs), [correlation_figure(log) for log in logs]),
+        (spectrum_series(runs, logs), [spectrum_figure(*pair) for pair in pairs]),
+    ):
+        shown = json.loads(json.dumps(vars(series)))
+        for panels, figure in zip(shown["curves"], figures, strict=True):
+            points = [(panel[0], y) for panel in panels for y in panel[1:]]
+            assert [each.get("name") for each in shown["data"]] == [t.name for t in figure.data]
+            for packed, trace in zip(points, figure.data, strict=True):
+                for each, drawn in zip(packed, (trace.x, trace.y), strict=True):
+                    logarithmic = each.get("logarithmic", False)
+                    _assert_seen(_numbers(each), np.log10(drawn) if logarithmic else drawn)
 
 
 def test_a_long_curve_keeps_its_peaks_when_it_is_thinned():
@@ -316,11 +307,9 @@ def test_a_value_of_0_inside_its_interval_may_be_0():
     assert parameter_texts(parameter)["width"] == "may be 0"
 
 
-def test_the_forest_plot_has_a_panel_for_each_parameter(simulated):
-    result, truth = simulated
-    rows = result.estimate.table(truth)
-    figure = parameter_figure(rows)
-    estimates = [trace.x[0] for trace in figure.data if trace.name == "estimate"]
+def test_the_forest_plot_has_every_parameter(simulated):
+    rows = simulated[0].estimate.table(simulated[1])
+    estimates = [trace.x[0] for trace in parameter_figure(rows).data if trace.name == "estimate"]
     assert estimates == [row.value for row in rows]
 
 
@@ -334,29 +323,6 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
     page = (tmp_path / "log.html").read_text(encoding="utf-8")
     assert '<span class="badge">✓ Ok</span>' in page
     assert rows["longest interval"] in page
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (2.4771657, 0.0317, "2.477"),
-        (0.0020999, 2.8e-5, "0.002100"),
-        (-0.00016051, 0.0011, "-0.00016"),
-        (123.4, 1.2, "123.4"),
-        (1234.0, 12.0, "1234"),
-        (0.5, float("nan"), "0.5"),
-        (0.0, 0.1, "0"),
-        (-1.0e-5, 0.0011, "-1e-05"),
-        (float("nan"), 0.1, "–"),
-    ],
-)
-def test_values_are_written_to_the_second_digit_of_their_error(value, error, text):
-    assert with_error(value, error) == text
-
-
-def test_an_interval_without_limits_is_a_dash():
-    assert interval(float("nan"), 1.0) == "–"
-    assert interval(1.0, 2.0) == "[1.00, 2.00]"
 
 
 def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):

@@ -19,8 +19,9 @@ from butterfly.signals.frequency_response import (
     response_point,
     steady_window,
 )
-from butterfly.signals.sine_fit import fit_sine, sine_basis
+from butterfly.signals.sine_fit import sine_basis
 from tests.identification.simulated import simulated
+from tests.signals.sines import fit_sine
 
 SYSTEM = LumpedParameters(p1=0.003, p2=0.004, p3=0.05, p4=0.03)
 ROBOT = LumpedParameters(p1=0.003, p2=4e-3, p3=0.04, p4=0.5, delay=0.02)

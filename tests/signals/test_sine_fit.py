@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.signals.sine_fit import fit_basis, fit_halves, fit_sine, sine_basis
+from butterfly.signals.sine_fit import fit_basis, fit_halves, sine_basis
+from tests.signals.sines import fit_sine
 
 
 def _stamps(rng, count=4000, step=1e-2):

@@ -42,13 +42,19 @@ class Estimator:
     @property
     def label(self) -> str:
         """Short name for tables: the method, and what it was told besides its defaults."""
-        told = [
-            part
-            for each in fields(self)
-            if each.name not in {"method", "check"} and getattr(self, each.name) != each.default
-            for part in _parts(each.name, getattr(self, each.name))
-        ]
-        return f"{self.method}({', '.join(told)})" if told else self.method
+        parts: list[str] = []
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name in {"method", "check"} or value == each.default:
+                continue
+            if each.name == "terms":
+                parts += value or ["no terms"]
+            elif isinstance(value, str):
+                parts.append(str(value))
+            else:
+                listed = " ".join(value) if isinstance(value, tuple) else value
+                parts.append(f"{each.name} {listed}")
+        return f"{self.method}({', '.join(parts)})" if parts else self.method
 
     def suited(self, data: DataSet) -> Estimator:  # noqa: ARG002 - for one that looks at the data
         """Return the estimator that is meant for the logs of a data set: itself."""
@@ -134,14 +140,3 @@ def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[
             raise InputError(method, field, name, nearest(name, valid))
         if names.count(name) > 1:
             raise InputError(method, field, f"{name} twice", "each name once")
-
-
-def _parts(name: str, value: Any) -> list[str]:  # noqa: ANN401 - any option
-    """Name what an option was set to, as briefly as can be."""
-    if name == "terms":
-        return list(value or ()) or ["no terms"]
-    if isinstance(value, str):
-        return [str(value)]
-    if isinstance(value, tuple):
-        return [f"{name} {' '.join(value)}"]
-    return [f"{name} {value}"]

@@ -123,10 +123,6 @@ class HarmonicBalanceTerms:
             best={name: value for name, value in self.best.items() if name not in idle},
         )
 
-    def judge(self, found: Estimate) -> Estimate:
-        """Return the estimate, with what there is to say of terms."""
-        return found.with_findings(*self.said, *missing_terms(found, self.best))
-
 
 class _Balances:
     """The equations of a fit with more terms."""
@@ -192,7 +188,8 @@ class HarmonicBalance(Estimator):
         chosen = HarmonicBalanceTerms.of(fit, self.terms, check=self.check)
         fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):
-            fit, chosen = fit.without(idle), chosen.without(idle)
+            chosen = chosen.without(idle)
+            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
             points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
@@ -298,7 +295,9 @@ def _judged(
         local=None if rest is None else rest.shared_zero,
         besides=besides,
     )
-    return chosen.judge(found) if chosen else found
+    if chosen is None:
+        return found
+    return found.with_findings(*chosen.said, *missing_terms(found, chosen.best))
 
 
 def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:

@@ -96,28 +96,6 @@ class Phasors:
             doubt=self.doubt[rows],
         )
 
-    def corrected(
-        self,
-        parameters: LumpedParameters,
-        moved: NDArray[np.complex128],
-        told: NDArray[np.bool_],
-        doubt: NDArray[np.float64],
-    ) -> Phasors:
-        """Return the balance, with the remainder of a model's motion.
-
-        ``parameters``: of the model; ``moved``: (n,) phasors in rad of its angle, simulated with
-        the recorded inputs; ``told``: (n,) whether they can tell of a remainder; ``doubt``: (n,)
-        variance in rad^2 of the angles of logs in which the model does not move alike.
-        """
-        model = replace(
-            self, angle=moved, swing=np.abs(moved), remainder=np.zeros_like(self.remainder)
-        )
-        matrix, target = model.equations(parameters.delay)
-        values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
-        left = matrix @ np.array(values) - target
-        remainder = np.where(told, left, 0.0)
-        return replace(self, remainder=remainder, doubt=doubt)
-
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
         late = self.input * np.exp(-1j * self.omega * delay)
@@ -251,11 +229,6 @@ class HarmonicBalanceFit:
         kept = {*PARAMETERS, *self.phasors.known.parameters}
         return tuple(name for name, held in names if held and name not in kept)
 
-    def without(self, terms: tuple[str, ...]) -> HarmonicBalanceFit:
-        """Return the fit without some terms."""
-        names = tuple(name for name in self.phasors.names if name not in terms)
-        return HarmonicBalanceFit.of(replace(self.phasors, names=names))
-
     def moved_to(self, other: HarmonicBalanceFit) -> float:
         """Return by what share of its errors another fit of the same names lies elsewhere."""
         there = self.regression.unknowns(other.solved.values)
@@ -269,9 +242,9 @@ class HarmonicBalanceFit:
         Their unknowns are the parameters, but for the delay: of that, p4 (delay - this one's).
         """
         known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
-        balance = phasors.equations(self._delay)
+        balance = phasors.equations(self.parameters.delay)
         gain = self.parameters.p4
-        regression = _regression(phasors, balance, self.weights, self._delay, gain)
+        regression = _regression(phasors, balance, self.weights, self.parameters.delay, gain)
         unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
         residuals = regression.rows @ unknowns - regression.target
         count = phasors.omega.size
@@ -296,12 +269,8 @@ class HarmonicBalanceFit:
         found = unknowns
         if "delay" in unknowns:
             gain = unknowns.get("p4", self.parameters.p4) or np.inf
-            found = unknowns | {"delay": self._delay + unknowns["delay"] / gain}
+            found = unknowns | {"delay": self.parameters.delay + unknowns["delay"] / gain}
         return np.array([found.get(name, 0.0) for name in names])
-
-    @property
-    def _delay(self) -> float:
-        return self.parameters.delay
 
 
 def _regression(

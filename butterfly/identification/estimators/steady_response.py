@@ -112,10 +112,6 @@ class RestAngles:
             return own
         return own.with_bias(asked=asked is True)
 
-    def applied(self, parameters: LumpedParameters) -> LumpedParameters:
-        """Return parameters with the bias."""
-        return replace(parameters, bias=self._known)
-
     def moved(self, simulated: Samples) -> RestAngles:
         """Return them so that a model whose swings went about (n,) middles follows the logs."""
         if self.bias is None:
@@ -264,7 +260,7 @@ class SteadyModel:
 
         That is nothing where the model, or its motion in a log, is too far from the robot's.
         """
-        parameters = self.rest.applied(fit.parameters)
+        parameters = replace(fit.parameters, bias=self.rest.bias or 0.0)
         masses = (each.log.added_mass for each in self.simulations)
         if not parameters.p1 + min(mass.inertia for mass in masses) > 0:
             return fit, self
@@ -294,14 +290,23 @@ class SteadyModel:
 
 
 def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> Phasors:
-    measured = fit.phasors.angle
+    """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over.
+
+    The angles of logs in which the model does not move alike are in doubt.
+    """
+    phasors, measured = fit.phasors, fit.phasors.angle
     size = np.abs(moved) / np.abs(measured)
     told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
     moved = np.where(told, moved, measured)
     apart = np.where(told, np.abs(moved / measured - 1), 1.0)
     odd = apart > max(_ODD * float(np.median(apart)), _ODD_AT_LEAST)
-    for mass in set(fit.phasors.masses):  # where most are odd, it is not the logs
-        own = np.array([each == mass for each in fit.phasors.masses])
+    for mass in set(phasors.masses):  # where most are odd, it is not the logs
+        own = np.array([each == mass for each in phasors.masses])
         odd[own] &= np.mean(odd[own]) < _FEW
+    none = np.zeros_like(phasors.remainder)
+    model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)
+    matrix, target = model.equations(fit.parameters.delay)
+    values = [0.0 if n == "delay" else getattr(fit.parameters, n) for n in phasors.names]
+    left = matrix @ np.array(values) - target
     doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
-    return fit.phasors.corrected(fit.parameters, moved, told, doubt)
+    return replace(phasors, remainder=np.where(told, left, 0.0), doubt=doubt)
