@@ -28,6 +28,7 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
+from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
 from butterfly.report.identification_page import write_report
@@ -35,7 +36,7 @@ from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.records import run_verdict
 from butterfly.report.sweep_page import sweep_page
-from butterfly.result import Answer, TextTable, write_document
+from butterfly.result import Answer, write_document
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -44,7 +45,19 @@ _ORBIT_REPORT = "orbit.html"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Run(Answer):
+class _Done(Answer):
+    """What came of an experiment, in words, and the pages that were written."""
+
+    sentences: tuple[str, ...] = ()
+    reports: tuple[Path, ...] = ()
+
+    def paragraphs(self) -> list[str]:
+        """Return what was found, the verdicts first."""
+        return list(self.sentences)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Run(_Done):
     """What an experiment gave: the logs' identifications beside the truth, and its orbit.
 
     Parameters
@@ -56,24 +69,18 @@ class Run(Answer):
     reports
         The pages that were written.
     identifications
-        By estimator; none of a run that was found done.
+        By estimator; those of a run that was found done as they were saved.
     """
 
     kind: ClassVar[str] = "run"
     table: ClassVar[str] = "estimates"
 
     record: RunRecord
-    sentences: tuple[str, ...] = ()
-    reports: tuple[Path, ...] = ()
     identifications: Mapping[str, Identification]
-
-    def paragraphs(self) -> list[str]:
-        """Return what was found, the verdicts first."""
-        return list(self.sentences)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sweep(Answer):
+class Sweep(_Done):
     """What the runs of a sweep gave, and how many gave nothing.
 
     Parameters
@@ -81,7 +88,7 @@ class Sweep(Answer):
     unsuccessful
         Number of runs without a result.
     sentences
-        What was found, in words.
+        What was found, in words, and how many runs were done.
     reports
         The page that was written.
     """
@@ -90,12 +97,6 @@ class Sweep(Answer):
     table: ClassVar[str] = "recovery"
 
     unsuccessful: int
-    sentences: tuple[str, ...] = ()
-    reports: tuple[Path, ...] = ()
-
-    def paragraphs(self) -> list[str]:
-        """Return what was found, and how many runs were done."""
-        return list(self.sentences)
 
 
 def simulate(
@@ -182,7 +183,7 @@ def run(
     if plan.experiment.sweep is None and engine == "local":
         kept = None if force else ResultStore(folder).latest(tasks[0].key)
         if kept is not None and kept.status != FAILED:
-            return _found_done(folder, kept)
+            return _found_done(folder, kept, plan.experiment.plant.robot.lumped)
         return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
     keep_experiment(source, folder)
@@ -287,39 +288,24 @@ def _content(
     }
 
 
-def _found_done(folder: Path, record: RunRecord) -> Run:
+def _found_done(folder: Path, record: RunRecord, truth: LumpedParameters) -> Run:
     """Return what is kept of a run that was done before."""
     if record.status != OK:
         raise ButterflyError(record.reason)
     content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    said: list[str] = []
-    tables: list[TextTable] = []
-    for each in content["estimates"]:
-        said += each["summary"]
-        rows = [
-            (name, _number(row["true"]), *map(_number, _of_parameter(row)), row["unit"])
-            for name, row in each["parameters"].items()
-        ]
-        headers = ("", "true", "estimate", "std error", "lower", "upper", "unit")
-        tables.append(TextTable(each["title"], headers, rows))
-    if content["orbit"] is not None:
-        said += content["orbit"]["summary"]
+    made = [each.estimator for each in record.estimates if each.estimate is not None]
+    saved = map(Identification.from_dict, content["estimates"])
+    answers = dict(zip(made, saved, strict=True))
+    paragraphs = [text for each in answers.values() for text in each.paragraphs()]
+    paragraphs += [] if content["orbit"] is None else content["orbit"]["summary"]
     return Run.from_dict(
         content,
         record=record,
-        sentences=(*said, *_of_record(record), "1 run: found done; --force does it again."),
-        printed=tuple(tables),
+        sentences=(*paragraphs, *_of_record(record), "1 run: found done; --force does it again."),
+        printed=tuple(table for each in answers.values() for table in each.tables(truth)),
         reports=tuple(folder / name for name in _reports(record)),
-        identifications={},
+        identifications=answers,
     )
-
-
-def _of_parameter(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return row["value"], row["standard_error"], row["lower"], row["upper"]
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.5g}"
 
 
 def _of_record(record: RunRecord) -> list[str]:

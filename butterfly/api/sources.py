@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 from butterfly.errors import InputError
 from butterfly.files import locate
@@ -112,14 +112,9 @@ def manifest_of(
     massless: bool = False,
     **description: Any,  # noqa: ANN401 - as `read` takes it
 ) -> Manifest:
-    """Describe files, as `read` takes them, as a manifest.
+    """Describe files, as `read` takes them, as one manifest; InputError if that cannot be.
 
     ``massless``: whether the added masses that names of files tell may be left out, without an arm.
-
-    Raises
-    ------
-    InputError
-        If a source cannot be read, or several have too little in common for one manifest.
     """
     folder, given = None if root is None else Path(root), _given(description)
     sources = [source] if isinstance(source, str | PathLike) else source
@@ -305,7 +300,7 @@ def _described(
     if suffix in FORMATS:
         listed = _entry_of(path, beside, root, given) if beside.exists() else None
         return listed or draft(path, given)
-    if suffix == RESULT_ENDING:
+    if names_result(path):
         return _saved_manifest(path, root, given)
     if suffix not in _YAML:
         expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT_ENDING})"
@@ -374,9 +369,14 @@ def root_of(path: Path, own: str, root: Path | None = None) -> Path:
     return (path.parent / own).resolve() if root is None else root.absolute()
 
 
+def names_result(source: object) -> TypeGuard[Named]:
+    """Whether something is the path of a saved result."""
+    return isinstance(source, str | PathLike) and Path(source).suffix.lower() == RESULT_ENDING
+
+
 def is_data(path: Path) -> bool:
     """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
-    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT_ENDING}:
+    if path.is_dir() or path.suffix.lower() in FORMATS or names_result(path):
         return True
     try:
         return "logs" in load_yaml(path).content
@@ -385,13 +385,7 @@ def is_data(path: Path) -> bool:
 
 
 def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts
-    """Return a member of an enumeration of texts, that a field of a verb holds.
-
-    Raises
-    ------
-    InputError
-        If it has no such member.
-    """
+    """Return a member of an enumeration of texts, that a field of a verb holds, or InputError."""
     try:
         return kind(value)
     except ValueError:

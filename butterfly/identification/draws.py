@@ -100,26 +100,19 @@ class DrawnRun:
 
     def serves(self, log: Log, setting: Setting) -> bool:
         """Whether a log would be simulated alike: the same record, perhaps read again."""
-        own = self.log
-        if log is own:
-            return setting == self.setting
-        if (setting, log.added_mass, log.intersample) != (
-            self.setting,
-            own.added_mass,
-            own.intersample,
-        ):
-            return False
-        pairs = zip(_record(log), _record(own), strict=True)
-        return all(np.array_equal(mine, other) for mine, other in pairs)
+        asked, own = (
+            (each.time, each.angle, *each.command, np.array(each.initial_state))
+            for each in (log, self.log)
+        )
+        return (
+            (setting, log.added_mass, log.intersample)
+            == (self.setting, self.log.added_mass, self.log.intersample)
+        ) and all(map(np.array_equal, asked, own))
 
 
 def samples_of_bands(log: Log) -> NDArray[np.intp]:
     """(k,) numbers of the samples of a log at which bands are worked out."""
     return np.arange(0, log.time.size, max(1, round(_STEP / log.mean_step)))
-
-
-def _record(log: Log) -> tuple[Samples, ...]:
-    return (log.time, log.angle, *log.command, np.array(log.initial_state))
 
 
 def draw_parameters(

@@ -182,20 +182,17 @@ def bootstrap(
         while True:
             rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
             try:
-                values.append(_of_draw(data.take(rows), held, estimate.names))
-                break
+                found = held(data.take(rows))
+                if lost := [name for name in estimate.names if name not in found.names]:
+                    listed = ", ".join(lost)
+                    raise IdentifiabilityError(f"draws of these logs cannot tell {listed}")
             except IdentifiabilityError:
                 failures += 1
                 if failures > repetitions:
                     raise
+            else:
+                values.append(found.values)
+                break
     tails = 100 * np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     lower, upper = np.percentile(values, tails, axis=0)
     return Bootstrap(values=np.array(values), lower=lower, upper=upper)
-
-
-def _of_draw(drawn: DataSet, held: Estimator, names: tuple[str, ...]) -> NDArray[np.float64]:
-    """Estimate parameters from drawn logs; IdentifiabilityError if they cannot determine all."""
-    found = held(drawn)
-    if lost := [name for name in names if name not in found.names]:
-        raise IdentifiabilityError(f"draws of these logs cannot tell {', '.join(lost)}")
-    return found.values

@@ -39,11 +39,6 @@ def gain_for(orbit: Orbit, multiplier: float) -> float:
 class VelocityEstimator(Protocol):
     """Gives the velocity at each reading, as `FilteredDifference` and `Observer` do."""
 
-    @property
-    def lag(self) -> float:
-        """Time in s by which the velocity is late, at low frequencies."""
-        ...
-
     def update(self, time: float, angle: float, command: float) -> float:
         """Return the velocity in rad/s; ``command`` was held since the reading before."""
         ...
@@ -67,11 +62,6 @@ class Observer:
         self._gains = (2 * bandwidth, bandwidth**2)
         self._time: float | None = None
         self._angle = self._velocity = 0.0
-
-    @property
-    def lag(self) -> float:
-        """None, by design."""
-        return 0.0
 
     def update(self, time: float, angle: float, command: float) -> float:
         """Return the velocity in rad/s."""

@@ -31,23 +31,10 @@ _HALVINGS = 16
 class Margins:
     """What the loop bears, one change at a time."""
 
-    # Lower and upper factor on gamma between which an orbit is held; 0 and infinity where there is
-    # no limit within a thousandfold
+    # factors on gamma between which an orbit is held; 0 and infinity are no limit to a thousandfold
     gain: tuple[float, float]
-    # Further delay in s up to which one is held; infinity where a whole period is borne
-    delay: float
-    multiplier: float  # Size of the largest nontrivial Floquet multiplier of the loop as it is
-
-
-def loop_multiplier(orbit: Orbit, gamma: float, delay: float = 0.0) -> float:
-    """Return the size of the largest nontrivial Floquet multiplier of the late loop.
-
-    p1 thdd = pull - |p4| gamma [thd (E - E*)](t - delay): (104) with (109), friction made up for
-    on time. The late loop has the very same orbit, on which the bracket vanishes, and its
-    variational equation feeds back thd times the change of E. The delay in s is of the whole
-    feedback.
-    """
-    return _Transverse.of(orbit).multiplier(gamma, delay)
+    delay: float  # further s up to which one is held; infinity where a whole period is borne
+    multiplier: float  # size of the largest nontrivial Floquet multiplier of the loop as it is
 
 
 def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
@@ -57,7 +44,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     feedback of the energy; what is delayed is the whole command. The first factor and delay are
     given with which either
 
-    - a nontrivial Floquet multiplier leaves the unit circle (`loop_multiplier`), or
+    - a nontrivial Floquet multiplier leaves the unit circle, or
     - friction, made up for late, takes more energy from every smaller swing than the feedback
       gives, so that the hand comes to rest: a balance of powers over a period, in which the
       swing is the orbit of that energy, slowed by what of the command is in phase with the angle.
@@ -65,10 +52,9 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
     one, and a wrong p4 moves it too.
 
-    `orbit, gamma`: The loop. The delay of the orbit's parameters is in it, and the lag of its
-    armature, counted as a delay. `lag`: In s, that the controller adds: half a cycle, and its
-    velocity's (`VelocityEstimator.lag`). Raises InputError if the lag is negative, gamma not
-    positive, or the loop does not hold an orbit as it is.
+    The delay of the orbit's parameters is in the loop, and the lag of its armature, counted as a
+    delay; ``lag`` in s is what the controller adds: half a cycle, and its velocity's. An InputError
+    if the lag is negative, gamma not positive, or the loop does not hold an orbit as it is.
     """
     require_number("loop_margins", lag=lag)
     require_number("loop_margins", positive=True, gamma=gamma)
@@ -118,7 +104,12 @@ class _Transverse:
         return cls(step=step, fall=slopes / p.p1, feedback=feedback)
 
     def multiplier(self, gamma: float, delay: float) -> float:
-        """Integrate over a period, from the upper turning point on (see `loop_multiplier`).
+        """Return the size of the largest nontrivial Floquet multiplier of the late loop.
+
+        p1 thdd = pull - |p4| gamma [thd (E - E*)](t - delay): (104) with (109), friction made up
+        for on time. The late loop has the very same orbit, on which the bracket vanishes, and its
+        variational equation feeds back thd times the change of E. It is integrated over a period,
+        from the upper turning point on.
 
         The delay is Padé's of order 8, the steps are those of the Magnus series of fourth order
         (Iserles & Nørsett, Phil. Trans. R. Soc. A 357, 1999). At a turning point the shift along

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.normal_equations import Regression
 from butterfly.identification.test_functions import SPACING
@@ -20,7 +20,6 @@ from butterfly.orbit.recalibration import (
     BASE,
     LEAST,
     SEGMENT,
-    LoopEquations,
     RecalibrationOptions,
     estimate_of,
     from_ratios,
@@ -123,11 +122,8 @@ class OnlineRecalibration:
                 f"{moving:.3g} s of motion are too little to tell how far to trust an estimate"
             )
         regression = self._regression()
-        equations = LoopEquations(
-            regression=regression, run=np.zeros(len(self._rows), dtype=np.intp)
-        )
-        ratios = Finding(FindingKind.RATIOS)
-        return estimate_of(equations, regression.solve(), "on-line", ratios)
+        run = np.zeros(len(self._rows), dtype=np.intp)
+        return estimate_of(regression, run, regression.solve(), "on-line", FindingKind.RATIOS)
 
     def _regression(self) -> Regression:
         """Put the rows together, each fading with its age, p1 counting as 1."""

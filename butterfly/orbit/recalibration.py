@@ -19,11 +19,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
-from butterfly.identification.test_functions import (
-    HALF_WIDTH,
-    Averaging,
-    Balance,
-)
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS, FrictionTerms, offered
@@ -156,25 +152,29 @@ def recalibrate(
 ) -> Recalibration:
     """Estimate p1..p4 and friction terms by constrained linear least squares.
 
-    `logs`: Of runs next to the orbit, none of them quite on it: there the control only makes up for
-    friction, and parameters cannot be distinguished. Raises IdentifiabilityError if the logs cannot
-    tell the parameters apart; InputError if a log is shorter than a test function.
+    The logs are of runs next to the orbit, none of them quite on it: there the control only makes
+    up for friction. An IdentifiabilityError if they cannot tell the parameters apart; an InputError
+    if one is shorter than a test function.
     """
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
     selection = LoopSelection(logs, zero, options)
-    _, plain = selection.fit(base)
-    stretches = np.unique(plain.regression.cluster).size
-    if stretches <= 2 * FOLDS:
-        moving = plain.run.size * options.half_width / 2
+    _, plain, run = selection.fit(base)
+    if np.unique(plain.cluster).size <= 2 * FOLDS:
+        moving = run.size * options.half_width / 2
         raise IdentifiabilityError(
             f"{moving:.3g} s of motion are too little to re-calibrate: record longer runs"
         )
     names = (*base, *selection.select(base, options.candidates))
-    solution, equations = selection.fit(names)
-    _refuse_singular(equations)
+    solution, regression, run = selection.fit(names)
+    conditioning = Conditioning.of(regression.rows, names)
+    if conditioning.number > SINGULAR_CONDITION:
+        raise IdentifiabilityError(
+            f"these runs do not tell {' and '.join(conditioning.weakest)} apart (condition number "
+            f"{conditioning.number:.1e}): perturb the start, hold several orbits, or add dither"
+        )
     scale = FindingKind.ABSOLUTE if "p1" in names else FindingKind.RATIOS
-    estimate = estimate_of(equations, solution, options.balance.value, Finding(scale))
+    estimate = estimate_of(regression, run, solution, options.balance.value, scale)
     first = logs[0]
     estimate = replace(estimate, input_kind=first.input_kind, joint=first.added_mass.joint)
     return Recalibration(
@@ -186,49 +186,31 @@ def recalibrate(
 
 
 def estimate_of(
-    equations: LoopEquations, solution: Solution, method: str, *findings: Finding
+    regression: Regression,
+    run: NDArray[np.intp],
+    solution: Solution,
+    method: str,
+    scale: FindingKind,
 ) -> Estimate:
     """Return the estimate that equations give, their errors independent between stretches of runs.
 
-    An IdentifiabilityError if they are singular for every practical purpose.
+    Their (m,) rows are of the given runs, without each of which is estimated again where enough are
+    left. An IdentifiabilityError if they are singular for every practical purpose.
     """
-    solved = SolvedEquations.of(equations.regression, solution)
-    left_out = _without_each_run(equations)
+    solved = SolvedEquations.of(regression, solution)
+    left_out: dict[Hashable, NDArray[np.float64]] = {}
+    runs = np.unique(run)
+    for number in runs.tolist() if runs.size >= _FEWEST_RUNS else []:
+        kept = run != number
+        if Conditioning.of(regression.rows[kept], regression.names).number < SINGULAR_CONDITION:
+            left_out[f"run {number}"] = regression.solve(kept).values
     return Estimate.from_rows(
         solved,
         method=method,
         left_out=left_out,
-        findings=findings,
+        findings=(Finding(scale),),
         ratios="p1" not in solved.names,
     )
-
-
-def _refuse_singular(equations: LoopEquations) -> None:
-    conditioning = Conditioning.of(equations.regression.rows, equations.regression.names)
-    if conditioning.number > SINGULAR_CONDITION:
-        raise IdentifiabilityError(
-            f"these runs do not tell {' and '.join(conditioning.weakest)} apart (condition number "
-            f"{conditioning.number:.1e}): perturb the start, hold several orbits, or add dither"
-        )
-
-
-def _without_each_run(equations: LoopEquations) -> dict[Hashable, NDArray[np.float64]]:
-    """Estimate again without each run, where enough are left to tell the parameters apart."""
-    runs, regression = np.unique(equations.run), equations.regression
-    found: dict[Hashable, NDArray[np.float64]] = {}
-    for run in runs.tolist() if runs.size >= _FEWEST_RUNS else []:
-        kept = equations.run != run
-        if Conditioning.of(regression.rows[kept], regression.names).number < SINGULAR_CONDITION:
-            found[f"run {run}"] = regression.solve(kept).values
-    return found
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopEquations:
-    """A regression whose clusters are stretches of runs, and the (m,) runs that rows are of."""
-
-    regression: Regression
-    run: NDArray[np.intp]
 
 
 class LoopSelection:
@@ -241,15 +223,18 @@ class LoopSelection:
         self._logs, self._delay = logs, options.delay
         self._averagings = [options.averaging(log, zero) for log in logs]
 
-    def fit(self, names: tuple[str, ...]) -> tuple[Solution, LoopEquations]:
-        """Return values and which are on a bound, and the equations that they solve."""
-        equations = self._equations(names, 0.0)
-        solution = equations.regression.solve()
+    def fit(self, names: tuple[str, ...]) -> tuple[Solution, Regression, NDArray[np.intp]]:
+        """Return values and which are on a bound, the equations that they solve, and their runs.
+
+        Their clusters are stretches of runs; the (m,) numbers tell of which run each row is.
+        """
+        regression, run = self._equations(names, 0.0)
+        solution = regression.solve()
         for _ in range(_COMPRESSION_ROUNDS if "compression" in names else 0):
             about = float(solution.values[names.index("compression")])
-            equations = self._equations(names, about)
-            solution = equations.regression.solve()
-        return solution, equations
+            regression, run = self._equations(names, about)
+            solution = regression.solve()
+        return solution, regression, run
 
     def select(self, base: tuple[str, ...], candidates: Sequence[str]) -> tuple[str, ...]:
         """Add terms one by one, the most helpful first, while held-out stretches gain by it."""
@@ -274,7 +259,7 @@ class LoopSelection:
 
     def _held_out_losses(self, names: tuple[str, ...]) -> NDArray[np.float64]:
         """(k,) mean squared residuals of k stretches, each by a fit that has not seen it."""
-        regression = self.fit(names)[1].regression
+        _, regression, _ = self.fit(names)
         squares = np.empty(regression.target.size)
         for fold in range(FOLDS):
             held = regression.cluster % FOLDS == fold
@@ -283,7 +268,9 @@ class LoopSelection:
         sums = np.bincount(regression.cluster, squares)
         return np.asarray(sums / np.bincount(regression.cluster))
 
-    def _equations(self, names: tuple[str, ...], about: float) -> LoopEquations:
+    def _equations(
+        self, names: tuple[str, ...], about: float
+    ) -> tuple[Regression, NDArray[np.intp]]:
         rows, targets, clusters, runs, count = [], [], [], [], 0
         needed = {*names, "p1", "p3"}
         for number, (log, averaging) in enumerate(zip(self._logs, self._averagings, strict=True)):
@@ -305,4 +292,4 @@ class LoopSelection:
             about={"compression": about},
             least=LEAST,
         )
-        return LoopEquations(regression=regression, run=np.concatenate(runs))
+        return regression, np.concatenate(runs)

@@ -211,20 +211,14 @@ def _low_passed(keep: NDArray[np.float64], values: NDArray[np.float64]) -> NDArr
 class FilteredDifference:
     """The `filtered_difference` of readings as they come, in a running control loop.
 
-    ``time_constant`` is that of the low pass in s, ``step`` that of the loop, for `lag` only.
+    It is late by the time constant of its low pass in s, and half a step of the loop.
     """
 
-    def __init__(self, time_constant: float = 0.003, step: float = 0.001) -> None:
-        require_number("FilteredDifference", positive=True, time_constant=time_constant, step=step)
+    def __init__(self, time_constant: float = 0.003) -> None:
+        require_number("FilteredDifference", positive=True, time_constant=time_constant)
         self._constant = time_constant
-        self._step = step
         self._last: tuple[float, float] | None = None
         self._velocity = 0.0
-
-    @property
-    def lag(self) -> float:
-        """Time constant and half a step."""
-        return self._constant + 0.5 * self._step
 
     def update(self, time: float, angle: float, command: float) -> float:  # noqa: ARG002 - not needed here
         """Return the velocity in rad/s."""

@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -108,8 +107,8 @@ def test_a_stopped_sweep_leaves_results_and_no_process(quick, tmp_path, how):
     _until(lambda: not _left(mark))
     if how is not signal.SIGKILL:
         assert running.returncode == ExitCode.STOPPED
-        found = re.fullmatch(r"stopped: (\d+) of 40 runs are done; the same command .*\n", said)
-        assert int(found[1]) == _records(out)
+        last = said.splitlines()[-1]  # a slow machine tells its progress before
+        assert last.startswith(f"stopped: {_records(out)} of 40 runs are done; the same command ")
 
 
 @pytest.mark.slow

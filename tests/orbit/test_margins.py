@@ -10,7 +10,7 @@ from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, pull, stiffness
 from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.orbit.margins import loop_margins, loop_multiplier
+from butterfly.orbit.margins import loop_margins
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath, ControlLoop
 from butterfly.plant.rig import SimulatedMotor
@@ -36,8 +36,9 @@ def test_without_delay_the_multiplier_is_the_closed_form_and_no_gain_is_too_larg
     gamma = gain_for(orbit, 0.3)
     for factor in (0.01, 1.0, 3.0):
         expected = multiplier_of(orbit, factor * gamma)
-        assert loop_multiplier(orbit, factor * gamma) == pytest.approx(expected, rel=1e-5)
-    assert loop_margins(orbit, gamma).gain == (0.0, math.inf)
+        margins = loop_margins(orbit, factor * gamma)
+        assert margins.multiplier == pytest.approx(expected, rel=1e-5)
+        assert margins.gain == (0.0, math.inf)
 
 
 @pytest.mark.parametrize(("amplitude", "multiplier"), [(0.3, 0.5), (SIXTY, 0.9), (SIXTY, 0.1)])
@@ -71,7 +72,7 @@ def test_the_multiplier_is_the_decay_of_a_small_deviation_from_step_to_step(dela
         x = x + 0.5 * CYCLE * (first + rate(k + 1, x + CYCLE * first, after))
     at = np.interp(np.arange(2, periods) * orbit.period, time[:-1], excess)
     found = np.abs(at[1:] / at[:-1])
-    assert found[-1] == pytest.approx(loop_multiplier(orbit, gamma, delay), rel=0.01)
+    assert found[-1] == pytest.approx(loop_margins(orbit, gamma, lag=delay).multiplier, rel=0.01)
 
 
 def _held(orbit, gamma, delay, duration):

@@ -48,8 +48,8 @@ def test_the_most_helpful_term_comes_first():
 
 
 def test_stretches_are_ten_test_functions_of_one_run():
-    _, equations = _selection(ROBOT, 0, duration=12.0).fit(BASE)
-    cluster, run = equations.regression.cluster, equations.run
+    _, regression, run = _selection(ROBOT, 0, duration=12.0).fit(BASE)
+    cluster = regression.cluster
     counts = np.bincount(cluster)
     assert counts.max() == SEGMENT == 10
     for number in range(len(MASSES)):

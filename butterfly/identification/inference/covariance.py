@@ -53,23 +53,18 @@ def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
     return np.asarray(change @ covariance @ change.T)
 
 
-def compress(jacobian: Samples, residuals: Samples) -> tuple[Samples, Samples]:
-    """Reduce one cluster of m equations in p parameters to p, which say the same of them.
-
-    That is the (p, p) triangular factor R of the (m, p) Jacobian Q R, and (p,) residuals Q^T r.
-    """
-    count = jacobian.shape[1]
-    basis, triangle = np.linalg.qr(jacobian)
-    rows, rest = np.zeros((count, count)), np.zeros(count)
-    rows[: triangle.shape[0]] = triangle
-    rest[: triangle.shape[0]] = basis.T @ residuals
-    return rows, rest
-
-
 def compress_all(clusters: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
-    """Return (n, p, p) rows and (n, p) residuals of n clusters (see `compress`)."""
-    compressed = [compress(jacobian, residuals) for jacobian, residuals in clusters]
-    rows, residuals = zip(*compressed, strict=True)
+    """Reduce n clusters of any number of equations in p parameters to p that say the same.
+
+    Of the (m, p) Jacobian Q R and the (m,) residuals r of each stay the triangular factor R and
+    Q^T r: (n, p, p) rows and (n, p) residuals.
+    """
+    rows, residuals = [], []
+    for jacobian, own in clusters:
+        basis, triangle = np.linalg.qr(jacobian)
+        missing = jacobian.shape[1] - triangle.shape[0]
+        rows.append(np.pad(triangle, ((0, missing), (0, 0))))
+        residuals.append(np.pad(basis.T @ own, (0, missing)))
     return np.array(rows), np.array(residuals)
 
 
