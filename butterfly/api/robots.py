@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.inspected import Inspection, NamedRobot, RobotModel
-from butterfly.api.sources import RESULT_ENDING, Named, is_data, manifest_of, read
+from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
@@ -61,7 +61,7 @@ def inspect(
         If it is none of these, cannot be read, or the one log that is looked at cannot be used.
     """
     path = locate(Path(source))
-    if path.suffix == RESULT_ENDING or not is_data(path):
+    if names_result(path) or not is_data(path):
         named = robot_of(
             path, hand_mass=hand_mass, added_mass=added_mass, arm=description.get("arm")
         )

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 from butterfly.errors import InputError
 from butterfly.files import locate
@@ -189,7 +189,7 @@ def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> Data
     return DataSet.of(
         [piece for _, piece in pieces_of(manifest, entry, log)],
         name=manifest.name,
-        known=manifest.knowledge,
+        known=manifest.prior,
         repairs=manifest.repair,
     )
 
@@ -300,7 +300,7 @@ def _described(
     if suffix in FORMATS:
         listed = _entry_of(path, beside, root, given) if beside.exists() else None
         return listed or draft(path, given)
-    if suffix == RESULT_ENDING:
+    if names_result(path):
         return _saved_manifest(path, root, given)
     if suffix not in _YAML:
         expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT_ENDING})"
@@ -369,9 +369,14 @@ def root_of(path: Path, own: str, root: Path | None = None) -> Path:
     return (path.parent / own).resolve() if root is None else root.absolute()
 
 
+def names_result(source: object) -> TypeGuard[Named]:
+    """Whether something is the path of a saved result."""
+    return isinstance(source, str | PathLike) and Path(source).suffix.lower() == RESULT_ENDING
+
+
 def is_data(path: Path) -> bool:
     """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
-    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT_ENDING}:
+    if path.is_dir() or path.suffix.lower() in FORMATS or names_result(path):
         return True
     try:
         return "logs" in load_yaml(path).content

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from numbers import Real
 from operator import index
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from butterfly.api.compared import Compared, Leaderboard
 from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.saved import load
-from butterfly.api.sources import RESULT_ENDING, Data, choice, read
+from butterfly.api.sources import Data, choice, names_result, read
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
@@ -309,7 +307,7 @@ def saved_identification(data: Data) -> Identification | None:
     """Return the result that a file holds, or that data are already; None for other data."""
     if isinstance(data, Identification):
         return data
-    if isinstance(data, str | PathLike) and Path(data).suffix == RESULT_ENDING:
+    if names_result(data):
         found = load(data)
         if isinstance(found, Identification):
             return found

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.api.sources import RESULT_ENDING
+from butterfly.api.sources import names_result
 from butterfly.api.verbs import rank
 from butterfly.cli.estimator_options import Fit, SelectFit, ValidateFit
 from butterfly.cli.options import (
@@ -247,7 +247,7 @@ def compare(
             raise InputError("butterfly compare", "--report", page.report, "none of two runs")
         return compare_runs(data, other)
     for path in (data, other):
-        if path.suffix != RESULT_ENDING:
+        if not names_result(path):
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
             field = "DATA" if path is data else "OTHER"
             raise InputError("butterfly compare", field, path, expected)
@@ -292,4 +292,4 @@ def design(
 
 def _method(data: Path, fit: Fit) -> bf.Estimator | None:
     """Return the estimator; None for a saved result, if nothing was said of any."""
-    return fit.unless_default() if data.suffix == RESULT_ENDING else fit.estimator()
+    return fit.unless_default() if names_result(data) else fit.estimator()

@@ -25,7 +25,13 @@ from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+)
 from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.result import Result, TextTable, aligned, document, text, texts, write_document
 from butterfly.signals.frequency_response import measured_response
@@ -78,6 +84,9 @@ class Identification(Result):
         """Return what `to_dict` gave (see `Estimate.from_dict` for what is raised)."""
         origin = dict(content["data"])
         InputKind(origin["input"])
+        JointKind(origin.get("joint", JointKind.HINGE))
+        float(origin.get("gravity", GRAVITY))
+        int(origin["logs"])
         if origin["manifest"] is not None:
             manifest = origin["manifest"]
             Manifest.model_validate({**manifest, "root": manifest["root"] or "."})

@@ -206,6 +206,8 @@ def test_no_damage_passes_and_fails_later(result, tmp_path, part):
         with suppress(bf.InputError):
             loaded = bf.load(path)
             repr(loaded), str(loaded), loaded._repr_html_(), loaded.to_dict()
+            if part == "data":
+                bf.changed(loaded, loaded)
 
 
 def test_what_has_no_verdict_says_none(results):
