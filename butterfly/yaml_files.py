@@ -159,13 +159,9 @@ def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:
             if issubclass(each, BaseModel) and part in each.model_fields
             for below in _nested_schemas(each.model_fields[part].annotation)
         ]
-        schemas = nested or [each for each in schemas if _is_kind(each, part)] or schemas
+        kinds = [s for s in schemas if part == s.__name__ or part in _defaults(s).values()]
+        schemas = nested or kinds or schemas  # a part may name a member of a union
     return list(dict.fromkeys(name for each in schemas for name in _defaults(each)))
-
-
-def _is_kind(schema: type[object], part: str) -> bool:
-    """Whether a part of a location names this member of a union, by class or by discriminator."""
-    return part == schema.__name__ or part in _defaults(schema).values()
 
 
 def _defaults(schema: type[object]) -> dict[str, Any]:

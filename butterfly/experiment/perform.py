@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
+from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.record import (
     FAILED,
     OK,
@@ -25,7 +25,6 @@ from butterfly.experiment.schema import ControlSpec, Experiment
 from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
@@ -63,7 +62,11 @@ def perform(
             run.do()
         except Exception as ending:
             error = ending
-    status, reason = _ended(error)
+    status, reason = OK, ""
+    if error is not None:
+        refused = isinstance(error, ButterflyError)
+        status = REFUSED if refused else FAILED
+        reason = str(error) if refused else f"{type(error).__name__}: {error}"
     record = RunRecord(
         status=status,
         error=reason,
@@ -101,61 +104,6 @@ def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome
     return Outcome(record=record, files=packed(experiment, result.logs) if keep else {})
 
 
-def _ended(error: Exception | None) -> tuple[str, str]:
-    """Return the status of a run that ended with an error or none, and the reason to record."""
-    if error is None:
-        return OK, ""
-    if isinstance(error, ButterflyError):
-        return REFUSED, str(error)
-    return FAILED, f"{type(error).__name__}: {error}"
-
-
-def hold_orbit(
-    experiment: Experiment,
-    data: DataSet | None,
-    found: Estimate | None = None,
-    *,
-    track: Track = untracked,
-) -> OrbitStudy:
-    """Hold the orbit of ``control`` and re-calibrate, beginning with what small swings tell.
-
-    The small swings are ``data``, and what the first estimator ``found`` in them if it did, unless
-    the experiment says what is believed. InputError if there is no orbit.
-    """
-    control = experiment.control
-    if control is None:
-        raise InputError(experiment.name, "control", "nothing", "an orbit to hold (control: ...)")
-    believed, zero = control.believed, 0.0
-    small_swings = None
-    if believed is None:
-        if data is None:
-            raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
-        first = experiment.all_estimators[0]
-        small_swings = found or judged(data, first.unchecked())
-        believed = small_swings.parameters
-        zero = _zero(control, data)
-    rng = np.random.default_rng(experiment.orbit_seed)
-    return study_orbit(
-        partial(experiment.plant.rig.run, rng=rng),
-        believed,
-        zero,
-        control,
-        control.recalibration,
-        amplitudes=control.cross_check,
-        small_swings=small_swings,
-        rng=rng,
-        name=experiment.name,
-        description=experiment.description,
-        track=track,
-    )
-
-
-def _zero(control: ControlSpec, data: DataSet) -> float:
-    """Return the encoder reading in rad of the hand at rest, with its first mass if known."""
-    known = data.equilibria
-    return known.get(control.added_masses[0], float(np.mean(list(known.values()))))
-
-
 class _Run:
     """A run under way, and what it has given so far."""
 
@@ -179,9 +127,7 @@ class _Run:
                     self._identify(data, spec)
         if experiment.control is not None:
             with self.timed("orbit"):
-                first = self.identifications.get(experiment.all_estimators[0].label)
-                found = first.estimate if first else None
-                self.orbit = hold_orbit(experiment, data, found, track=self._track)
+                self.orbit = self._hold_orbit(experiment.control, data)
         elif not self.identifications:
             raise IdentifiabilityError(self.estimates[0].error)
 
@@ -193,6 +139,36 @@ class _Run:
             yield
         finally:
             self.seconds[part] = time.perf_counter() - begun
+
+    def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
+        """Hold an orbit and re-calibrate, beginning with what is believed.
+
+        If nothing is, that is what the first estimator found in the small swings of ``data``.
+        """
+        experiment, believed, zero = self._experiment, control.believed, 0.0
+        small_swings = None
+        if believed is None:
+            assert data is not None  # noqa: S101 - the schema asks for logs then
+            first = experiment.all_estimators[0]
+            known = self.identifications.get(first.label)
+            small_swings = known.estimate if known else judged(data, first.unchecked())
+            believed = small_swings.parameters
+            of_mass = data.equilibria
+            zero = of_mass.get(control.added_masses[0], float(np.mean(list(of_mass.values()))))
+        rng = np.random.default_rng(experiment.orbit_seed)
+        return study_orbit(
+            partial(experiment.plant.rig.run, rng=rng),
+            believed,
+            zero,
+            control,
+            control.recalibration,
+            amplitudes=control.cross_check,
+            small_swings=small_swings,
+            rng=rng,
+            name=experiment.name,
+            description=experiment.description,
+            track=self._track,
+        )
 
     def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add what an estimator gives, or why it refuses."""

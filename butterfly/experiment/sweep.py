@@ -20,7 +20,6 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_spec import apply
 from butterfly.experiment.workers import Engine
 from butterfly.files import shipped
-from butterfly.identification.estimators import Estimator
 from butterfly.progress import Track, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
@@ -85,7 +84,10 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     It covers all that the result depends on: defaults, the code, and the versions it ran with.
     """
     asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
-    asked["estimators"] = [_options(each) for each in experiment.all_estimators]
+    asked["estimators"] = [
+        {name: value for name, value in asdict(each).items() if name != "workers"}
+        for each in experiment.all_estimators  # no result depends on their number
+    ]
     named = content.get("signals", [])
     asked["signals"] = [
         signal_digest(signal) or spec.model_dump(mode="json")
@@ -93,11 +95,6 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     ]
     text = json.dumps([SCHEMA, fingerprint(), versions(), asked], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
-
-
-def _options(estimator: Estimator) -> dict[str, object]:
-    """Return the options of an estimator that its result depends on."""
-    return {name: value for name, value in asdict(estimator).items() if name != "workers"}
 
 
 @cache

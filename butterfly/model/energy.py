@@ -66,20 +66,11 @@ def energy(
 
 @dataclass(frozen=True, kw_only=True)
 class Orbit:
-    """A periodic swing of the hand without friction, about its lowest potential energy.
+    """A periodic swing of the hand without friction, about its lowest potential energy."""
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with what it carries.
-    energy
-        E* in J.
-    lower, upper
-        Angles in rad at which it turns back.
-    """
-
-    parameters: LumpedParameters
-    energy: float
+    parameters: LumpedParameters  # Of the hand with what it carries
+    energy: float  # E* in J
+    # lower, upper: Angles in rad at which it turns back
     lower: float
     upper: float
 

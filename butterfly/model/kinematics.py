@@ -32,29 +32,15 @@ class Settings(Protocol):
 
 
 class Motion(NamedTuple):
-    """What a torque may depend on: numbers, or arrays of one shape.
+    """What a torque may depend on: numbers, or arrays of one shape."""
 
-    Parameters
-    ----------
-    angle, velocity
-        In rad from hanging down, and rad/s.
-    direction
-        Sign of the velocity.
-    input
-        As the drive delivers it.
-    weight
-        Added weight on the bearing in N, where it is not in T_c already.
-    periods, stribeck_velocity
-        The settings `cogging_periods` and `stribeck_velocity` of the joint.
-    """
-
-    angle: Any
-    velocity: Any
-    direction: Any
-    input: Any
-    weight: Any
-    periods: float
-    stribeck_velocity: float
+    angle: Any  # In rad from hanging down
+    velocity: Any  # In rad/s
+    direction: Any  # Sign of the velocity
+    input: Any  # As the drive delivers it
+    weight: Any  # Added weight on the bearing in N, where it is not in T_c already
+    periods: float  # Of cogging in a turn
+    stribeck_velocity: float  # In rad/s
 
     @classmethod
     def of(

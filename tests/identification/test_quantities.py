@@ -1,7 +1,6 @@
 """Errors are propagated to first order, along with all that goes together."""
 
 import numpy as np
-import pytest
 
 from butterfly.identification.quantities import Quantities
 from butterfly.model.prior import Known
@@ -13,12 +12,6 @@ def test_derivatives_are_exact():
     a, b = found.values
     by_b = a**3 * (-np.sin(b) / b - np.cos(b) / b**2)
     np.testing.assert_allclose(slopes, [3 * a**2 * np.cos(b) / b, by_b], rtol=1e-14)
-
-
-def test_what_goes_together_is_propagated_together():
-    covariance = np.array([[4.0, 1.9], [1.9, 1.0]])
-    found = Quantities(names=("a", "b"), values=np.array([10.0, 5.0]), covariance=covariance)
-    assert found.find(lambda of: of["a"] - 2 * of["b"]).uncertainty == pytest.approx(np.sqrt(0.4))
 
 
 def test_a_division_by_zero_is_no_number_rather_than_an_end():

@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
@@ -45,41 +43,30 @@ class _Log:
         self.intersample, self.grid = intersample, grid
         self.readings = Readings.angles(grid.size - 1)
 
-    def angles(self, parameters, start=START, added=ADDED):
-        delivered = compressed(self.input, parameters.compression)
-        inputs = self._parabolas(delivered, parameters)[0]
-        loaded = parameters.with_added_mass(added)
-        return simulate(loaded, self.grid, inputs, *start)[0][1:]
+    def angles(self, parameters, start=START):
+        inputs = self._parabolas(compressed(self.input, parameters.compression), parameters)[0]
+        return simulate(parameters.with_added_mass(ADDED), self.grid, inputs, *start)[0][1:]
 
-    def sensitivities(self, names, parameters, start=START, added=ADDED):
+    def sensitivities(self, names, parameters, added=ADDED):
         """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
         p, columns = parameters, Columns.of(names, parameters, added)
         delivered = compressed(self.input, p.compression)
         weaker = self._parabolas(-delivered * abs(delivered), p)[:1]
         inputs = np.concatenate([self._parabolas(delivered, p), weaker])
-        values, rows = differentiate(
-            p.with_added_mass(added),
-            self.grid,
-            inputs,
-            start,
-            self.readings,
-            columns,
-        )
+        loaded = p.with_added_mass(added)
+        values, rows = differentiate(loaded, self.grid, inputs, START, self.readings, columns)
         return values, rows @ columns.mixture
 
     def _parabolas(self, inputs, parameters):
         shifted = self.grid - parameters.delay
         return hold.parabolas(self.time, inputs, shifted, self.intersample)
 
-    def moved(self, name, by, parameters, added=ADDED):
+    def moved(self, name, by, parameters):
         """Return the angles after one parameter was moved."""
-        angle, velocity = START
-        if name == "zero":
-            return self.angles(parameters, (angle - by, velocity), added)
-        if name == "velocity":
-            return self.angles(parameters, (angle, velocity + by), added)
-        value = getattr(parameters, name) + by
-        return self.angles(replace(parameters, **{name: value}), START, added)
+        if name in INITIAL:
+            moves = {"zero": (-by, 0.0), "velocity": (0.0, by)}[name]
+            return self.angles(parameters, np.add(START, moves))
+        return self.angles(replace(parameters, **{name: getattr(parameters, name) + by}))
 
 
 def _differentiable(p):
@@ -172,24 +159,16 @@ def test_back_emf_without_a_lag_is_viscous_friction_that_p2_has_already():
     assert np.abs(rows[:, 0]).max() < 1e-12 * np.abs(rows[:, 1]).max()
 
 
-@settings(max_examples=50, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    lag=st.sampled_from([0.0, 0.0123]),
-    stiffness=st.sampled_from([0.0, 0.0, 3.0]),
-    coulomb=st.floats(1e-4, 6e-3),
-    scale=st.floats(0.2, 2.0),
-)
-def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(
-    seed, lag, stiffness, coulomb, scale
-):
+@pytest.mark.parametrize("seed", range(40))
+def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(seed):
     random = np.random.default_rng(seed)
     values = {
         name: value * random.uniform(0.5, 2) for name, value in vars(SLIDING).items() if value
     }
-    values |= {"coulomb": coulomb, "time_constant": lag, "back_emf": 3e-4 if lag else 0.0}
-    robot = LumpedParameters(**(values | {"bristle_stiffness": stiffness}))
-    log = _Log(scale, seed, grid=np.arange(0, 2, 0.01))
+    lag, stiffness = random.choice([0.0, 0.0123]), random.choice([0.0, 0.0, 3.0])
+    values |= {"coulomb": random.uniform(1e-4, 6e-3), "bristle_stiffness": stiffness}
+    robot = LumpedParameters(**values | {"time_constant": lag, "back_emf": 3e-4 if lag else 0.0})
+    log = _Log(random.uniform(0.2, 2.0), seed, grid=np.arange(0, 2, 0.01))
     names = [name for name in TERMS if getattr(robot, name) and name not in {"delay", *INITIAL}]
     way = {name: getattr(robot, name) * random.normal() for name in names}
 
@@ -197,10 +176,11 @@ def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(
         return log.angles(replace(robot, **{n: getattr(robot, n) + h * way[n] for n in names}))
 
     near, nearer = ((moved(h) - moved(-h)) / (2 * h) for h in (1e-6, 2e-7))
-    scale = np.linalg.norm(near)
-    assume(np.linalg.norm(near - nearer) < 1e-6 * scale)  # else events changed their order
+    size = np.linalg.norm(near)
+    if np.linalg.norm(near - nearer) > 1e-6 * size:
+        return  # events change their order, which has no derivative
     _, rows = log.sensitivities(names, robot)
-    assert np.linalg.norm(rows @ list(way.values()) - near) < 1e-5 * scale
+    assert np.linalg.norm(rows @ list(way.values()) - near) < 1e-5 * size
 
 
 @pytest.mark.parametrize("regime", REGIMES)

@@ -70,14 +70,13 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
 
     The estimate has all other findings on it.
     """
-    told = unit_errors_of_omega(data.logs, data.points)
-    if told:
-        return told
+    if of_omega := unit_errors_of_omega(data.logs, data.points):
+        return of_omega
     grams = unit_error(UnitError.GRAMS, 1e-3, severity=Level.CARE)
     heavy = [grams] if _too_heavy(data.masses, estimate) else []
     calm = set(data.calm)
-    told_apart = [each for each in estimate.corrections if calm.issuperset(each.logs)]
-    disagree = bool(disagreeing(told_apart, data.masses))
+    corrections = [each for each in estimate.corrections if calm.issuperset(each.logs)]
+    disagree = bool(disagreeing(corrections, data.masses))
     if not (disagree or _suspicious(data, estimate)):
         return heavy
     quick = _quick(data, estimator)
@@ -256,7 +255,7 @@ def _mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
         if misfit < _FOLLOWED_AGAIN * trial.misfits[number]:
             given = data.logs[number].added_mass
             change = mass.mass - given.mass
-            suspect = Correction(told=given, logs=(number,), change=change, evidence=math.inf)
+            suspect = Correction(given=given, logs=(number,), change=change, evidence=math.inf)
             found.append(_explanation(data, suspect, mass, misfit))
     return found
 
@@ -299,24 +298,24 @@ def _suspects_alone(data: DataSet, quick: Estimator) -> list[Correction]:
     worst = int(np.argmin(misfits))
     if misfits[worst] > FOLLOWED:
         return []
-    told = data.logs[worst].added_mass
+    given = data.logs[worst].added_mass
     return [
-        Correction(told=told, logs=(worst,), change=other.mass - told.mass, evidence=math.inf)
+        Correction(given=given, logs=(worst,), change=other.mass - given.mass, evidence=math.inf)
         for other in data.masses
-        if other != told
+        if other != given
     ]
 
 
 def _is_whole(suspect: Correction, data: DataSet) -> bool:
     """Whether it is about all logs that are said to have carried the mass."""
-    return len(suspect.logs) == sum(log.added_mass == suspect.told for log in data.logs)
+    return len(suspect.logs) == sum(log.added_mass == suspect.given for log in data.logs)
 
 
 def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Corrected | None:
     """Correct a mass about the parameters, and the parameters about the mass, until it settles."""
     masses = [log.added_mass for log in data.logs]
     largest = max(masses)
-    mass, arm = suspect.told, suspect.told.arm or largest.arm
+    mass, arm = suspect.given, suspect.given.arm or largest.arm
     change, found = suspect.change, None
     for _ in range(_ROUNDS):
         if mass.mass + change < _LEAST * largest.mass:
@@ -353,9 +352,9 @@ def _explanation(
     finding = unit_error(
         UnitError.MASS,
         float(mass.mass),
-        str(suspect.told),
+        str(suspect.given),
         str(ways),
         logs=() if whole else [data.logs[k] for k in suspect.logs],
         severity=Level.WARNING if suspect.evidence > _CERTAIN else Level.CARE,
     )
-    return Explanation(finding=finding, misfit=misfit, last=whole and suspect.told.mass == 0)
+    return Explanation(finding=finding, misfit=misfit, last=whole and suspect.given.mass == 0)

@@ -158,11 +158,11 @@ def _omega(finding: Finding) -> str:
 
 
 def _mass(finding: Finding) -> str:
-    _, told, ways = finding.parameters
+    _, given, ways = finding.parameters
     where = f" in {listed(finding.logs)}" if finding.logs else ""
     choice = "" if ways == "1" else f"; one of {ways} ways, of which the motion tells no more"
     return (
-        f"The added masses contradict each other: if {told} was {1e3 * _factor(finding):.3g} g"
+        f"The added masses contradict each other: if {given} was {1e3 * _factor(finding):.3g} g"
         f"{where}, {_AGREE}{choice}."
     )
 

@@ -41,13 +41,13 @@ _TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
-    """What some logs would have carried, had the rest been told right."""
+    """What some logs would have carried, had the rest been given right."""
 
-    told: AddedMass  # what they are said to have carried
+    given: AddedMass  # what they are said to have carried
     logs: tuple[int, ...]  # their numbers
-    change: float  # to be added to the told mass, in kg
+    change: float  # to be added to the given mass, in kg
     evidence: float  # F statistic of the change: that of one more parameter
-    mistaken: bool = False  # whether the corrected mass may be another of those that were told
+    mistaken: bool = False  # whether the corrected mass may be another of those that were given
 
     @property
     def evident(self) -> bool:
@@ -102,7 +102,7 @@ def corrections(
             abs(mass.mass + change - other.mass) < reach for other in masses if other != mass
         )
         found.append(
-            Correction(told=mass, logs=whose, change=change, evidence=evidence, mistaken=mistaken)
+            Correction(given=mass, logs=whose, change=change, evidence=evidence, mistaken=mistaken)
         )
     return tuple(sorted(found, key=lambda each: -each.evidence))
 
@@ -217,12 +217,12 @@ def scale_apart(
     parameter more, and its step to where the logs would have it, by the (k, m, n) rows and (k, m)
     residuals of k logs that carried these masses, in order.
     """
-    told = tuple(name for name in known.scale if name in known.fixed)
+    fixed = tuple(name for name in known.scale if name in known.fixed)
     masses = list(carried.values())
     names = list(solved.names)
     loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}
     lost = any(any(load) and name not in names for name, load in loads.items())
-    if not told or lost or len({mass.inertia_and_moment for mass in masses}) <= 1:
+    if not fixed or lost or len({mass.inertia_and_moment for mass in masses}) <= 1:
         return []
     grown = np.tile(np.where([n in GROWING for n in names], solved.values, 0.0), (len(masses), 1))
     for name in set(loads) & set(names):
@@ -239,4 +239,4 @@ def scale_apart(
     sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
     if abs(share) <= max(sure * error, _CONTRADICTS):
         return []
-    return [Finding(FindingKind.KNOWN_APART, told, number=share, severity=Level.CARE)]
+    return [Finding(FindingKind.KNOWN_APART, fixed, number=share, severity=Level.CARE)]

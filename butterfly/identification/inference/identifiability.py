@@ -44,18 +44,18 @@ class Conditioning:
 
     @classmethod
     def of(
-        cls, rows: Samples, names: tuple[str, ...], told: NDArray[np.bool_] | None = None
+        cls, rows: Samples, names: tuple[str, ...], known: NDArray[np.bool_] | None = None
     ) -> Conditioning:
         """Judge the (m, n) rows of a regression on the n parameters ``names``.
 
-        What is told of some of them, by a mask, counts as much as the rows, however well it is
+        What is known of some of them, by a mask, counts as much as the rows, however well it is
         known.
         """
         size = np.linalg.norm(rows, axis=0)
         size[size == 0] = 1.0  # a column without effect makes the regression singular
         scaled = rows / size
-        if told is not None:
-            scaled = np.concatenate([scaled, np.eye(len(names))[told]])
+        if known is not None:
+            scaled = np.concatenate([scaled, np.eye(len(names))[known]])
         _, singular, right = np.linalg.svd(scaled, full_matrices=False)
         share = np.abs(right[-1]) / np.abs(right[-1]).max()
         weakest = tuple(np.array(names)[share > _INVOLVED].tolist())

@@ -208,13 +208,13 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
     must = {*nested.demanded, *demanded}
     followers = COMPANIONS.values()
     tells = np.einsum("kii->i", nested.curvature) > 0
-    told = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
+    felt = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
     free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
     sets: list[tuple[str, ...]] = []
     for count in range(len(free) + 1):
         for more in combinations(free, count):
             wanted = {*more, *must}
-            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & told
+            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & felt
             sets.append(tuple(n for n in nested.names if n in wanted and n not in always))
     kept = _kept(nested, always, sets)
     for terms, fitted, errors in zip(sets, nested.fitted(kept), nested.held_out(kept), strict=True):

@@ -49,11 +49,17 @@ SUBSETS = np.array([[1, 1, 1, 1], [1, 1, 0, 0], [1, 0, 1, 1], [0, 1, 0, 1]], dty
 EVERYTHING = SUBSETS[:1]
 
 
-def test_fits_with_fewer_terms_are_those_of_the_remaining_columns():
-    rows, target, nested = _problem()
+BOUNDED = np.array([-np.inf, -np.inf, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("lower", "atol"), [(FREE, 1e-9), (BOUNDED, 1e-7)])
+def test_fits_with_fewer_terms_are_those_of_the_remaining_columns_within_their_bounds(lower, atol):
+    rows, target, nested = _problem(lower=lower)
     found = nested.fitted(SUBSETS)
+    assert (found[0, 3] == 0.0) == (lower is not FREE)  # which the data would have below 0
     for kept, values, costs in zip(SUBSETS, found, nested.costs(found), strict=True):
-        np.testing.assert_allclose(values / UNITS, _anew(rows, target, kept) / UNITS, atol=1e-9)
+        expected = _anew(rows, target, kept, lower)
+        np.testing.assert_allclose(values / UNITS, expected / UNITS, atol=atol)
         np.testing.assert_allclose(costs, np.sum((rows @ values - target) ** 2, axis=1), rtol=1e-9)
 
 
@@ -67,16 +73,6 @@ def test_errors_of_what_was_left_out_are_those_of_fits_to_the_rest(folds):
             values = _anew(rows[~mine], target[~mine], kept)
             errors[mine] = np.sum((rows[mine] @ values - target[mine]) ** 2, axis=1)
     np.testing.assert_allclose(nested.held_out(SUBSETS), expected, rtol=1e-9)
-
-
-def test_a_bound_holds_what_the_data_would_have_beyond_it():
-    lower = np.array([-np.inf, -np.inf, 0.0, 0.0])
-    rows, target, nested = _problem(lower=lower)
-    found = nested.fitted(SUBSETS)
-    assert found[0, 3] == 0.0
-    for kept, values in zip(SUBSETS, found, strict=True):
-        expected = _anew(rows, target, kept, lower)
-        np.testing.assert_allclose(values / UNITS, expected / UNITS, atol=1e-7)
 
 
 def test_what_the_data_do_not_determine_has_no_fit():
