@@ -53,7 +53,7 @@ class Inspection(Answer):
             summary=(
                 *([conditions_text(states)] if len(seen) > 1 else []),
                 *hints(remark for each in seen for remark in each.remarks),
-                *zero_sentences(logs, whole.knowledge),
+                *zero_sentences(logs, whole.prior),
             ),
             content={
                 "data": {

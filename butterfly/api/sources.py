@@ -189,7 +189,7 @@ def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> Data
     return DataSet.of(
         [piece for _, piece in pieces_of(manifest, entry, log)],
         name=manifest.name,
-        known=manifest.knowledge,
+        known=manifest.prior,
         repairs=manifest.repair,
     )
 

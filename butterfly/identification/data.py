@@ -291,7 +291,7 @@ def _of_logs(logs: Sequence[Log]) -> Prior:
     """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
     absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
     zero = Known(value=0.0)
-    return Prior(parameters={name: zero for name, holds in absent.items() if holds})
+    return Prior({name: zero for name, holds in absent.items() if holds})
 
 
 def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
@@ -331,7 +331,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         name=manifest.name,
         description=manifest.description,
         manifest=manifest,
-        known=manifest.knowledge,
+        known=manifest.prior,
         repairs=frozenset(manifest.repair),
         track=track,
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -209,7 +209,7 @@ def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
         for name, size in largest.items()
         if name in known.fixed and size
     }
-    return replace(known, parameters={**known.parameters, **softened}) if softened else known
+    return known | Prior(softened)
 
 
 def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Known]:
@@ -245,7 +245,7 @@ def implied(given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HI
         name: _both(name, given.parameters[name], each) if name in given.parameters else each
         for name, each in _follow(given, input_kind, joint).items()
     }
-    return given | Prior(parameters=both)
+    return given | Prior(both)
 
 
 def apart(

@@ -204,7 +204,7 @@ def outdone(
 
     `fits`: (n,) FIT in per cent with them.
     """
-    known = Prior(parameters={"p4": Known(value=estimate.parameters.p4)})
+    known = Prior({"p4": Known(value=estimate.parameters.p4)})
     try:
         own = WeakForm(check=False)(replace(data.take(numbers), known=known))
     except ButterflyError:

@@ -207,7 +207,7 @@ class Manifest(StrictModel):
         return Units.of(self.units).with_sign(self.sign)
 
     @property
-    def knowledge(self) -> Prior:
+    def prior(self) -> Prior:
         """What is known of the robot."""
         return Prior.of(self.known)
 
@@ -215,8 +215,7 @@ class Manifest(StrictModel):
         """Return the manifest of a robot of which more is known."""
         if not known:
             return self
-        both = self.knowledge | known
-        return self.model_copy(update={"known": {**both.parameters, **both.physical}})
+        return self.model_copy(update={"known": (self.prior | known).values})
 
     def with_zero(self, zero: Known) -> Manifest:
         """Return the manifest with another encoder's zero, of all logs."""

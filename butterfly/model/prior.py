@@ -64,12 +64,11 @@ class Known:
         return f"{self.value:g}" if self.fixed else f"{self.value:g} ± {self.uncertainty:g}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Prior:
-    """All that is known of a robot, by name; what is known exactly is fixed."""
+    """All that is known of a robot; what has no uncertainty is fixed."""
 
-    parameters: Mapping[str, Known] = field(default_factory=dict)  # Of `TERMS`
-    physical: Mapping[str, Known] = field(default_factory=dict)  # Of `PHYSICAL`
+    values: Mapping[str, Known] = field(default_factory=dict)  # By names of `TERMS` and `PHYSICAL`
 
     @classmethod
     def of(cls, given: Mapping[str, Any], source: object = "known") -> Prior:
@@ -87,20 +86,24 @@ class Prior:
         values = {name: known_of(value, source, f"known.{name}") for name, value in given.items()}
         for name, each in values.items():
             _require_possible(source, name, each)
-        return cls(
-            parameters={name: each for name, each in values.items() if name in TERMS},
-            physical={name: each for name, each in values.items() if name in PHYSICAL},
-        )
+        return cls(values)
 
     def __bool__(self) -> bool:
-        return bool(self.parameters or self.physical)
+        return bool(self.values)
 
     def __or__(self, other: Prior) -> Prior:
         """Return this and another, which goes before where both say something."""
-        return Prior(
-            parameters={**self.parameters, **other.parameters},
-            physical={**self.physical, **other.physical},
-        )
+        return Prior({**self.values, **other.values})
+
+    @cached_property
+    def parameters(self) -> dict[str, Known]:
+        """What is known of parameters of the model."""
+        return {name: each for name, each in self.values.items() if name in TERMS}
+
+    @cached_property
+    def physical(self) -> dict[str, Known]:
+        """What is known of motor and hand."""
+        return {name: each for name, each in self.values.items() if name in PHYSICAL}
 
     @cached_property
     def fixed(self) -> dict[str, float]:
@@ -135,8 +138,7 @@ class Prior:
 
     def fixing(self, name: str) -> Prior:
         """Return the same, one parameter being fixed."""
-        sure = replace(self.parameters[name], uncertainty=0.0)
-        return replace(self, parameters={**self.parameters, name: sure})
+        return self | Prior({name: replace(self.values[name], uncertainty=0.0)})
 
     def open(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return those of some names whose values are not fixed."""
@@ -148,28 +150,25 @@ class Prior:
         return (*found, *(name for name in self.uncertain if name not in found))
 
     def within(self, names: Iterable[str]) -> Prior:
-        """Return what is known of some parameters."""
-        wanted = set(names)
-        return replace(
-            self, parameters={n: each for n, each in self.parameters.items() if n in wanted}
-        )
+        """Return what is known of some parameters, and of motor and hand."""
+        wanted = {*names, *PHYSICAL}
+        return Prior({name: each for name, each in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
         """Return this and what somebody else knows of the same robot.
 
         An InputError if both say something of one thing, and not the same.
         """
-        mine, theirs = ({**each.parameters, **each.physical} for each in (self, other))
-        for name in mine.keys() & theirs.keys():
-            if mine[name] != theirs[name]:
-                expected = f"{mine[name]}, as the others have it"
-                raise InputError(str(source), f"known.{name}", theirs[name], expected)
+        for name, theirs in other.values.items():
+            mine = self.values.get(name, theirs)
+            if mine != theirs:
+                expected = f"{mine}, as the others have it"
+                raise InputError(str(source), f"known.{name}", theirs, expected)
         return self | other
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain values, as `of` reads them."""
-        both = {**self.parameters, **self.physical}
-        return {name: plain(each) for name, each in both.items()}
+        return {name: plain(each) for name, each in self.values.items()}
 
 
 NO_PRIOR = Prior()

@@ -32,8 +32,7 @@ def summary(identification: Identification) -> list[str]:
     drive = "voltage" if data.input_kind == "voltage" else "torque command"
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
-    given = {**estimate.known.parameters, **estimate.known.physical}
-    known = ", ".join(f"{name} = {value}" for name, value in given.items())
+    known = ", ".join(f"{name} = {value}" for name, value in estimate.known.values.items())
     verdict, *others = estimate_sentences(estimate)
     return [
         verdict,

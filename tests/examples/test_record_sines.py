@@ -21,7 +21,7 @@ def test_a_rehearsal_leaves_a_data_set_whose_gain_is_known(tmp_path, capsys):
     )
     assert "4_rad_s.csv: the joint swings over" in capsys.readouterr().out
     manifest = read_manifest(tmp_path / "manifest.yaml")
-    assert manifest.knowledge.parameters == {"p4": Known(value=1.0, uncertainty=0.03)}
+    assert manifest.prior.parameters == {"p4": Known(value=1.0, uncertainty=0.03)}
     logs = read_data_set(manifest).logs
     assert [log.excitation for log in logs] == [Sine(omega=w, amplitude=0.1) for w in (4.0, 8.0)]
     for log in logs:
