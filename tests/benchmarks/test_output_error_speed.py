@@ -45,7 +45,8 @@ def _turns(problem, scaled):
     values = dict(zip([name for name, _ in problem.keys], scaled * problem.scale, strict=True))
     zero = values.pop("zero")
     parameters = replace(problem.start, **values)
-    return [np.sign(each.run(parameters, zero)[1]) for each in problem.simulations]
+    motions = [each.run(parameters, zero) for each in problem.simulations]
+    return [np.sign(speed) for motion in motions for *_, speed in motion.pieces]
 
 
 def test_the_jacobian_is_that_of_central_differences(fitted_problem):
