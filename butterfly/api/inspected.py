@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from butterfly.errors import InputError
@@ -136,33 +137,34 @@ def _every_log(source: str, seen: Sequence[Inspected]) -> TextTable:
     return TextTable(source, ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
-@dataclass(frozen=True, kw_only=True)
-class NamedRobot:
-    """A robot, what it carries and its command; of data, what it rests on.
-
-    The command is what `butterfly.plant.stand_alone` takes.
-    """
-
-    name: str
-    robot: Robot
-    carried: AddedMass
-    input_kind: InputKind
-    command: Mapping[str, float]
-    verdict: Verdict | None = None
-    note: str = ""
-    besides: dict[str, Any] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotModel(Answer):
     """The robot of an experiment, or the identified twin of data."""
 
     kind: ClassVar[str] = "model"
 
+    robot: Robot
+    carried: AddedMass
+    command: Mapping[str, float]  # what `butterfly.plant.stand_alone` takes of it
+    note: str = ""
+
     @classmethod
-    def of(cls, named: NamedRobot) -> RobotModel:
-        """Tell the parts of a robot, and the lumped parameters with what it carries."""
-        robot, carried, kind = named.robot, named.carried, named.input_kind
+    def of(
+        cls,
+        name: str,
+        robot: Robot,
+        carried: AddedMass,
+        kind: InputKind,
+        command: Mapping[str, float],
+        *,
+        verdict: Verdict | None = None,
+        note: str = "",
+        besides: Mapping[str, Any] = MappingProxyType({}),
+    ) -> RobotModel:
+        """List the parts of a robot, and the lumped parameters with what it carries.
+
+        Of data, the verdict and what is ``besides`` are on the estimate that it rests on.
+        """
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
@@ -178,14 +180,13 @@ class RobotModel(Answer):
             ("p4", f"{loaded.p4:.6g} {unit_of('p4', kind)}"),
             ("resonance", f"{resonance:.5g} rad/s"),
         )
-        verdict = () if named.verdict is None else (named.verdict.sentence,)
         return cls(
-            title=f"The robot of {named.name!r}",
-            judged=named.verdict,
-            summary=(*verdict, named.note) if named.note else verdict,
+            title=f"The robot of {name!r}",
+            judged=verdict,
+            summary=(*(() if verdict is None else (verdict.sentence,)), *((note,) if note else ())),
             content={
-                "data": {"name": named.name, "input": str(kind)},
-                **named.besides,
+                "data": {"name": name, "input": str(kind)},
+                **besides,
                 "carried": {"mass": carried.mass, "arm": carried.arm},
                 **{
                     part: each
@@ -203,6 +204,10 @@ class RobotModel(Answer):
             },
             units={"resonance": "rad/s", "carried.mass": "kg", "carried.arm": "m"},
             printed=(TextTable("", (), pairs),),
+            robot=robot,
+            carried=carried,
+            command=command,
+            note=note,
         )
 
     def rows(self) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from butterfly.api.inspected import Inspection, NamedRobot, RobotModel
+from butterfly.api.inspected import Inspection, RobotModel
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
@@ -62,10 +62,9 @@ def inspect(
     """
     path = locate(Path(source))
     if names_result(path) or not is_data(path):
-        named = robot_of(
+        return robot_of(
             path, hand_mass=hand_mass, added_mass=added_mass, arm=description.get("arm")
         )
-        return RobotModel.of(named)
     manifest = with_parts(manifest_of(path, massless=True, **description))
     numbers = numbers_of_logs("inspect", logs, len(manifest.logs))
     part = manifest.model_copy(update={"logs": [manifest.logs[k] for k in numbers]})
@@ -82,7 +81,7 @@ def robot_of(
     hand_mass: float | None = None,
     added_mass: float = 0.0,
     arm: float | None = None,
-) -> NamedRobot:
+) -> RobotModel:
     """Return the robot of an experiment, or the twin that data or a saved result make.
 
     A saved result is the estimate; other data are identified by the method that suits them.
@@ -92,20 +91,15 @@ def robot_of(
     carried = AddedMass(mass=added_mass, arm=ARM if arm is None else arm)
     if not is_data(path):
         plan = read_experiment(path)
-        return NamedRobot(
-            name=plan.name,
-            robot=plan.plant.robot,
-            carried=carried,
-            input_kind=plan.input_kind,
-            command=vars(plan.plant.path),
-        )
+        command = vars(plan.plant.path)
+        return RobotModel.of(plan.name, plan.plant.robot, carried, plan.input_kind, command)
     result = saved_identification(path)
     if result is None:
         result = identify(read(path, arm=arm), Suitable(check=False))
     return _twin(result, carried, hand_mass)
 
 
-def _twin(result: Identification, carried: AddedMass, mass: float | None) -> NamedRobot:
+def _twin(result: Identification, carried: AddedMass, mass: float | None) -> RobotModel:
     """Return the simulated robot that moves as an identified one."""
     about, found = result.origin, result.estimate
     joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
@@ -120,12 +114,12 @@ def _twin(result: Identification, carried: AddedMass, mass: float | None) -> Nam
             f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
             f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."
         )
-    return NamedRobot(
-        name=about["name"],
-        robot=robot,
-        carried=rest,
-        input_kind=kind,
-        command=command_of(found.parameters),
+    return RobotModel.of(
+        about["name"],
+        robot,
+        rest,
+        kind,
+        command_of(found.parameters),
         verdict=verdict,
         note=note,
         besides={

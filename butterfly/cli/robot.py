@@ -85,11 +85,11 @@ def show(
         from butterfly.plant.watch.picture import render  # noqa: PLC0415
 
         named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
-        if named.verdict is not None:
-            say_verdict(named.verdict.sentence)
+        if named.judged is not None:
+            say_verdict(named.judged.sentence)
         render(named.robot, named.carried, 0.5 if angle is None else angle, out, size)
         say(f"Picture: {out}")
-        return ExitCode.of(named.verdict)
+        return ExitCode.of(named.judged)
     else:
         _film(source, run, out, seconds, fps=fps, size=size)
     return ExitCode.DONE
@@ -161,8 +161,8 @@ def export(
     from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415
 
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
-    if named.verdict is not None:
-        say_verdict(named.verdict.sentence)
+    if named.judged is not None:
+        say_verdict(named.judged.sentence)
     if named.note:
         say(named.note)
     written = stand_alone(named.robot, named.carried, **named.command)
@@ -170,4 +170,4 @@ def export(
     say(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
     for sentence in written.left_out:
         say(sentence)
-    return ExitCode.of(named.verdict)
+    return ExitCode.of(named.judged)
