@@ -10,10 +10,12 @@ from butterfly.files import DRAFT, locate, replacing, shipped, shipped_experimen
 
 
 def test_a_file_appears_whole_and_its_folder_with_it(tmp_path):
-    path = tmp_path / "new/folder/a.txt"
+    path = tmp_path / "new/folder/a.mat"
     with replacing(path) as draft:
         draft.write_text("whole")
         assert not path.exists()
+        assert draft.name.startswith(DRAFT)
+        assert draft.suffix == ".mat"
     assert path.read_text() == "whole"
     assert list(path.parent.iterdir()) == [path]
 
@@ -78,24 +80,14 @@ def test_a_file_has_the_permissions_of_any_new_file(tmp_path, mask):
     assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-def test_a_draft_is_recognised_and_keeps_the_ending(tmp_path):
-    with replacing(tmp_path / "a.mat") as draft:
-        draft.touch()
-        assert draft.name.startswith(DRAFT)
-        assert draft.suffix == ".mat"
-
-
-def test_the_robot_and_the_quick_start_are_shipped():
-    assert shipped("models/butterfly_hand/hand.xml").is_file()
-    assert "experiments/quickstart.yaml" in shipped_experiments()
-
-
 @pytest.mark.parametrize("name", ["quickstart", "quickstart.yaml", "experiments/quickstart.yaml"])
 def test_a_shipped_experiment_is_found_by_any_of_its_names_from_anywhere(
     name, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     assert locate(Path(name)) == shipped("experiments/quickstart.yaml")
+    assert "experiments/quickstart.yaml" in shipped_experiments()
+    assert shipped("models/butterfly_hand/hand.xml").is_file()
 
 
 def test_a_file_of_the_user_s_own_comes_first(tmp_path, monkeypatch):

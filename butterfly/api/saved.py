@@ -97,17 +97,8 @@ def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
         ]
         horizon = old.get("horizon")
         same = (
-            "method",
-            "ending",
-            "condition",
-            "findings",
-            "on_bound",
-            "held",
-            "known",
-            "resonances",
-            "local",
-            "rivals",
-            "freedom",
+            *("method", "ending", "condition", "findings", "on_bound", "held", "known"),
+            *("resonances", "local", "rivals", "freedom"),
         )
         return {
             **content,

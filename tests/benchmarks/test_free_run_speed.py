@@ -28,7 +28,6 @@ def test_the_fit_of_all_logs_costs_little_more_than_a_simulation(real, fitted, s
     once, again, first = least_seconds(
         simulation, lambda: kept.fits(next(estimates)), lambda: _fresh(real.data).fits(fitted)
     )
-    print(f"\nfree run and FIT: {again / once:.2f} simulations, the first time {first / once:.2f}")
     at_most(again / once, 2, "free run and FIT of 41 logs", "a simulation of 41 logs")
     at_most(first / once, 3, "the same, inputs delivered anew", "a simulation of 41 logs")
 
@@ -38,7 +37,6 @@ def test_the_best_gain_costs_at_most_100_simulations(real, fitted, simulation):
     once, seeking = least_seconds(
         simulation, lambda: best_gain(parameters, real.data.take(every)), repeats=3
     )
-    print(f"\nbest p4: {seeking:.2f} s, {seeking / once:.0f} simulations")
     at_most(seeking / once, 100, "best p4 for given parameters", "a simulation of 41 logs")
 
 
@@ -47,7 +45,6 @@ def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
         lambda: HarmonicBalance().of_points(real.data.sines),
         lambda: _fresh(real.data).fits(real.estimate),
     )
-    print(f"\nharmonic balance: {1e3 * fit:.1f} ms, {fit / runs:.2f} of a free run of 41 logs")
     at_most(
         fit / runs,
         1,

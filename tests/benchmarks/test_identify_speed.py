@@ -52,9 +52,7 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
     reading, whole = least_seconds(
         lambda: [loadmat(path) for path in paths], lambda: identify(read_data_set(real_manifest))
     )
-    ratio = whole / reading
-    print(f"\nidentify 41 real logs: {1e3 * whole:.0f} ms, {ratio:.2f} times the bare reading")
-    at_most(ratio, 2, "identify 41 real logs", "reading them (loadmat)")
+    at_most(whole / reading, 2, "identify 41 real logs", "reading them (loadmat)")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
@@ -62,9 +60,7 @@ def test_identifying_the_quick_start_costs_no_more_than_twice_the_imports_it_nee
     needed, own = least_seconds_of_processes(
         ("-c", NEEDED), ("-m", "butterfly", "identify", str(quick_start))
     )
-    ratio = own / needed
-    print(f"\nbutterfly identify, quick start: {own:.2f} s, {ratio:.2f} times the imports it needs")
-    at_most(ratio, 2, "butterfly identify, quick start", "importing what it needs")
+    at_most(own / needed, 2, "butterfly identify, quick start", "importing what it needs")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
@@ -77,6 +73,6 @@ def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_
         (*command, "--report", str(tmp_path / "report.html")),
         repeats=2 if SHORT else 5,
     )
-    ratio = (whole - own) / (drawing - needed)
-    print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
-    at_most(ratio, 5, "what --report adds to it", "importing what draws it")
+    at_most(
+        (whole - own) / (drawing - needed), 5, "what --report adds to it", "importing what draws it"
+    )

@@ -19,7 +19,6 @@ def test_residuals_and_their_jacobian_cost_at_most_2_5_simulations(fitted_proble
     point = fitted_problem.initial
     fitted_problem.equations(point)  # delivers the inputs
     once, both = least_seconds(simulation, lambda: fitted_problem.equations(point))
-    print(f"\nJacobian and residuals: {1e3 * both:.0f} ms, {both / once:.2f} simulations")
     at_most(both / once, 2.5, "output error: residuals and Jacobian", "a simulation of 41 logs")
 
 
@@ -36,7 +35,6 @@ def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation, chec
     once, fit = least_seconds(
         simulation, lambda: estimator.of_logs(data.logs, start, data.equilibria), repeats=5
     )
-    print(f"\n{what}: {fit:.2f} s, {fit / once:.1f} simulations")
     at_most(fit / once, bar, what, "a simulation of 41 logs")
 
 
@@ -67,10 +65,6 @@ def test_the_jacobian_is_that_of_central_differences(fitted_problem):
         left_out = max(left_out, len(exact) - len(kept))
     delay = errors.pop("delay")
     worst = max(errors, key=errors.get)
-    print(
-        f"\nJacobian less central differences: {errors[worst]:.1e} of the column of {worst}, "
-        f"{delay:.1e} of delay's; at most {left_out} logs left out, whose events change order"
-    )
     what = "output error: Jacobian less central differences"
     at_most(errors[worst], 1e-5, f"{what}, worst column", "the column's norm", time=False)
     at_most(delay, 1e-3, f"{what}, delay", "the column's norm", time=False)

@@ -1,6 +1,7 @@
 """What the motor wrapper, sweeps and the controller cost beside bare MuJoCo."""
 
 import time
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -8,21 +9,17 @@ from mujoco.rollout import Rollout
 
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
-from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading
 from butterfly.plant.rig import Rig
-from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
+from tests.plant.setting import MOTOR, robot
 
-ROBOT = Robot(
-    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-    drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.05),
-    friction=Friction(viscous=2e-4, coulomb=3e-4),
-)
+ROBOT = robot(replace(MOTOR, back_emf_constant=0.05), coulomb=3e-4)
 
 
 def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
@@ -43,9 +40,7 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
         Rig(robot=ROBOT).play(AddedMass(), sine, steps * 1e-3, rng)
 
     least, own = least_seconds(bare, driven)
-    ratio = own / least
-    print(f"\nmotor wrapper: {ratio:.2f} times a bare mj_step loop with the same columns")
-    at_most(ratio, 1.33, "motor wrapper", "a bare loop of mj_step")
+    at_most(own / least, 1.33, "motor wrapper", "a bare loop of mj_step")
 
 
 def test_a_sweep_costs_little_more_than_a_bare_rollout():
@@ -68,10 +63,6 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
     least, own = least_seconds(bare, swept, repeats=2)
     soonest, took = least_seconds(bare, swept, repeats=2, clock=time.perf_counter)
     ratio, wait = own / least, took / soonest
-    print(
-        f"\nsweep of 39 runs: {ratio:.2f} times a bare rollout on {threads} threads, "
-        f"{wait:.2f} by the wall clock"
-    )
     at_most(ratio, 1.05, "39 runs in MuJoCo", "a bare rollout")
     at_most(wait, 1.4, "39 runs in MuJoCo over a bare rollout, by the wall clock")
 
@@ -87,6 +78,4 @@ def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
         lambda: [law(reading) for reading in readings],
         lambda: [mujoco.mj_step(model, data) for _ in readings],
     )
-    ratio, each = deciding / stepping, 1e6 * deciding / len(readings)
-    print(f"\ncontroller: {each:.1f} us a step, {ratio:.2f} of a MuJoCo step")
-    at_most(ratio, 2, "a step of the energy-shaping controller", "a step of MuJoCo")
+    at_most(deciding / stepping, 2, "a step of the energy-shaping controller", "a step of MuJoCo")

@@ -79,10 +79,6 @@ def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
             repeats=3,
         )
     kernel /= _AGAIN
-    print(
-        f"\none log: kernel {1e3 * kernel:.2f} ms ({error:.1e} rad off), "
-        f"solve_ivp {scipy / kernel:.0f} times, MuJoCo's rollout {rollout / kernel:.0f} times"
-    )
     of = "the kernel, its input delivered"
     at_least(scipy / kernel, 500, "scipy's solve_ivp at the kernel's accuracy", of)
     at_least(rollout / kernel, 100, "MuJoCo's bare rollout, RK4 at 1 ms", of)

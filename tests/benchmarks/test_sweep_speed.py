@@ -52,7 +52,6 @@ def test_the_logs_of_a_grey_box_run_cost_little_more_than_their_integration(grey
     task, _ = grey_box
     experiment = Experiment.model_validate(task.content)
     bare, logs = least_seconds(kernels, lambda: list(simulated_logs(experiment, threads=1)))
-    print(f"\nlogs of a grey-box run: {1e3 * logs:.1f} ms, {logs / bare:.2f} kernels")
     at_most(
         logs / bare, 2.5, "logs of a grey-box run of large-sweep.yaml", "their bare integration"
     )
@@ -61,7 +60,6 @@ def test_the_logs_of_a_grey_box_run_cost_little_more_than_their_integration(grey
 def test_a_grey_box_run_of_a_sweep_costs_at_most_5_kernels(grey_box, kernels):
     execute(*grey_box)
     bare, whole = least_seconds(kernels, lambda: execute(*grey_box))
-    print(f"\ngrey-box run of a sweep: {1e3 * whole:.1f} ms, {whole / bare:.2f} kernels")
     at_most(
         whole / bare,
         5,
@@ -74,5 +72,4 @@ def test_a_sweep_is_ten_times_faster_in_the_grey_box_than_in_mujoco(grey_box, tm
     in_mujoco = _task(tmp_path, "mujoco")
     assert execute(*in_mujoco).record.status == execute(*grey_box).record.status == OK
     slow, fast = least_seconds(lambda: execute(*in_mujoco), lambda: execute(*grey_box), repeats=3)
-    print(f"\nrun of a sweep: {slow:.2f} s in MuJoCo, {slow / fast:.1f} times that of the grey box")
     at_least(slow / fast, 10, "the same run in MuJoCo", "the run in the grey box")

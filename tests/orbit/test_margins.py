@@ -8,15 +8,15 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, pull, stiffness
-from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
+from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.margins import loop_margins
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath, ControlLoop
 from butterfly.plant.rig import SimulatedMotor
-from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.sensors import Clock
 from tests.orbit.analysis import multiplier_of
+from tests.plant.setting import FINE, robot
 
 pytestmark = pytest.mark.slow
 
@@ -78,21 +78,15 @@ def test_the_multiplier_is_the_decay_of_a_small_deviation_from_step_to_step(dela
 def _held(orbit, gamma, delay, duration):
     """Largest deviation of the energy in the last periods, as a share of the orbit's."""
     p = orbit.parameters
-    robot = Robot(
-        hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-        drive=TorqueDrive(gain=10.0),
-        friction=Friction(viscous=p.p2, coulomb=p.coulomb),
-    )
-    joint = GreyBoxJoint(robot, angle=1.02 * orbit.upper)
+    held = robot(TorqueDrive(gain=10.0), viscous=p.p2, coulomb=p.coulomb)
+    joint = GreyBoxJoint(held, angle=1.02 * orbit.upper)
 
     class Exact:
-        lag = 0.0
-
         def update(self, *_):
             return joint.velocity
 
     law = EnergyShaping(orbit, gamma, velocity=Exact())
-    motor = SimulatedMotor(joint, encoder=Encoder(steps=2**40), path=CommandPath(delay=delay))
+    motor = SimulatedMotor(joint, encoder=FINE, path=CommandPath(delay=delay))
     with ControlLoop(motor, clock=Clock(step=CYCLE)) as loop:
         try:
             log = loop.run(law, duration)

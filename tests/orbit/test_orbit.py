@@ -11,13 +11,12 @@ from scipy.special import ellipe, ellipk
 
 from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, potential
-from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
+from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, Observer, gain_for
-from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath, ControlLoop, Reading
 from butterfly.plant.rig import SimulatedMotor
-from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Clock, Encoder, FilteredDifference
+from butterfly.plant.sensors import Clock, FilteredDifference
 from tests.orbit.analysis import (
     comparison_factors,
     invariant,
@@ -26,20 +25,17 @@ from tests.orbit.analysis import (
     multiplier_of,
     steady_invariant,
 )
+from tests.plant.setting import FINE, JOINTS, robot
 
-HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
 SIXTY = math.radians(60)
 
 
-def _robot(coulomb=0.0):
-    return Robot(
-        hand=HAND, drive=TorqueDrive(gain=10.0), friction=Friction(viscous=1e-3, coulomb=coulomb)
-    )
+ROBOT = robot(TorqueDrive(gain=10.0), viscous=1e-3)
 
 
-def _swing(joint, law, duration, encoder=None, path=CommandPath()):
-    motor = SimulatedMotor(joint, encoder=encoder or Encoder(steps=2**40), path=path)
+def _swing(joint, law, duration, path=CommandPath()):
+    motor = SimulatedMotor(joint, encoder=FINE, path=path)
     with ControlLoop(motor, clock=Clock(step=1e-3)) as loop:
         return loop.run(law, duration)
 
@@ -134,12 +130,12 @@ def test_the_lifted_matrices_multiply_to_the_multiplier():
     assert not np.allclose(lifted_matrix(factors, 0), lifted_matrix(factors, 1))
 
 
-@pytest.mark.parametrize("joint", [GreyBoxJoint, MujocoJoint])
+@pytest.mark.parametrize("joint", JOINTS)
 def test_the_loop_holds_the_orbit_from_within_and_from_without(joint):
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
     gamma = gain_for(orbit, 0.5)
     for start in (0.3, 1.6):
-        log = _swing(joint(_robot(), angle=start), EnergyShaping(orbit, gamma), 25.0)
+        log = _swing(joint(ROBOT, angle=start), EnergyShaping(orbit, gamma), 25.0)
         last = log.angle[log.time > 20]
         assert np.abs(last).max() == pytest.approx(SIXTY, abs=0.02)
 
@@ -147,7 +143,7 @@ def test_the_loop_holds_the_orbit_from_within_and_from_without(joint):
 def test_from_rest_a_kick_starts_it_and_the_command_stays_within_its_limit():
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
     law = EnergyShaping(orbit, gain_for(orbit, 0.3), kick=5e-4)
-    log = _swing(GreyBoxJoint(_robot()), law, 60.0, path=CommandPath(limit=2e-3))
+    log = _swing(GreyBoxJoint(ROBOT), law, 60.0, path=CommandPath(limit=2e-3))
     assert np.abs(log.input).max() <= 2e-3
     assert np.abs(log.angle[log.time > 50]).max() == pytest.approx(SIXTY, abs=0.02)
 
@@ -156,7 +152,7 @@ def test_the_invariant_decays_as_the_closed_form_says():
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
     gamma = gain_for(orbit, 0.6)
     law = EnergyShaping(orbit, gamma, velocity=Observer(THESIS, bandwidth=200.0))
-    log = _swing(GreyBoxJoint(_robot(), angle=SIXTY + 0.05), law, 4 * orbit.period)
+    log = _swing(GreyBoxJoint(ROBOT, angle=SIXTY + 0.05), law, 4 * orbit.period)
     velocity = np.gradient(log.angle, log.time)
     values = invariant(THESIS, orbit, log.angle, velocity)
     areas = np.concatenate([[0], np.cumsum(velocity[:-1] ** 2 * np.diff(log.time))])
@@ -170,7 +166,7 @@ def test_a_wrong_belief_about_friction_settles_at_the_predicted_invariant():
     gamma = gain_for(orbit, 0.1)
     predicted = steady_invariant(THESIS, believed, gamma)
     law = EnergyShaping(orbit, gamma, velocity=FilteredDifference(0.001))
-    log = _swing(GreyBoxJoint(_robot(), angle=1.0), law, 20.0)
+    log = _swing(GreyBoxJoint(ROBOT, angle=1.0), law, 20.0)
     velocity = np.gradient(log.angle, log.time)
     values = invariant(THESIS, orbit, log.angle, velocity)
     upwards = np.flatnonzero((log.angle[:-1] < 0) & (log.angle[1:] >= 0) & (log.time[1:] > 12))
@@ -200,12 +196,12 @@ def test_the_lag_of_the_filtered_difference_is_as_stated_and_the_observer_has_no
         assert np.abs(found - late)[2000:].max() < 0.02 * 0.3 * omega
 
 
-def test_what_makes_no_sense_is_refused():
+@pytest.mark.parametrize("wrong", [0.0, 1.0, -1.0])
+def test_what_makes_no_sense_is_refused(wrong):
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
-    for wrong in (0.0, 1.0, -1.0):
-        with pytest.raises(InputError, match="multiplier"):
-            gain_for(orbit, wrong)
+    with pytest.raises(InputError, match="multiplier"):
+        gain_for(orbit, wrong)
     with pytest.raises(InputError, match="gamma"):
-        EnergyShaping(orbit, 0.0)
+        EnergyShaping(orbit, min(wrong, 0.0))
     with pytest.raises(InputError, match="bandwidth"):
-        Observer(THESIS, bandwidth=0.0)
+        Observer(THESIS, bandwidth=min(wrong, 0.0))
