@@ -91,7 +91,7 @@ def read_csv(
         else:
             layout += ("no numbers in the column velocity, which is left out",)
     places = {field: place(path, names, name) for field, name in mapping.items()}
-    arrays = {
+    arrays: dict[str, Any] = {
         field: _numeric(path, table, number, str(mapping[field]))
         for field, number in places.items()
     }
@@ -99,8 +99,8 @@ def read_csv(
     factors = {field: known_factor(field, unit) or 1.0 for field, unit in found.items()}
     others = {field: unit for field, unit in found.items() if factors[field] != 1.0}
     reading = replace(table.reading, layout=layout, units=others)
-    converted: dict[str, Any] = units.over(factors).applied(arrays)
-    return Log(**converted, source=str(path), reading=reading, **properties)
+    log = Log(**arrays, source=str(path), reading=reading, **properties)
+    return log.converted(units.over(factors))
 
 
 def write_csv(log: Log, path: Path) -> None:

@@ -149,7 +149,7 @@ def log_of_table(
     if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
         columns = dict(zip(SAMPLED, range(len(names)), strict=False))
     elif columns is None:
-        columns = DEFAULT_COLUMNS | {each: each for each in names if each == "velocity"}
+        columns = DEFAULT_COLUMNS | {each: each for each in names if each == VELOCITY}
     chosen: dict[str, Any] = {
         field: found[names[place("table", names, name)]]
         for field, name in checked_map("table", columns).items()

@@ -43,6 +43,7 @@ def read_mat(
     A column is a vector (``t``), a field of a struct (``data.t``) or a column of a matrix (``M.0``,
     or ``0`` of ``D``). Without a map they are the columns t, u, q[, dq] of ``D``.
     """
+    arrays: dict[str, Any]
     if columns is None:
         matrix = _matrix(path)
         arrays = dict(zip(SAMPLED, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
@@ -50,8 +51,7 @@ def read_mat(
         mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
         variables = _load(path, {parts[0] for parts in mapping.values()})
         arrays = {field: _vector(path, variables, parts) for field, parts in mapping.items()}
-    converted: dict[str, Any] = units.applied(arrays)
-    return Log(**converted, source=str(path), **properties)
+    return Log(**arrays, source=str(path), **properties).converted(units)
 
 
 def write_mat(log: Log, path: Path) -> None:

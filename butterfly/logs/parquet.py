@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
@@ -38,13 +37,12 @@ def read_parquet(
         first = str(error).splitlines()[0]
         raise InputError(path, "content", first, "a whole Parquet file") from None
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
-    converted: dict[str, Any] = units.applied(arrays)
-    return Log(**converted, source=str(path), **properties)
+    return Log(**arrays, source=str(path), **properties).converted(units)
 
 
 def _columns(
     path: Path, file: parquet.ParquetFile, mapping: dict[str, str | int], welcome: str | None
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Any]:
     """Read columns one after the other, by the log's field; and one that is welcome, if there."""
     names = file.schema_arrow.names
     wanted = {field: place(path, names, name) for field, name in mapping.items()}
