@@ -107,11 +107,7 @@ class Identification(Result):
 
     def to_dict(self, truth: LumpedParameters | None = None) -> dict[str, Any]:
         """Return it as JSON can hold it, beside the truth if that is known (see `Result`)."""
-        from butterfly.report.numbers import (  # noqa: PLC0415 - a view
-            chosen_options,
-            estimate_numbers,
-            misfit_numbers,
-        )
+        from butterfly.report import numbers  # noqa: PLC0415 - a view
         from butterfly.report.parameter_table import physical_numbers  # noqa: PLC0415 - a view
 
         manifest, estimate = self.origin["manifest"], self.estimate
@@ -119,7 +115,7 @@ class Identification(Result):
         if self.logs is not None:
             of_logs = {
                 "against": [each.numbers(estimate) for each in self.comparisons],
-                "misfit": misfit_numbers(self.misfit, estimate),
+                "misfit": numbers.misfit_numbers(self.misfit, estimate),
             }
         return document(
             self.kind,
@@ -127,12 +123,12 @@ class Identification(Result):
             {
                 "estimator": self.estimator,
                 "data": {**self.origin, "manifest": manifest and {**manifest, "root": None}},
-                **estimate_numbers(estimate, truth),
+                **numbers.estimate_numbers(estimate, truth),
                 "fit": self.fit.numbers(),
                 "fits": self.fits,
                 "held_out": self.held_out,
                 "physical": physical_numbers(self.separated()),
-                "chosen": chosen_options(self.made_by, estimate, self.estimator),
+                "chosen": numbers.chosen_options(self.made_by, estimate, self.estimator),
                 **of_logs,
             },
             verdict=self.judged,
@@ -154,10 +150,8 @@ class Identification(Result):
         folder = Path(path).resolve().parent
         if manifest is not None and manifest["root"] is not None:
             root = Path(manifest["root"])
-            below = root.is_relative_to(folder)
-            content["data"]["manifest"]["root"] = (
-                root.relative_to(folder).as_posix() if below else str(root)
-            )
+            root = root.relative_to(folder) if root.is_relative_to(folder) else root
+            content["data"]["manifest"]["root"] = root.as_posix()
         write_document(content, Path(path))
 
     @property
