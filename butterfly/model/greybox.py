@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.model import kernel
-from butterfly.model.kernel import COLUMNS, Constants, State, integrate, interval
+from butterfly.model.kernel import COLUMNS, Constants, integrate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 
@@ -48,11 +48,6 @@ def simulate(
     """
     start = (angle, velocity, 0.0, 0.0)
     return integrate(time, parameters.p4 * inputs, start, Constants.of(parameters))
-
-
-def step(constants: Constants, state: State, torque: float, duration: float) -> State:
-    """Return the state after ``duration`` s as `simulate` finds it, p4 times the input held."""
-    return interval(state, (torque, torque, torque), duration, constants)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
-from butterfly.model.greybox import step
 from butterfly.model.kernel import Constants, State, interval, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import compile_model
@@ -228,10 +227,7 @@ class GreyBoxJoint(Joint):
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in the equal steps of `steps_of`."""
-        count = steps_of(duration)
-        torque = self._loaded.p4 * command
-        for _ in range(count):
-            self._state = step(self._constants, self._state, torque, duration / count)
+        self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
 
     def angles_under(
         self, stamps: NDArray[np.float64], commands: NDArray[np.float64], delay: float
@@ -244,8 +240,7 @@ class GreyBoxJoint(Joint):
         which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
-        angles = _follow(self._constants, self._state, stamps, torques, delay)
-        return np.asarray(angles)
+        return np.asarray(_follow(self._constants, self._state, stamps, torques, delay))
 
     def current(self, command: float) -> float:
         """Armature current in A (4); a state of the simulation if there is an inductance."""
