@@ -127,12 +127,6 @@ def _can_use(method: str, name: str, known: Known) -> bool:
     return known.value == 0 or name in TAKES[method]
 
 
-def names_of(method: str, terms: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the parameters that a method fits with some terms besides."""
-    require_names(method, "terms", terms, offered(method))
-    return (*PARAMETERS, *terms)
-
-
 def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[str, ...]) -> None:
     """Raise InputError unless all names are valid, and each is given once."""
     for name in names:

@@ -33,7 +33,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators.base import Estimator, names_of, require_usable
+from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (
     HarmonicBalanceFit,
     Phasors,
@@ -169,7 +169,7 @@ class HarmonicBalance(Estimator):
     summary: ClassVar[str] = "joint linear fit of the steady responses"
 
     def __post_init__(self) -> None:
-        names_of(self.method, self.terms or ())
+        require_names(self.method, "terms", self.terms or (), offered(self.method))
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""

@@ -27,7 +27,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators.base import Estimator, names_of, require_usable
+from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.weak_regression import (
     WeakFit,
     Windows,
@@ -58,7 +58,7 @@ from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import PARAMETERS, FrictionTerms
+from butterfly.model.terms import PARAMETERS, FrictionTerms, offered
 from butterfly.verdict import Level
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
@@ -133,7 +133,7 @@ class WeakForm(Estimator):
     summary: ClassVar[str] = "linear fit against test functions, for any input"
 
     def __post_init__(self) -> None:
-        names_of(self.method, self.terms or ())
+        require_names(self.method, "terms", self.terms or (), offered(self.method))
         require_number(self.method, positive=True, unit="s", half_width=self.half_width)
         require_periods(self.method, self.cogging_periods)
 
