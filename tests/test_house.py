@@ -17,11 +17,11 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 232,
-    "lines of the package": 38_340,
-    "lines of tests": 28_160,
+    "files of the package": 180,
+    "lines of the package": 35_765,
+    "lines of tests": 25_900,
     "names of classes that exist twice": 0,
-    "modules in import circles": 12,
+    "modules in import circles": 7,
     "tuned numbers of identification": 205,
 }
 

@@ -33,6 +33,8 @@ from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
+_NO_ERRORS = "For the same reason there is no band of a new log, which needs their errors."
+
 
 def predict(
     data: Data | Experiment,
@@ -111,7 +113,12 @@ def predict(
             raise InputError("predict", "input", str(source.input_kind), expected)
         estimate = found.estimate
         if bands is not False:
-            open_draws, errors, sentences = _left_open(found, logs, draws, seed, track)
+            open_draws, seen, sentence = _left_open(found, logs, draws, seed, track)
+            if seen is None:
+                sentences = (sentence, _NO_ERRORS)
+            else:
+                errors = expected_errors(seen, estimate)
+                sentences = (sentence, _of_errors(errors), *_beyond(seen.masses, logs))
             drawn = Drawn.of(open_draws, found, sentences)
     predictions = predict_logs(
         logs,
@@ -159,8 +166,8 @@ def draws(
     """
     found = _identified(result)
     require_possible(found.estimate)
-    drawn, _, sentences = _left_open(found, (), n, seed, track)
-    return Drawn.of(drawn, found, sentences[:1])
+    drawn, _, sentence = _left_open(found, (), n, seed, track)
+    return Drawn.of(drawn, found, (sentence,))
 
 
 def changed(before: Identification | Named, after: Identification | Named) -> Changed:
@@ -183,31 +190,28 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
 
 def _left_open(
     found: Identification, logs: Sequence[Log], count: int, seed: int, track: Track
-) -> tuple[ParameterDraws, Sequence[ExpectedErrors], tuple[str, ...]]:
+) -> tuple[ParameterDraws, DataSet | None, str]:
     """Draw parameters with which all logs have a joint; weigh them if the data are at hand.
 
-    Also the errors of these data, and how all that was made in words, on the draws first.
+    Also these data, and how the draws were made in a sentence.
     """
     masses = [log.added_mass for log in logs]
     try:
         data = found.data
     except InputError as error:
         drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
-        sentences = (
+        sentence = (
             f"{count} draws of the parameters, not weighed: the logs that the estimate was "
-            f"made from cannot be read ({error}).",
-            "For the same reason there is no band of a new log, which needs their errors.",
+            f"made from cannot be read ({error})."
         )
-        return drawn, (), sentences
-    masses += data.masses
-    drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
+        return drawn, None, sentence
+    drawn = draw_parameters(found.estimate, count, masses=[*masses, *data.masses], seed=seed)
     drawn = weighed(drawn, data, bands=logs, track=track)
-    errors = expected_errors(data, found.estimate)
-    weights = (
+    sentence = (
         f"{count} draws of the parameters, which count as {drawn.effective_size:.0f}: those that "
         "follow the logs worse than a linear model promises count less."
     )
-    return drawn, errors, (weights, _of_errors(errors), *_beyond(data.masses, logs))
+    return drawn, data, sentence
 
 
 def _of_gain(

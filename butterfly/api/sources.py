@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
@@ -156,12 +157,10 @@ def _of_read_logs(
     source: DataSet | Identification | Log, root: Path | None, given: Mapping[str, Any]
 ) -> DataSet:
     """Return the data set of logs that are read already, and what is known of them besides."""
-    for name, value in {"root": root, **given}.items():
-        if value is not None and name not in _OF_READ_LOGS:
-            raise InputError("read", name, value, "none beside logs that are read already")
+    _require_of_read_logs(root, given)
     repairs = given.get("repair", frozenset())
     if isinstance(source, Log):
-        name = source.name or given.get("name", "logs")
+        name = given.get("name") or source.name or "logs"
         data = DataSet.of([source], name=name, repairs=DEFAULT_REPAIRS | repairs)
     else:
         data = source if isinstance(source, DataSet) else source.data
@@ -171,7 +170,15 @@ def _of_read_logs(
     return _more_known(data, given)
 
 
+def _require_of_read_logs(root: Path | None, given: Mapping[str, Any]) -> None:
+    for name, value in {"root": root, **given}.items():
+        if value is not None and name not in _OF_READ_LOGS:
+            raise InputError("read", name, value, "none beside logs that are read already")
+
+
 def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
+    if "name" in given:
+        data = replace(data, name=given["name"])
     data = data.knowing(Prior.of(given.get("known", {})))
     return data.with_zero(known_of(given["zero"])) if "zero" in given else data
 
@@ -210,6 +217,8 @@ def _of_several(
 ) -> DataSet:
     """Read several sources as one data set; what is given describes those that are not yet read."""
     parts: list[DataSet | Log] = []
+    if all(isinstance(each, DataSet | Log | Identification) for each in sources):
+        _require_of_read_logs(root, given)
     for each in sources:
         if isinstance(each, Log | DataSet):
             parts.append(each)

@@ -272,3 +272,13 @@ def test_what_a_manifest_says_of_input_hold_and_arm_goes_before_options(tables):
     assert manifest_of(tables, arm=0.2).arm == 0.2
     with pytest.raises(InputError, match=r"arm, in m, since a\.csv carries a mass"):
         manifest_of(tables)
+
+
+def test_what_only_unread_logs_take_is_refused_beside_logs_that_are_read(tables):
+    data = read([tables / "a.csv", tables / "b.csv"], **OTHERS)
+    one = data.recorded[0]
+    for source in (data, one, [one], [one, data.recorded[1]], [data, one]):
+        with pytest.raises(InputError) as caught:
+            read(source, units={"angle": "deg"})
+        assert caught.value.field == "units"
+        assert read(source, name="mine", known={"p4": 2.0}).name == "mine"
