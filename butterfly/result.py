@@ -117,7 +117,7 @@ class Result(ABC):
     """What it says, in plain English, the verdict first, then the most important."""
 
     judged: Verdict | None
-    """The verdict on the estimate that it rests on; None of a result of an older program."""
+    """The verdict on the estimate that it rests on; None if there is none, or none was saved."""
 
     @property
     def standing(self) -> str | None:

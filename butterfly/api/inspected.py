@@ -15,6 +15,7 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import TERMS
 from butterfly.plant.robot import Robot
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import (
@@ -38,8 +39,11 @@ class Inspection(Answer):
     kind: ClassVar[str] = "inspection"
     table: ClassVar[str] = "logs"
 
-    source: str  # the data, in words
-    logs: tuple[Inspected, ...]  # what was found of each
+    source: str
+    """The data, in words."""
+
+    logs: tuple[Inspected, ...]
+    """What was found of each."""
 
     @classmethod
     def of(
@@ -212,7 +216,9 @@ class RobotModel(Answer):
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each lumped parameter, with what the robot carries."""
-        return [{"parameter": name, **row} for name, row in self.content["loaded"].items()]
+        loaded = self.content["loaded"]
+        names = sorted(loaded, key=[*TERMS].index)
+        return [{"parameter": name, **loaded[name]} for name in names]
 
 
 def _numbers_of(part: object) -> str:

@@ -118,9 +118,14 @@ class Predicted(Tabulated):
 
     kind: ClassVar[str] = "prediction"
 
-    predictions: tuple[Prediction, ...] = ()  # free runs and bands; none of a loaded result
-    drawn: Drawn | None = None  # parameters of which the bands were made
-    measured: bool = True  # whether somebody recorded these logs
+    predictions: tuple[Prediction, ...] = ()
+    """Free runs and bands; none of a loaded result."""
+
+    drawn: Drawn | None = None
+    """Parameters of which the bands were made."""
+
+    measured: bool = True
+    """Whether somebody recorded these logs."""
 
     @classmethod
     def of(

@@ -270,6 +270,20 @@ class Selection(Answer):
         )
         return result.drawn_as(selection_page(data, passed, result))
 
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return each set of terms with its median FIT in sample, and by what was left out."""
+        return [
+            {
+                "terms": ", ".join(row["terms"]) or "none",
+                "FIT in sample in %": fit_text(row["in_sample"]["median"]),
+                **{
+                    f"FIT by {split} left out in %": fit_text(fit["median"])
+                    for split, fit in row["left_out"].items()
+                },
+            }
+            for row in self.rows()
+        ]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Residual(Answer):

@@ -44,7 +44,7 @@ def inspect(
     ----------
     source
         A log, a folder of logs of any names, a manifest or a shipped data set: each log is checked;
-        an experiment, or a saved identification: the robot is told.
+        an experiment, or a saved identification: its robot is described.
     logs
         Numbers of the logs to look at; all if not given.
     hand_mass, added_mass

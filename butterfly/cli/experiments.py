@@ -1,4 +1,4 @@
-"""Commands that do experiments, or foretell them: run, simulate, predict, reproduce, schema."""
+"""Commands of experiments: run, simulate, predict, reproduce, schema."""
 
 from __future__ import annotations
 

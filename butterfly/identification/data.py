@@ -53,7 +53,7 @@ class DataSet:
     given
         What its owner knows of the robot.
     known
-        That, and what it implies of the parameters (see `implied`).
+        That, and what it implies of the parameters (see `implied` of derived_quantities).
     recorded
         The logs as they were recorded.
     logs, health

@@ -72,12 +72,20 @@ class Identification(Result):
     held_out: dict[str, float] = field(default_factory=dict)
     """The same of each that was held out."""
 
-    logs: DataSet | None = None  # of a result that was loaded `data` reads them again
-    runs: tuple[FreeRun, ...] = ()  # of a result that was loaded `free_runs` simulates them
-    comparisons: tuple[OtherParameters, ...] = ()  # on the same logs
-    made_by: Estimator | None = None  # None for a result that was loaded
-    # what a file said that the logs are needed for: summary, options, other parameters, misfit
+    logs: DataSet | None = None
+    """The data set; None for a result that was loaded, whose logs are read again by `data`."""
+
+    runs: tuple[FreeRun, ...] = ()
+    """Free run of each log; those of a result that was loaded are simulated by `free_runs`."""
+
+    comparisons: tuple[OtherParameters, ...] = ()
+    """Other parameters on the same logs."""
+
+    made_by: Estimator | None = None
+    """The estimator; None for a result that was loaded."""
+
     saved: dict[str, Any] = field(default_factory=dict)
+    """What a file said that needs the logs: summary, options, other parameters, misfit."""
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Identification:
@@ -323,6 +331,8 @@ class Identification(Result):
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
         """Return the responses measured with an added mass, to stand beside `model.linearised`.
+
+        The mass is one of ``data.masses``; none if not given.
 
         Raises
         ------

@@ -151,7 +151,7 @@ def given_estimate(
 
     `told`: p1 and p3, and whatever else is not 0 and not known of the data; ``zero`` is the
     encoder's reading in rad where the model's angle is 0. Without p4 the one with the best FIT is
-    taken. `data`: The logs that they are to foretell, if somebody recorded them. Raises InputError:
+    taken. `data`: The logs that they are to predict, if somebody recorded them. Raises InputError:
     naming the part that is wrong, or p4, where no log tells the best one.
     """
     values = ({} if data is None else data.known.fixed) | dict(told)

@@ -22,15 +22,28 @@ _Inputs = TypeVar("_Inputs", float, "NDArray[np.float64]")
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """The rigid hand with the rotor of its motor."""
+    """The rigid hand with the rotor of its motor.
 
-    mass: float  # m_p in kg
-    # l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies above
-    # the pivot at angle 0
+    Parameters
+    ----------
+    mass
+        m_p in kg.
+    com_distance
+        l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
+        above the pivot at angle 0.
+    com_offset
+        Distance in m of the centre of mass from that line, towards positive angles.
+    inertia
+        J_p about the centre of mass, in kg m^2.
+    tilt
+        Angle in rad of the axis out of the horizontal; gravity then acts with its cosine.
+    """
+
+    mass: float
     com_distance: float
-    com_offset: float = 0.0  # In m, from that line to the centre of mass, to positive angles
-    inertia: float  # J_p about the centre of mass, in kg m^2
-    tilt: float = 0.0  # In rad, of the axis out of the horizontal: gravity acts with its cosine
+    com_offset: float = 0.0
+    inertia: float
+    tilt: float = 0.0
 
     def __post_init__(self) -> None:
         require_number("Hand", positive=True, mass=self.mass)
@@ -44,12 +57,24 @@ class Hand:
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageDrive:
-    """A DC motor fed with a voltage (4)."""
+    """A DC motor fed with a voltage (4).
 
-    resistance: float  # R in Ohm
-    torque_constant: float  # k_i in N m/A
-    back_emf_constant: float  # k_emf in V s/rad; equal to k_i in SI units for a lossless motor
-    inductance: float = 0.0  # L in H; 0 lets the current follow at once, as (5) does
+    Parameters
+    ----------
+    resistance
+        R in Ohm.
+    torque_constant
+        k_i in N m/A.
+    back_emf_constant
+        k_emf in V s/rad; equal to k_i in SI units for a lossless motor.
+    inductance
+        L in H; 0 lets the current follow at once, as (5) does.
+    """
+
+    resistance: float
+    torque_constant: float
+    back_emf_constant: float
+    inductance: float = 0.0
 
     def __post_init__(self) -> None:
         require_number("VoltageDrive", positive=True, resistance=self.resistance)
@@ -75,9 +100,15 @@ class VoltageDrive:
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueDrive:
-    """A current-controlled motor: the command sets the torque and no back EMF is felt."""
+    """A current-controlled motor: the command sets the torque and no back EMF is felt.
 
-    gain: float  # p4 in N m per unit of command
+    Parameters
+    ----------
+    gain
+        p4 in N m per unit of command.
+    """
+
+    gain: float
 
     def __post_init__(self) -> None:
         require_number("TorqueDrive", positive=True, gain=self.gain)
@@ -98,9 +129,15 @@ Drive = VoltageDrive | TorqueDrive
 
 @dataclass(frozen=True, kw_only=True)
 class Friction(FrictionTerms):
-    """Friction at the pivot, all terms (see `FrictionTerms`)."""
+    """Friction at the pivot, all terms (see `FrictionTerms`).
 
-    viscous: float = 0.0  # k_f in N m s/rad
+    Parameters
+    ----------
+    viscous
+        k_f in N m s/rad.
+    """
+
+    viscous: float = 0.0
 
     def __post_init__(self) -> None:
         require_number("Friction", viscous=self.viscous)

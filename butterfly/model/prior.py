@@ -50,7 +50,7 @@ _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """A value, and its standard uncertainty in the same unit: 0 if it is fixed."""
+    """A value, and its standard uncertainty in the same unit: 0 if it is known exactly."""
 
     value: float
     uncertainty: float = 0.0
@@ -66,7 +66,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Prior:
-    """All that is known of a robot; what has no uncertainty is fixed."""
+    """All that is known of a robot; what has no uncertainty is known exactly."""
 
     values: Mapping[str, Known] = field(default_factory=dict)  # By names of `TERMS` and `PHYSICAL`
 

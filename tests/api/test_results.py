@@ -260,8 +260,11 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
 
 def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(data, quick):
     chosen = bf.select(data, "harmonic-balance", candidates=("drag",))
-    assert chosen.rows()[0]["terms"] == []
+    first, shown = chosen.rows()[0], chosen.shown_rows()[0]
+    assert (first["terms"], shown["terms"]) == ([], "none")
+    assert float(shown["FIT in sample in %"]) == pytest.approx(first["in_sample"]["median"], 0.01)
     units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
+    assert [*units][:4] == ["p1", "p2", "p3", "p4"]
     assert (units["p1"], units["p4"]) == ("kg m²", "N m/V")
 
 
