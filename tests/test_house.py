@@ -18,8 +18,8 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 180,
-    "lines of the package": 35_835,
-    "lines of tests": 25_902,
+    "lines of the package": 35_834,
+    "lines of tests": 25_893,
     "names of classes that exist twice": 0,
     "modules in import circles": 7,
     "tuned numbers of identification": 205,

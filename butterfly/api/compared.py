@@ -20,8 +20,6 @@ from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
@@ -91,10 +89,6 @@ class Compared(Tabulated):
             },
         )
         return result.drawn_as(three_way_page(data, compared, misfit, result))
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        return {"fits": self.plot.fits()}
 
 
 def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:

@@ -55,6 +55,10 @@ class Tabulated(Answer):
         """Its figures, as plotly's."""
         return TablePlots(self)
 
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"fits": self.plot.fits()}
+
 
 @dataclass(frozen=True)
 class TablePlots:
@@ -140,10 +144,6 @@ class Validated(Tabulated):
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
             printed=tuple(tables),
         )
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        return {"fits": self.plot.fits()}
 
 
 def _fits_table(title: str, fits: Mapping[str, NDArray[np.float64]], horizon: float) -> TextTable:

@@ -24,7 +24,7 @@ from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 from butterfly.report.inspection import inspect_logs
-from butterfly.report.numbers import chosen_options, estimate_numbers
+from butterfly.report.numbers import estimate_numbers
 
 ARM = 0.104  # m
 
@@ -108,7 +108,7 @@ def _twin(result: Identification, carried: AddedMass, mass: float | None) -> Rob
     verdict = require_possible(found)
     carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
     robot, rest = Robot.of_loaded(found.parameters, carried, mass)
-    manifest, note = about["manifest"], ""
+    note = ""
     if mass is None and robot.hand.mass > HAND_MASS:
         note = (
             f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
@@ -122,10 +122,5 @@ def _twin(result: Identification, carried: AddedMass, mass: float | None) -> Rob
         command_of(found.parameters),
         verdict=verdict,
         note=note,
-        besides={
-            "data": {**about, "manifest": manifest and {**manifest, "root": None}},
-            "chosen": result.saved.get("chosen")
-            or chosen_options(result.made_by, found, result.estimator),
-            **estimate_numbers(found),
-        },
+        besides={**result.basis(), **estimate_numbers(found)},
     )

@@ -167,6 +167,7 @@ def _of_read_logs(
         if repairs:
             listed = ", ".join(sorted(repairs))
             raise InputError("read", "repair", listed, "none of a repaired data set")
+        data = replace(data, name=given.get("name", data.name))
     return _more_known(data, given)
 
 
@@ -177,8 +178,6 @@ def _require_of_read_logs(root: Path | None, given: Mapping[str, Any]) -> None:
 
 
 def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
-    if "name" in given:
-        data = replace(data, name=given["name"])
     data = data.knowing(Prior.of(given.get("known", {})))
     return data.with_zero(known_of(given["zero"])) if "zero" in given else data
 

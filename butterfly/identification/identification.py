@@ -118,7 +118,7 @@ class Identification(Result):
         from butterfly.report import numbers  # noqa: PLC0415 - a view
         from butterfly.report.parameter_table import physical_numbers  # noqa: PLC0415 - a view
 
-        manifest, estimate = self.origin["manifest"], self.estimate
+        estimate, basis = self.estimate, self.basis()
         of_logs = {key: each for key, each in self.saved.items() if key != "summary"}
         if self.logs is not None:
             of_logs = {
@@ -130,13 +130,13 @@ class Identification(Result):
             self.title,
             {
                 "estimator": self.estimator,
-                "data": {**self.origin, "manifest": manifest and {**manifest, "root": None}},
+                "data": basis["data"],
                 **numbers.estimate_numbers(estimate, truth),
                 "fit": self.fit.numbers(),
                 "fits": self.fits,
                 "held_out": self.held_out,
                 "physical": physical_numbers(self.separated()),
-                "chosen": numbers.chosen_options(self.made_by, estimate, self.estimator),
+                "chosen": basis["chosen"],
                 **of_logs,
             },
             verdict=self.judged,
@@ -161,6 +161,17 @@ class Identification(Result):
             root = root.relative_to(folder) if root.is_relative_to(folder) else root
             content["data"]["manifest"]["root"] = root.as_posix()
         write_document(content, Path(path))
+
+    def basis(self) -> dict[str, Any]:
+        """Return the data and options that it rests on, without the place of its logs."""
+        from butterfly.report.numbers import chosen_options  # noqa: PLC0415 - a view
+
+        manifest = self.origin["manifest"]
+        chosen = chosen_options(self.made_by, self.estimate, self.estimator)
+        return {
+            "data": {**self.origin, "manifest": manifest and {**manifest, "root": None}},
+            "chosen": self.saved.get("chosen", chosen),
+        }
 
     @property
     def title(self) -> str:  # type: ignore[override]

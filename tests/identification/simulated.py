@@ -8,10 +8,13 @@ from itertools import product
 
 import numpy as np
 
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import NO_PRIOR
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.sine_fit import SineFit
 from tests.conftest import MASSES
@@ -24,6 +27,25 @@ SLOW = {1.5: 0.4, 2.2: 0.5, 8.5: 0.3, 9.0: 0.1, 14.0: 0.03, 16.0: 0.012, 20.0: 0
 """Frequencies in rad/s and swings in rad; slow ones for friction that is lost in fast ones."""
 
 STEP = 2.5e-3
+
+
+def estimate_of(values, covariance, known=NO_PRIOR, names=("p1", "p2", "p3", "p4"), reach=4):
+    """Return an estimate of given values, with intervals of some standard errors."""
+    errors = np.sqrt(np.diag(covariance))
+    return Estimate(
+        method="",
+        names=names,
+        values=np.array(values),
+        covariance=np.array(covariance),
+        lower=values - reach * errors,
+        upper=values + reach * errors,
+        left_out={},
+        condition=1.0,
+        on_bound=(),
+        ending=Ending.CONVERGED,
+        findings=(),
+        known=known,
+    )
 
 
 def simulated(

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 from butterfly.identification.derived_quantities import WAYS, implied
-from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
@@ -21,7 +19,8 @@ from butterfly.model.parameters import (
     VoltageDrive,
     lump,
 )
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.prior import Prior
+from tests.identification.simulated import estimate_of
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 TRUTH = lump(
@@ -49,28 +48,10 @@ def _covariance(share):
     return own + share**2 * np.outer(VALUES, VALUES)
 
 
-def _estimate(values, covariance, known=NO_PRIOR, names=NAMES):
-    errors = np.sqrt(np.diag(covariance))
-    return Estimate(
-        method="",
-        names=names,
-        values=np.array(values),
-        covariance=np.array(covariance),
-        lower=values - 4 * errors,
-        upper=values + 4 * errors,
-        left_out={},
-        condition=1.0,
-        on_bound=(),
-        ending=Ending.CONVERGED,
-        findings=(),
-        known=known,
-    )
-
-
 def _of_logs(told, values=VALUES, covariance=None, kind=InputKind.VOLTAGE, carrier=NO_ADDED_MASS):
     """Return what is told of an estimate that knows nothing but its logs."""
     covariance = _covariance(0.01) if covariance is None else covariance
-    return physical_parameters(_estimate(values, covariance), Prior.of(told), kind, carrier)
+    return physical_parameters(estimate_of(values, covariance), Prior.of(told), kind, carrier)
 
 
 def _parts(found):
@@ -112,12 +93,12 @@ def test_values_and_errors_are_those_of_all_that_is_possible(used):
     """Whether or not the estimate has used R and k_t as knowledge of p4."""
     covariance, told = _covariance(0.03), Prior.of(MOTOR)
     known = implied(told, InputKind.VOLTAGE)
-    estimate = _estimate(VALUES, covariance)
+    estimate = estimate_of(VALUES, covariance)
     if used:
         p4 = known.parameters["p4"]
         gain = covariance[:, 3] / (covariance[3, 3] + p4.uncertainty**2)
         values = VALUES + gain * (p4.value - VALUES[3])
-        estimate = _estimate(values, covariance - np.outer(gain, covariance[3]), known)
+        estimate = estimate_of(values, covariance - np.outer(gain, covariance[3]), known)
     found = physical_parameters(estimate, known, InputKind.VOLTAGE, NO_ADDED_MASS)
     weight, drawn = _drawn()
     assert _parts(found) == drawn.keys()
@@ -197,7 +178,7 @@ def test_a_centre_of_mass_beside_its_line_and_a_tilted_axis_are_taken_into_accou
     )
     names = (*NAMES, "p3_offset", "tilt")
     values = np.array([getattr(lumped, name) for name in names])
-    estimate = _estimate(values, np.diag((1e-3 * values) ** 2), names=names)
+    estimate = estimate_of(values, np.diag((1e-3 * values) ** 2), names=names)
     told = Prior.of({"hand_mass": 0.1})
     found = physical_parameters(estimate, told, InputKind.TORQUE, NO_ADDED_MASS)
     assert found["com_distance"].value == pytest.approx(0.05)

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from butterfly.identification.derived_quantities import implied
-from butterfly.identification.diagnostics.findings import Ending, FindingKind
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.plausibility import (
     judge_fit,
     judge_input,
     judge_knowledge,
     judge_physics,
 )
-from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
 from tests.conftest import MASSES
+from tests.identification.simulated import estimate_of
 
 VALUES = {"p1": 3e-3, "p2": 1e-3, "p3": 0.04, "p4": 0.5, "coulomb": 1e-3, "delay": 2e-3}
 HEAVIEST = max(mass.weight for mass in MASSES)
@@ -136,19 +136,7 @@ def _knowledge(**known):
     """Judge what is known of motor and hand beside values with errors of 1 %."""
     values = np.array([0.00325, 0.00145, 0.04905, 0.025])
     told, errors = Prior.of(known), 0.01 * values
-    estimate = Estimate(
-        method="",
-        names=("p1", "p2", "p3", "p4"),
-        values=values,
-        covariance=np.diag(errors**2),
-        lower=values - 2 * errors,
-        upper=values + 2 * errors,
-        left_out={},
-        condition=1.0,
-        on_bound=(),
-        ending=Ending.CONVERGED,
-        findings=(),
-    )
+    estimate = estimate_of(values, np.diag(errors**2), reach=2)
     data = SimpleNamespace(
         given=told,
         known=implied(told, InputKind.VOLTAGE),
