@@ -157,8 +157,10 @@ class Simulation:
             omega = log.excitation.omega
             stamps = log.time[steady_window(log, omega, STEADY_SECONDS)]
             basis = with_transient(sine_basis(stamps, omega), stamps, pole)
-            self._reader = pole, stamps, np.linalg.solve(basis @ basis.T, basis)[:3]
-        return self._reader[1:]
+            weights = np.asarray(np.linalg.solve(basis @ basis.T, basis)[:3], dtype=np.float64)
+            self._reader = pole, stamps, weights
+        _, stamps, weights = self._reader
+        return stamps, weights
 
     def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
         """Return angle, from the hanging position, and velocity at the first sample."""
