@@ -26,7 +26,7 @@ SINGULAR_CONDITION = 1e7
 """Above this one, the regression is singular for every practical purpose."""
 
 _INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
-_PRECISE = 0.10  # of the value, within which a parameter counts as known
+PRECISE = 0.10  # of the value, within which a parameter counts as known
 _FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
 
 OTHER_LOGS = (
@@ -84,7 +84,7 @@ class Conditioning:
 def precision(values: Samples, lower: Samples, upper: Samples) -> list[FindingKind]:
     """Return how well each of (n,) parameters is known: well, roughly, or not from zero."""
     zero = (lower <= 0) & (upper >= 0)
-    precise = _FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values)
+    precise = _FOR_CERTAIN * (upper - lower) / 2 <= PRECISE * np.abs(values)
     return [
         FindingKind.NOT_FROM_ZERO
         if at_zero
@@ -103,7 +103,7 @@ def sort_by_precision(
         for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
     }
     return [
-        Finding(kind, parameters, number=_PRECISE if kind is FindingKind.PRECISE else None)
+        Finding(kind, parameters, number=PRECISE if kind is FindingKind.PRECISE else None)
         for kind, parameters in groups.items()
         if parameters
     ]
