@@ -54,7 +54,7 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
             refusals.append(_without_inertia(data, inertia))
     if found:
         return found
-    guess = None if data.known.scale else _of_ratios(data)
+    guess = None if data.known.scale() else _of_ratios(data)
     if guess is None:
         raise refusals[-1]
     return [guess]

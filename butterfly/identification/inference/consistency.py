@@ -207,7 +207,7 @@ def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]
     parameter more, and its step to where the logs would have it, by the equations
     of k cells that carried these masses.
     """
-    fixed = tuple(name for name in known.scale if name in known.fixed)
+    fixed = tuple(name for name in known.scale() if name in known.fixed)
     masses, names = list(carried), list(cells.names)
     rows, residuals = cells.rows, cells.residuals
     loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}

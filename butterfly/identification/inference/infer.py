@@ -160,7 +160,7 @@ def without_each_mass(
         if np.isfinite(values).all():
             left_out[mass] = values
     few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
-    return left_out, [] if left_out or known.scale or not masses else [few]
+    return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
 def _of_bounds_and_signs(

@@ -1,0 +1,58 @@
+"""Small data sets that an independent integrator made, each with one thing that is hard.
+
+The integrator is ``cases/make.py`` of the shared data, which knows nothing of this program.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from butterfly.identification.data import read_data_set
+from butterfly.identification.identify import identify
+from butterfly.logs.manifest import read_manifest
+from butterfly.verdict import Level
+
+_MAKE = Path(__file__).parents[3] / "shared/data/cases/make.py"
+
+
+@pytest.fixture(scope="session")
+def cases(tmp_path_factory) -> Path:
+    """The folder of all cases."""
+    if not _MAKE.is_file():
+        pytest.skip(f"the cases are made by a script that is not there: {_MAKE}")
+    folder = tmp_path_factory.mktemp("cases")
+    subprocess.run([sys.executable, str(_MAKE), str(folder)], check=True)  # noqa: S603 - ours
+    return folder
+
+
+def _identified(folder: Path):
+    return identify(read_data_set(read_manifest(folder / "manifest.yaml")))
+
+
+def _truth(folder: Path) -> dict[str, float]:
+    return {
+        name: float(each)
+        for name, each in yaml.safe_load((folder / "truth.yaml").read_text()).items()
+    }
+
+
+def test_one_known_mass_on_a_balanced_rotor_sets_the_scale(cases):
+    folder = cases / "known-mass-balanced"
+    found = _identified(folder)
+    assert found.judged.level is Level.GOOD
+    values = {row.name: row.value for row in found.estimate.table()}
+    for name, true in _truth(folder).items():
+        assert values[name] == pytest.approx(true, rel=2e-3, abs=1e-12), name
+
+
+@pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
+def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
+    found = _identified(cases / f"constant-velocity-{ripple}")
+    assert found.fit.median > 99
+    assert found.velocity_fit.median < 50
+    assert found.judged.level is not Level.GOOD
