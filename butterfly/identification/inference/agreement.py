@@ -31,7 +31,7 @@ from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import OF_SCALE
+from butterfly.model.terms import PARAMETERS
 
 Samples = NDArray[np.float64]
 
@@ -42,6 +42,9 @@ _MOVES_STEADY = 1e-3  # the same where steady responses say it, whose errors are
 _UNSEEN = 1e-6  # share of a direction that the parameters leave, below which it is one of them
 _LEAST_MASSES = 3  # of which one can be weighed wrong: to call two the same explains everything
 _LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
+
+
+_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
 class Condition(StrEnum):
@@ -170,7 +173,7 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> list[_Tr
     for condition, x in conditions.values.items():
         if not np.ptp(x) > 0:
             continue
-        for name in OF_SCALE:
+        for name in _FOLLOWING:
             if name not in equations.names or equations.on_bound[equations.names.index(name)]:
                 continue
             place = equations.names.index(name)
