@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
     MOST,
     Equations,
@@ -26,20 +27,15 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
-    NEGLIGIBLE,
     SCANNED,
-    SLACK_OF_STRETCHES,
     TermChoice,
     choose_terms,
-    folds_of,
-    stretches_of,
+    submodels_of,
 )
-from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -162,14 +158,6 @@ class FreeRunResiduals:
             work = pool.map(lambda k: self._of_log(k, values), numbers)
             return Equations(logs=tuple(work), known=known)
 
-    def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
-        """Return the residuals of some logs, and the numbers of the parameters they depend on."""
-        chosen = [self.simulations[k] for k in numbers]
-        concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
-        kept = np.array(sorted(concerned))
-        motion = tuple(self.motion[k] for k in numbers)
-        return replace(self._take(kept), simulations=tuple(chosen), motion=motion), kept
-
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
 
@@ -214,26 +202,14 @@ class FreeRunResiduals:
         """
         optional = {name for name in TRIED if name not in always}
         masses = [each.log.added_mass for each in self.simulations]
-        stretches = stretches_of(len(masses))
-        at = at if stretches == 1 else at.cut(stretches)
-        nested = Nested(
-            names=self.labels,
-            values=point,
-            lower=self.lower,
-            curvature=at.curvatures,
-            gradient=at.gradients,
-            cost=at.squares,
-            folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
-            negligible=NEGLIGIBLE,
-            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
-            prior=self.prior,
-        )
+        cells = independent_cells_of(len(masses), len(self.keys))
+        nested = submodels_of(self._equations(point, at, cells), masses)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
-        rows = np.concatenate([rows for rows, _ in at.compressed()])
+        rows = np.concatenate(at.compressed(1)[0])
         names = tuple(name for name, _ in self.keys)
         told = None if self.prior is None else self.prior.active
         conditioning = Conditioning.of(rows, names, told)
@@ -246,29 +222,40 @@ class FreeRunResiduals:
             n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
         )
 
-    def solved(self, end: Minimum) -> SolvedEquations:
-        """Return the end of a descent with its equations, those of few logs in blocks of time."""
-        blocks = blocks_of(len(self.simulations), len(self.keys))
-        parts = end.at.compressed(blocks)
-        rows, residuals = zip(*parts, strict=True)
-        scale = self.scale
+    def solved(self, end: Minimum) -> CellEquations:
+        """Return the equations about the end of a descent, in the parameters themselves."""
+        cells = cells_of(len(self.simulations), len(self.keys))
+        scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(
             FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )
-        return SolvedEquations(
+        return replace(
+            scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
-            jacobian=np.concatenate(rows) / scale,
-            residuals=np.concatenate(residuals),
-            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
-            on_bound=end.point <= self.lower,
+            rows=scaled.rows / scale,
             lower=self.lower * scale,
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
             prior=None if self.prior is None else self.prior.turned(scale, np.zeros(scale.size)),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
+        )
+
+    def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
+        """Return the equations about (n,) scaled values, each log cut into some cells."""
+        logs = len(at.logs)
+        rows, residuals = at.compressed(cells)
+        return CellEquations(
+            names=self.labels,
+            values=point,
+            lower=self.lower,
+            on_bound=point <= self.lower,
+            rows=rows,
+            residuals=residuals,
+            log=np.repeat(np.arange(logs), cells),
+            prior=self.prior,
         )
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
