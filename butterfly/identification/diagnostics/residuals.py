@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification import blocks
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import (
@@ -31,16 +30,15 @@ from butterfly.identification.diagnostics.sensor_errors import (
     correlations,
 )
 from butterfly.identification.draws import covariance_root, honest_covariance
+from butterfly.identification.equations import CellEquations, compressed, independent_cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.covariance import SPREADS
-from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
-    SLACK_OF_STRETCHES,
     candidates,
     choose_terms,
-    folds_of,
     stribeck_velocities,
+    submodels_of,
 )
 from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
@@ -432,28 +430,26 @@ def _missing_terms(
     estimate: Estimate, logs: Sequence[_Linearised], directions: Samples, lacking: tuple[str, ...]
 ) -> tuple[MissingTerms, Samples]:
     """Choose from the terms that the model lacks; and (k,) shares of each log that they explain."""
-    cells = blocks.cells(len(logs))
     always = tuple(f"change {k}" for k in range(directions.shape[1]))
-    rows = [
-        (part, each.unit)
+    names = (*always, *lacking)
+    cells = independent_cells_of(len(logs), len(names))
+    every = [
+        each.unit * np.column_stack([each.known @ directions, each.lacking, each.errors])
         for each in logs
-        for part in np.array_split(
-            np.column_stack([each.known @ directions, each.lacking, each.errors]), cells
-        )
     ]
-    products = np.array([unit**2 * part.T @ part for part, unit in rows])
-    masses = [each.run.log.added_mass for each in logs]
-    nested = Nested(
-        names=(*always, *lacking),
-        values=np.zeros(len(always) + len(lacking)),
+    parts = [part for own in every for part in np.array_split(own, cells)]
+    rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
+    equations = CellEquations(
+        names=names,
+        values=np.zeros(len(names)),
         lower=np.append(np.full(len(always), -np.inf), lower_bounds(lacking)),
-        curvature=products[:, :-1, :-1],
-        gradient=products[:, :-1, -1],
-        cost=products[:, -1, -1],
-        folds=folds_of(masses) if cells == 1 else np.arange(len(rows)),
-        negligible=_FIRST_ORDER * float(np.sqrt(products[:, -1, -1].sum() / len(logs))),
-        slack=1.0 if cells == 1 else SLACK_OF_STRETCHES,
+        on_bound=np.zeros(len(names), dtype=bool),
+        rows=rows,
+        residuals=residuals,
+        log=np.repeat(np.arange(len(logs)), cells),
     )
+    rounding = _FIRST_ORDER * float(np.sqrt(equations.cost.sum() / len(logs)))
+    nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     none = np.array([[name in always for name in nested.names]])
     try:
         chosen = choose_terms([nested], always=always)
