@@ -18,7 +18,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.errors import InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import cells_of
@@ -38,7 +38,6 @@ from butterfly.identification.inference.identifiability import is_driven, refuse
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
     candidates,
-    missing_terms,
     requested_terms,
 )
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
@@ -183,7 +182,7 @@ class OutputError(Estimator):
 
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = problem.solved(end)
-        found = infer(
+        return infer(
             reference.whole(solved),
             method="output error",
             check=self.check,
@@ -198,7 +197,6 @@ class OutputError(Estimator):
             known=known,
             horizon=self.horizon or math.inf,
         )
-        return found.with_findings(*self._missing(logs, found, problem.zeros, variance))
 
     def _of_lasting(
         self,
@@ -244,30 +242,6 @@ class OutputError(Estimator):
             return 1.0
         problem, end, _ = self._lowest_end(logs, first, known, 0.0)
         return problem.solved(end).realised_variance
-
-    def _missing(
-        self,
-        logs: Sequence[Log],
-        found: Estimate,
-        zeros: Mapping[AddedMass, float],
-        variance: float,
-    ) -> list[Finding]:
-        """Tell which terms that were not asked for would help, by one expansion with them all."""
-        if self.terms is None or not self.check or self.per_mass or self.per_log:
-            return []
-        if "zero" in found.local.get(None, {}):
-            zeros = dict.fromkeys(zeros, found.local[None]["zero"])
-        more = candidates(TRIED, zeros, found.known)
-        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
-        problem = every.problem(logs, found.parameters, zeros, found.known, variance)
-        at = problem.equations(problem.initial).counting(self.loss)
-        try:
-            choice = problem.choose_terms(problem.initial, at, found.names)
-        except IdentifiabilityError:
-            return []
-        shared = zip(problem.labels[: problem.shared], problem.scale.tolist(), strict=False)
-        best = {n: choice.values[n] * size for n, size in shared if n in choice.names}
-        return missing_terms(found, best)
 
     def problem(
         self,
