@@ -182,7 +182,8 @@ class SolvedEquations:
         """Variance of a row as the scatter of the clusters realises it: 1 per parameter if right.
 
         Of independent equal errors it is theirs; errors that are alike within a cluster count for
-        fewer rows, which is a larger variance of each.
+        fewer rows, which is a larger variance of each. It is no less than in the direction of each
+        parameter of which something is known besides, the others following.
         """
         rows, residuals = self.by_cluster()
         flat = rows.reshape(-1, rows.shape[2])
@@ -192,7 +193,14 @@ class SolvedEquations:
         )
         told = basis[:, singular > _TOLD * singular[0]]
         covariance, _ = cluster_covariance(told.reshape(*rows.shape[:2], -1), residuals)
-        return float(np.mean(np.diag(covariance)))
+        found = float(np.mean(np.diag(covariance)))
+        for k in () if self.prior is None else np.flatnonzero(self.prior.active):
+            others = np.delete(flat, k, axis=1)
+            own = flat[:, k] - others @ scaled_least_squares(others, flat[:, k])
+            if own @ own > _TOLD * (flat[:, k] @ flat[:, k]):
+                along = np.einsum("km,km->k", own.reshape(residuals.shape), residuals)
+                found = max(found, float(along @ along / (own @ own)))
+        return found
 
     def with_prior(
         self, rows: NDArray[np.float64], residuals: NDArray[np.float64]
@@ -231,5 +239,6 @@ def scaled_least_squares(
     Each column of the rows is scaled to be of length 1, so that its unit does not count.
     """
     scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
     values = np.linalg.lstsq(rows / scale, target, rcond=None)[0]
     return np.asarray((values.T / scale).T)
