@@ -56,7 +56,7 @@ class Known:
 
     value: float
     uncertainty: float = 0.0
-    heavy: bool = False  # whether the tails are Cauchy's, of that scale: a guess that data overrule
+    heavy: bool = False  # whether it is a guess: half of Cauchy's distribution, from the value on
 
     @property
     def fixed(self) -> bool:
@@ -64,7 +64,7 @@ class Known:
         return self.uncertainty == 0
 
     def precision(self, at: float) -> float:
-        """Return the weight of a square that pulls a value as this does: at it, if tails are heavy.
+        """Return the weight of a square that pulls a value as this does there.
 
         Of Cauchy's density the logarithm counts 2 log(1 + x^2), x = (at - value)/uncertainty.
         """
@@ -115,6 +115,11 @@ class Prior:
     def parameters(self) -> dict[str, Known]:
         """What is known of parameters of the model."""
         return {name: each for name, each in self.values.items() if name in TERMS}
+
+    @property
+    def lower(self) -> dict[str, float]:
+        """Least values that half a distribution has."""
+        return {name: each.value for name, each in self.parameters.items() if each.heavy}
 
     @cached_property
     def physical(self) -> dict[str, Known]:

@@ -39,7 +39,7 @@ from butterfly.identification.inference.term_choice import (
     folds_of,
     stretches_of,
 )
-from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.normal_equations import SolvedEquations, scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -59,6 +59,7 @@ TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
+_ROUNDS = 5  # in which what is uncertain is weighed
 _STILL = 1e-9  # rad, finer than which no encoder reads
 _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
 
@@ -76,7 +77,7 @@ class FreeRunResiduals:
     initial: Samples
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Penalty | None  # what is known of the scaled parameters with an uncertainty
+    known: Mapping[Key, Known]  # what is known of parameters and zeros
     simulations: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
@@ -97,7 +98,6 @@ class FreeRunResiduals:
         workers: int,
         loss: Loss,
         known: Prior,
-        variance: float,
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
 
@@ -105,7 +105,7 @@ class FreeRunResiduals:
         the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
         rad of the hand at rest, per added mass; ``shared``: the parameters of all logs that are
         fitted, the encoder's zero aside; ``horizon``: longest stretch in s that is simulated at a
-        time; ``variance``: of a residual, beside which uncertain knowledge is weighed.
+        time.
         """
         start = replace(start, **known.fixed)
         first = [first_counted(log, window) for log in logs]
@@ -128,18 +128,19 @@ class FreeRunResiduals:
         keys = (*((name, None) for name in shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
+        names = [name for name, _ in keys]
+        least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
-        prior = Penalty.of(keys, {**told, **known_zeros(keys, logs)}, variance)
         return cls(
             start=start,
             keys=keys,
             shared=len(shared),
             scale=scale,
-            lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
+            lower=np.array([least[name] for name, _ in keys]) / scale,
             initial=np.array(guesses) / scale,
             zeros=zeros,
-            prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
+            known={**told, **known_zeros(keys, logs)},
             simulations=simulations,
             motion=motion,
             workers=workers,
@@ -154,13 +155,28 @@ class FreeRunResiduals:
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = scaled * self.scale
-        known = None if self.prior is None else (self.prior, scaled)
         numbers = range(len(self.motion))
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in numbers), known=known)
+            return Equations(logs=tuple(self._of_log(k, values) for k in numbers))
         with ThreadPoolExecutor(self.workers) as pool:
-            work = pool.map(lambda k: self._of_log(k, values), numbers)
-            return Equations(logs=tuple(work), known=known)
+            return Equations(logs=tuple(pool.map(lambda k: self._of_log(k, values), numbers)))
+
+    def weighed(self, at: Equations, point: Samples) -> Equations:
+        """Return equations about (n,) scaled values beside what is known of these.
+
+        That weighs as the scatter of the residuals says that a step to their least would leave.
+        """
+        values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
+        prior = Penalty.of(self.keys, self.known, 1.0, values)
+        if prior is None or not np.isfinite(at.cost):
+            return at
+        solved = self._solved(at, point, prior)
+        step = scaled_least_squares(solved.jacobian, -solved.residuals)
+        left = solved.residuals + solved.jacobian @ step
+        variance = replace(solved, residuals=left).realised_variance
+        prior = Penalty.of(self.keys, self.known, variance, values)
+        assert prior is not None  # noqa: S101 - as above
+        return replace(at, known=(prior.turned(1 / self.scale, np.zeros(point.size)), point))
 
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
         """Return the residuals of some logs, and the numbers of the parameters they depend on."""
@@ -195,16 +211,26 @@ class FreeRunResiduals:
             scale=self.scale[kept],
             lower=self.lower[kept],
             initial=self.initial[kept],
-            prior=None if self.prior is None else self.prior.take(kept),
         )
 
     def descend(
         self, initial: Samples, known: Equations | None = None, most: int = MOST
     ) -> Minimum:
-        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`)."""
-        return minimise_robustly(
-            self.equations, initial, self.lower, self.loss, known=known, most=most
-        )
+        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`).
+
+        What is uncertain is weighed where it begins, and again where it ended (see `weighed`).
+        """
+        at, evaluations = (self.equations(initial), 1) if known is None else (known, 0)
+        for _ in range(_ROUNDS):
+            at = self.weighed(at, initial)
+            end = minimise_robustly(
+                self.equations, initial, self.lower, self.loss, known=at, most=most - evaluations
+            )
+            evaluations += end.evaluations
+            initial, before, at = end.point, at, end.at
+            if not end.converged or self.weighed(at, initial).weigh_as(before):
+                break
+        return replace(end, evaluations=evaluations)
 
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out.
@@ -226,7 +252,7 @@ class FreeRunResiduals:
             folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
             negligible=NEGLIGIBLE,
             slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
-            prior=self.prior,
+            prior=None if at.known is None else at.known[0],
         )
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
@@ -235,7 +261,7 @@ class FreeRunResiduals:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
         rows = np.concatenate([rows for rows, _ in at.compressed()])
         names = tuple(name for name, _ in self.keys)
-        told = None if self.prior is None else self.prior.active
+        told = None if at.known is None else at.known[0].active
         conditioning = Conditioning.of(rows, names, told)
         doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
@@ -248,27 +274,32 @@ class FreeRunResiduals:
 
     def solved(self, end: Minimum) -> SolvedEquations:
         """Return the end of a descent with its equations, those of few logs in blocks of time."""
-        blocks = blocks_of(len(self.simulations), len(self.keys))
-        parts = end.at.compressed(blocks)
-        rows, residuals = zip(*parts, strict=True)
-        scale = self.scale
         took = Finding(
             FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )
-        return SolvedEquations(
-            names=tuple(name for name, _ in self.keys),
-            values=end.point * scale,
-            jacobian=np.concatenate(rows) / scale,
-            residuals=np.concatenate(residuals),
-            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
-            on_bound=end.point <= self.lower,
-            lower=self.lower * scale,
+        known, scale = end.at.known, self.scale
+        return replace(
+            self._solved(end.at, end.point, known and known[0].turned(scale, np.zeros(scale.size))),
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
-            prior=None if self.prior is None else self.prior.turned(scale, np.zeros(scale.size)),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
+        )
+
+    def _solved(self, at: Equations, point: Samples, prior: Penalty | None) -> SolvedEquations:
+        """Return equations about (n,) scaled values in the values, beside a prior of these."""
+        parts = at.compressed(blocks_of(len(self.simulations), len(self.keys)))
+        rows, residuals = zip(*parts, strict=True)
+        return SolvedEquations(
+            names=tuple(name for name, _ in self.keys),
+            values=point * self.scale,
+            jacobian=np.concatenate(rows) / self.scale,
+            residuals=np.concatenate(residuals),
+            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
+            on_bound=point <= self.lower,
+            lower=self.lower * self.scale,
+            prior=prior,
         )
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread

@@ -35,6 +35,8 @@ _FLAT = 1e-15  # share of the largest curvature, below which there is only round
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 _INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
 
+_WEIGHED = 0.2  # share of the weight of what is uncertain, that scatter hardly tells better
+
 MOST = 60
 """How often a cost is expanded at most."""
 
@@ -147,6 +149,13 @@ class Equations:
         residuals = np.concatenate([log.residuals for log in self.logs])
         return replace(self, loss=loss, scale=outlying(residuals))
 
+    def weigh_as(self, other: Equations) -> bool:
+        """Whether what is known besides weighs about as much as beside other equations."""
+        if self.known is None or other.known is None:
+            return True
+        mine, theirs = self.known[0].weight, other.known[0].weight
+        return bool((abs(mine - theirs) <= _WEIGHED * theirs).all())
+
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
         logs = (
@@ -244,8 +253,8 @@ def minimise(
 
     ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
     ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
-    ``known``: the cost about the beginning, if it is known already; ``most``: how often the cost
-    may be expanded.
+    ``known``: the cost about the beginning, if it is known already, and what is known besides;
+    ``most``: how often the cost may be expanded.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
@@ -270,7 +279,7 @@ def minimise(
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         elif reach < _SMALLEST_STEP:
             break
-        tried = expand(there)
+        tried = replace(expand(there), known=at.known and (at.known[0], there))
         evaluations += 1
         kept = (at.cost - tried.cost) / predicted if _is_finite(tried) else -np.inf
         if kept < _POOR:

@@ -81,7 +81,9 @@ def fitted_terms(
     equations = _Averages(first, windows, always)
     found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
     slow = found.chosen.settings.get("stribeck_velocity", usual)
-    return WeakFit.about(windows, replace(first.about, names=found.chosen.names, slow=slow)), found
+    return WeakFit.settled(
+        windows, replace(first.about, names=found.chosen.names, slow=slow)
+    ), found
 
 
 class _Averages:

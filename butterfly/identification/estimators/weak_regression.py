@@ -122,6 +122,7 @@ class About:
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
             about={"delay": self.delay},
+            least=self.known.lower,
             gain=self.gain,
             prior=Penalty.of(
                 self.names, self.known.parameters, self.variance, {"delay": self.delay}
@@ -159,18 +160,18 @@ class WeakFit:
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
         )
-        held = cls.about(windows, about)
+        held = cls.settled(windows, about)
         if not known.uncertain:
             return held
-        free = cls.about(windows, replace(about, variance=0.0))
+        free = cls.settled(windows, replace(about, variance=0.0))
         if not 0 <= free.about.delay < _latest(windows):
             return held
-        found = cls.about(windows, replace(free.about, variance=free.solved.realised_variance))
+        found = cls.settled(windows, replace(free.about, variance=free.solved.realised_variance))
         rows = found.cost / found.about.variance  # that are worth as many independent ones
-        return min(held, found, key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
+        return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
 
     @classmethod
-    def about(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+    def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
         """Solve, and again about what was found, until delay and scatter no longer move.
 
         The scatter of the rows tells how much what is uncertain weighs beside them; nothing, where
