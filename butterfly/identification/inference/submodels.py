@@ -115,7 +115,8 @@ class Nested:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
         absent = np.where(self._mute, self.values, 0.0)
         values = np.where(kept, np.maximum(self.values, self.lower), absent)
-        free = kept.copy()
+        idle = (np.diag(curvature) == 0) & (self.values <= self.lower)
+        free = kept & ~idle  # as friction at its bound, that no log has felt
         rows = np.flatnonzero(free.any(axis=1))
         while rows.size:
             pull = gradient + (values[rows] - self.values) @ curvature
