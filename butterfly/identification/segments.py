@@ -140,9 +140,7 @@ class _Segment:
     that nothing can be differentiated by its velocity, and how it starts tells of its inertia.
     """
 
-    def __init__(
-        self, log: Log, parameters: LumpedParameters, rate: float, *, warm: bool
-    ) -> None:
+    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, warm: bool) -> None:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
         self._warm, self._near = warm, log.initial_state

@@ -190,6 +190,7 @@ class WeakFit:
                 and abs(variance - before.variance) <= _SCATTERED * variance
             )
             if settled or abs(about.delay) == latest:
+                about = replace(about, variance=before.variance)
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
         solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
