@@ -13,8 +13,7 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import CONFIDENCE, widened
-from butterfly.model.prior import OF_SCALE
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
 Values = NDArray[np.float64]
 
@@ -250,7 +249,7 @@ def _clearest_ratio(
         return None
     base, found = names.index("p1"), []
     for row, name in enumerate(names):
-        if name not in OF_SCALE or row == base:
+        if name not in GROWING.intersection(PARAMETERS) or row == base:
             continue
         ratios = [side.values[row] / side.values[base] for side in sides]
         errors = []

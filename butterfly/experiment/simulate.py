@@ -103,6 +103,7 @@ def _entry(log: Log, file: str) -> LogEntry:
         file=file,
         added_mass=_with_uncertainty(added.mass, added.mass_uncertainty),
         arm=_with_uncertainty(added.arm, added.arm_uncertainty) if added.arm else None,
+        inertia=added.own_inertia or None,
         omega=sine.omega if sine else None,
         amplitude=sine.amplitude if sine else None,
     )

@@ -37,7 +37,8 @@ class ScaleParameter:
         """Find it for logs with some masses; of undriven ones p4 tells nothing."""
         same = len({mass.inertia_and_moment for mass in masses}) == 1
         telling = known if driven else known.within(known.parameters.keys() - {"p4"})
-        return cls(name=telling.reference if same else None, known=known, added=masses[0])
+        name = telling.reference(masses[0]) if same else None
+        return cls(name=name, known=known, added=masses[0])
 
     @property
     def fixed(self) -> Prior:

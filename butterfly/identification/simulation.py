@@ -14,7 +14,7 @@ from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters, compressed
 from butterfly.signals import hold, polynomials
-from butterfly.signals.frequency_response import STEADY_SECONDS, steady_span
+from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
 from butterfly.signals.sine_fit import sine_basis, with_transient
 from butterfly.signals.spectrum import uniform_grid
 
@@ -78,6 +78,7 @@ class Simulation:
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
         self._latest: tuple[tuple[float, float], Samples] | None = None
+        self._reader: tuple[complex | None, Samples, Samples] | None = None
 
     @property
     def step(self) -> float:
@@ -144,15 +145,22 @@ class Simulation:
 
         A ``pole`` in 1/s is that of a transient that was fitted to the log, too.
         """
-        log = self.log
-        assert log.excitation is not None  # noqa: S101 - of a sine
-        omega = log.excitation.omega
-        ((_, _, angle, _),) = self.run(parameters, zero).pieces
-        inside = self.grid > log.time[-1] - steady_span(log, omega, STEADY_SECONDS)
-        time = self.grid[inside]
-        basis = with_transient(sine_basis(time, omega), time, pole)
-        coefficients = np.linalg.solve(basis @ basis.T, basis @ angle[inside])
-        return complex(coefficients[1], -coefficients[2]), float(coefficients[0])
+        stamps, reader = self._steady_reader(pole)
+        mean, cosine, sine = reader @ self.run(parameters, zero).at(stamps)
+        return complex(cosine, -sine), float(mean)
+
+    def _steady_reader(self, pole: complex | None) -> tuple[Samples, Samples]:
+        """Return (m,) steady stamps, and (3, m) weights that give mean, cosine and sine there."""
+        if self._reader is None or self._reader[0] != pole:
+            log = self.log
+            assert log.excitation is not None  # noqa: S101 - of a sine
+            omega = log.excitation.omega
+            stamps = log.time[steady_window(log, omega, STEADY_SECONDS)]
+            basis = with_transient(sine_basis(stamps, omega), stamps, pole)
+            weights = np.asarray(np.linalg.solve(basis @ basis.T, basis)[:3], dtype=np.float64)
+            self._reader = pole, stamps, weights
+        _, stamps, weights = self._reader
+        return stamps, weights
 
     def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
         """Return angle, from the hanging position, and velocity at the first sample."""
@@ -194,10 +202,14 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     """Return the longest step in s of a simulation's grid, for parameters of the bare hand.
 
     It is no shorter than a hundredth of the log's own: no log shows a resonance that asks for more.
+    A speed that settles faster than that follows each sample of its input.
     """
     drive = log.excitation.omega if log.excitation else 0.0
-    fastest = max(resonance_frequency(parameters.with_added_mass(log.added_mass)), drive)
+    loaded = parameters.with_added_mass(log.added_mass)
+    fastest = max(resonance_frequency(loaded), drive)
     longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
+    if loaded.p2 * longest > loaded.p1:
+        longest = min(longest, log.mean_step)
     if not fastest:
         return longest
     return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / _FINEST)

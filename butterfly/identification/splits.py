@@ -124,7 +124,7 @@ def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
         return False
     if len(parts) < 2:  # noqa: PLR2004 - one left out, one kept
         return False
-    if split is Split.TIME or data.known.scale or len(data.masses) == 1:
+    if split is Split.TIME or data.known.scale() or len(data.masses) == 1:
         return True
     numbers = range(len(data.logs))
     kept = ({data.logs[k].added_mass for k in numbers if k not in part} for part in parts.values())

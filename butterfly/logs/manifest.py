@@ -85,6 +85,8 @@ class LogEntry(StrictModel):
     """In kg, with or without an uncertainty."""
     arm: Size | None = None
     """In m; the data set's own if not given."""
+    inertia: Annotated[float, Field(ge=0)] | None = None
+    """Of the added mass about its own centre, in kg m^2; a disc's of radius r is m r^2/2."""
     omega: Annotated[float, Field(gt=0)] | None = None
     """Of the sine that was commanded, in rad/s."""
     amplitude: Annotated[float, Field(gt=0)] | None = None
@@ -253,6 +255,7 @@ class Manifest(StrictModel):
         return AddedMass(
             mass=of_mass * mass.value,
             arm=of_arm * arm.value,
+            own_inertia=entry.inertia or 0.0,
             mass_uncertainty=of_mass * mass.uncertainty,
             arm_uncertainty=of_arm * arm.uncertainty,
             gravity=self.gravity,

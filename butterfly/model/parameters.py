@@ -180,7 +180,7 @@ def rounded(value: float) -> float:
 @total_ordering
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AddedMass:
-    """A point mass screwed to the hand; equal to others by its `key`, whatever is uncertain of it.
+    """A mass screwed to the hand; equal to others by its `key`, whatever is uncertain of it.
 
     Parameters
     ----------
@@ -188,6 +188,9 @@ class AddedMass:
         m_a in kg.
     arm
         l_a, pivot to mass, in m; 0 for no mass, and on a slide.
+    own_inertia
+        About its own centre of mass, in kg m^2: 0 for a point; a disc of radius r has m r^2/2. None
+        on a slide.
     mass_uncertainty, arm_uncertainty
         Standard uncertainties, in kg and m.
     gravity
@@ -198,25 +201,28 @@ class AddedMass:
 
     mass: float = 0.0
     arm: float = 0.0
+    own_inertia: float = 0.0
     mass_uncertainty: float = 0.0
     arm_uncertainty: float = 0.0
     gravity: float = GRAVITY
     joint: JointKind = JointKind.HINGE
 
     def __post_init__(self) -> None:
-        lengths = {name: getattr(self, name) for name in ("arm", "arm_uncertainty")}
-        require_number("AddedMass", mass=self.mass, **lengths)
+        placed = {name: getattr(self, name) for name in ("arm", "arm_uncertainty", "own_inertia")}
+        require_number("AddedMass", mass=self.mass, **placed)
         require_number("AddedMass", mass_uncertainty=self.mass_uncertainty, gravity=self.gravity)
         if self.joint is JointKind.SLIDE:
             object.__setattr__(self, "gravity", 0.0)
         if self.mass == 0 or self.joint is JointKind.SLIDE:
-            for name in lengths:
+            for name in placed:
                 object.__setattr__(self, name, 0.0)
 
     @cached_property
-    def key(self) -> tuple[float, float, float, JointKind]:
-        """Mass, arm and gravity, rounded, and the joint: the same in every spelling of one mass."""
-        return rounded(self.mass), rounded(self.arm), rounded(self.gravity), self.joint
+    def key(self) -> tuple[float, float, float, float, JointKind]:
+        """Mass, arm, own inertia, gravity (rounded) and joint: the same in every spelling."""
+        numbers = (self.mass, self.arm, self.own_inertia, self.gravity)
+        mass, arm, inertia, gravity = map(rounded, numbers)
+        return mass, arm, inertia, gravity, self.joint
 
     def __eq__(self, other: object) -> bool:
         return self.key == other.key if isinstance(other, AddedMass) else NotImplemented
@@ -229,8 +235,10 @@ class AddedMass:
 
     @property
     def inertia(self) -> float:
-        """Z = m_a l_a^2 in kg m^2 (81); on a slide m_a in kg."""
-        return self.mass if self.joint is JointKind.SLIDE else self.mass * self.arm**2
+        """Z = m_a l_a^2 in kg m^2 (81), and its own inertia; on a slide m_a in kg."""
+        if self.joint is JointKind.SLIDE:
+            return self.mass
+        return self.mass * self.arm**2 + self.own_inertia
 
     @property
     def weight(self) -> float:
@@ -245,8 +253,8 @@ class AddedMass:
     @property
     def inertia_and_moment(self) -> tuple[float, float]:
         """Z and X (81) of the `key`: what motion shows of it, friction by its weight aside."""
-        mass, arm, gravity, joint = self.key
-        inertia = mass if joint is JointKind.SLIDE else mass * arm**2
+        mass, arm, own, gravity, joint = self.key
+        inertia = mass if joint is JointKind.SLIDE else mass * arm**2 + own
         return rounded(inertia), rounded(mass * gravity * arm)
 
     def __str__(self) -> str:
@@ -254,7 +262,8 @@ class AddedMass:
             return "no added mass"
         if self.joint is JointKind.SLIDE:
             return f"{1e3 * self.mass:g} g"
-        return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
+        own = f" with {self.own_inertia:g} kg m²" if self.own_inertia else ""
+        return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm{own}"
 
 
 NO_ADDED_MASS = AddedMass()

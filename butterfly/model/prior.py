@@ -21,18 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
-from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import TERMS
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.terms import TERMS, TORQUES
 
 Samples = NDArray[np.float64]
-
-OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
-"""Parameters of which any that is known, and is not 0, says how large all of them are."""
-
-_WITHOUT_TORQUE = {
-    *("delay", "stribeck_velocity", "tilt", "cogging_periods", "time_constant", "compression"),
-    *("load", "back_emf", "bristle_stiffness", "bristle_damping"),  # none without something else
-}
 
 PHYSICAL = {
     "resistance": "Ohm",
@@ -136,20 +128,29 @@ class Prior:
         """The parameters that are known with an uncertainty."""
         return {name: each for name, each in self.parameters.items() if not each.fixed}
 
-    @property
-    def scale(self) -> tuple[str, ...]:
-        """Names of the parameters that say how large all of them are."""
-        known = self.parameters
-        return tuple(name for name in OF_SCALE if name in known and known[name].value != 0)
+    def scale(self, carried: AddedMass = NO_ADDED_MASS) -> tuple[str, ...]:
+        """Names of the torques that are known, and are not 0 with what a joint carries.
 
-    @property
-    def reference(self) -> str | None:
+        Any of them says how large all parameters are: without one the equation is homogeneous.
+        """
+        loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
+        return tuple(
+            name
+            for name, each in self.parameters.items()
+            if name in TORQUES and each.value + loads.get(name, 0.0) != 0
+        )
+
+    def reference(self, carried: AddedMass = NO_ADDED_MASS) -> str | None:
         """Name of what tells the scale best, where nothing that is fixed tells it."""
-        fixed = (n for n, value in self.fixed.items() if value and n not in _WITHOUT_TORQUE)
-        if any(fixed) or not self.scale:
+        scale, known = self.scale(carried), self.parameters
+        if not scale or any(known[name].fixed for name in scale):
             return None
-        known = self.parameters
-        return min(self.scale, key=lambda name: known[name].uncertainty / abs(known[name].value))
+        loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
+
+        def share(name: str) -> float:
+            return known[name].uncertainty / abs(known[name].value + loads.get(name, 0.0))
+
+        return min(scale, key=share)
 
     def weightless(self, masses: Iterable[AddedMass]) -> bool:
         """Whether no gravity moment acts on what carried some masses, wherever the angle is 0."""

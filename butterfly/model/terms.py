@@ -297,6 +297,9 @@ COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """What grows with the scale of all torques."""
 
+TORQUES = {row.name for row in _ROWS if row.basis or row.derivative} & GROWING - {"load"}
+"""Of these, what acts by itself."""
+
 DRY = tuple(row for row in _ROWS if row.dry)
 """What holds the joint at rest."""
 

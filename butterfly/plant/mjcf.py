@@ -71,12 +71,13 @@ def compile_model(
 
 
 def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
-    """Put a point mass on the compiled model of a robot, in place of the one it carries.
+    """Put a mass on the compiled model of a robot, in place of the one it carries.
 
     What is drawn of it keeps its size.
     """
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
+    model.body_inertia[body] = added.own_inertia
     model.body_pos[body] = [0, 0, -added.arm]
     loaded = robot.loaded(added)
     if loaded.bristle_stiffness:
@@ -122,7 +123,9 @@ def built(
     joint.set("frictionloss", repr(0.0 if friction.bristle_stiffness else friction.coulomb))
     body = named(root, "added_mass")
     body.set("pos", f"0 0 {-added.arm!r}")
-    next(body.iter("inertial")).set("mass", repr(added.mass))
+    inertial = next(body.iter("inertial"))
+    inertial.set("mass", repr(added.mass))
+    inertial.set("diaginertia", " ".join([repr(added.own_inertia)] * 3))
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
     _set_motor(named(root, "motor"), robot.drive, commands_current=assisted)

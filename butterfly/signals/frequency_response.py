@@ -39,6 +39,7 @@ LOUD = 0.1
 
 _CALMER = 0.5  # of what a sine leaves over, that one with a transient may leave
 
+_CELLS = 64  # of a period, over which the input is averaged
 _PER_PERIOD = 2 * HARMONICS  # samples that show the harmonics which are fitted
 _FEWEST = 2 * (1 + 2 * HARMONICS)  # samples in both halves of a window, for what is fitted there
 
@@ -128,7 +129,7 @@ def response_point(
     omega = log.excitation.omega
     rows = steady_window(log, omega, seconds)
     time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
-    _refuse_coarse(log, omega, time.size)
+    _refuse_coarse(log, omega, time)
     basis = sine_basis(time, omega)
     command, first, second = fit_halves(basis[:3], inputs, omega)
     spread = float(np.std(inputs))
@@ -149,7 +150,7 @@ def response_point(
         response = fit_basis(with_transient(basis, time, pole), angle, omega)
     return ResponsePoint(
         added_mass=log.added_mass,
-        input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
+        input=_delivered(log, omega, time),
         angle=response,
         drift=(abs(after) - abs(before)) / response.amplitude,
         label=log.label,
@@ -158,11 +159,23 @@ def response_point(
     )
 
 
-def _refuse_coarse(log: Log, omega: float, samples: int) -> None:
+def _delivered(log: Log, omega: float, time: NDArray[np.float64]) -> complex:
+    """Return the phasor of the held input, each period weighing as the angle's samples in it do."""
+    periods = round((log.time[-1] - time[0]) * omega / (2 * math.pi))
+    span = 2 * math.pi / omega * periods
+    edges = np.linspace(log.time[-1] - span, log.time[-1], periods * _CELLS + 1)
+    means = hold.mean(log.time, log.input, edges, log.intersample)
+    turned = np.exp(-0.5j * omega * (edges[1:] + edges[:-1])) / np.sinc(1 / _CELLS)
+    samples = np.histogram(time, edges[::_CELLS])[0]
+    return complex(2 * (means * turned).reshape(-1, _CELLS).mean(axis=1) @ samples / samples.sum())
+
+
+def _refuse_coarse(log: Log, omega: float, time: NDArray[np.float64]) -> None:
     """Refuse a log that does not show a sine between its samples."""
     step = 2 * math.pi / (_PER_PERIOD * omega)
-    if log.mean_step > step or samples < _FEWEST:
-        value = f"a mean step of {log.mean_step:.3g} s"
+    mean_step = (time[-1] - time[0]) / max(time.size - 1, 1)
+    if mean_step > step or time.size < _FEWEST:
+        value = f"a mean step of {mean_step:.3g} s"
         raise InputError(
             log.source, "time", value, f"steps below {step:.2g} s for a sine of {omega:g} rad/s"
         )

@@ -1,4 +1,4 @@
-"""What the input does between its stamps: its value, its moments, and its gain at a frequency.
+"""What the input does between its stamps: its value, its moments, and its sums.
 
 The rule is the same wherever an input is used. A command that is held (zero-order hold) is 0 before
 its first stamp, as a motor's is that has not been told anything; each is held until the next. A
@@ -71,18 +71,6 @@ def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -
         return value(time, inputs, grid, hold)
     rate = (grid.size - 1) / (grid[-1] - grid[0])
     return np.asarray(_spread_steps(time, inputs, grid[0], rate, grid.size))
-
-
-def gain(omega: float, step: float, hold: Intersample) -> complex:
-    """Gain, with its phase, of a hold on a sine of ``omega`` rad/s sampled each ``step`` s.
-
-    A zero-order hold delays by half a step, a first-order hold between samples does not.
-    """
-    half = 0.5 * omega * step
-    shape = np.sinc(half / np.pi)
-    if hold is Intersample.FIRST_ORDER_HOLD:
-        return complex(shape**2)
-    return complex(shape * np.exp(-1j * half))
 
 
 @inlined

@@ -148,6 +148,7 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
 
 def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     loads = [{"mass": 0.05, "mass_uncertainty": 1e-3}, {"mass": 0.12, "arm_uncertainty": 2e-3}]
+    loads[1]["own_inertia"] = 5e-5
     added = [{"mass": 0.0}, *({"arm": 0.104} | each for each in loads)]
     known = {"p4": {"value": 0.025, "uncertainty": 0.001}}
     changed(quick, known=known, holdout=["run002*"], added_masses=added)
@@ -158,6 +159,7 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
         carried = [log.added_mass for log in data.logs]
         uncertain = {(added.mass_uncertainty, added.arm_uncertainty) for added in carried}
         assert uncertain == {(0.0, 0.0), (1e-3, 0.0), (0.0, 2e-3)}
+        assert {added.own_inertia for added in carried} == {0.0, 5e-5}
     first, second = (bf.identify(data, "linear").estimate for data in (memory, folder))
     np.testing.assert_array_equal(first.values, second.values)
     np.testing.assert_array_equal(first.covariance, second.covariance)

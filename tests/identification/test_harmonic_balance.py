@@ -19,6 +19,8 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES, ROBOT
 from tests.identification.simulated import response
+from tests.independent import robots as random_robots
+from tests.independent.drives import clock
 
 PLAIN = HarmonicBalance(terms=())
 OMEGAS = (2.0, 3.0, 3.5, 4.5, 5.5, 6.0, 7.0, 9.0)
@@ -180,3 +182,18 @@ def test_a_misfit_in_proportion_to_the_swing_is_weighed_by_the_swing():
     assert np.mean(weights * swings) == pytest.approx(1 / 0.02, rel=0.3)
     weights, _ = _weights(relative=0.0, noise=1e-5)
     np.testing.assert_allclose(weights, 1e5, rtol=1e-2)
+
+
+def test_two_sampling_rates_within_each_log_leave_the_delay_where_it_is(monkeypatch):
+    """A held input comes later by half a step, which the free run, read at the stamps, knows."""
+
+    def two_rates(rng, duration, *_):
+        parts = clock(rng, 0.6 * duration, 1e-3, 0.1), clock(rng, 0.4 * duration, 9e-3, 0.1)
+        return np.concatenate([parts[0], parts[0][-1] + parts[1][1:]])
+
+    monkeypatch.setattr(random_robots, "clock", two_rates)
+    robot = random_robots.draw("A", 0, 77)
+    estimate = replace(PLAIN, check=False)(robot.data)
+    place = estimate.names.index("delay")
+    assert estimate.lower[place] <= robot.truth.delay <= estimate.upper[place]
+    assert estimate.values[place] == pytest.approx(robot.truth.delay, abs=1e-5)

@@ -177,7 +177,7 @@ def test_nothing_that_tells_the_scale_is_refused_with_what_would(sines, method):
     with pytest.raises(IdentifiabilityError, match=r"same added mass.*--known p4=1.*--known p3="):
         METHODS[method](DataSet.of(sines))
     with pytest.raises(IdentifiabilityError, match="known only up to a common factor"):
-        METHODS[method](knowing(sines, delay=0.0, p3=(0.0, 0.01)))
+        METHODS[method](knowing(sines, delay=0.0, coulomb=0.0))
 
 
 @pytest.mark.parametrize("method", ["weak-form", "output-error"])

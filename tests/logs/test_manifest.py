@@ -22,6 +22,7 @@ from butterfly.logs.manifest import (
 from butterfly.logs.manifest_draft import manifest_from_names
 from butterfly.logs.mat import write_mat
 from butterfly.logs.reading import read_entry
+from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Known
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
@@ -70,6 +71,23 @@ def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):
     assert log.excitation.amplitude == pytest.approx(0.3)
     write_manifest(manifest, path)
     assert read_manifest(path) == manifest
+
+
+def test_the_own_inertia_of_an_added_mass_is_used_as_given_and_written_again(tmp_path):
+    path = tmp_path / "m.yaml"
+    logs = "[{file: a.csv, added_mass: 0.2, inertia: 1e-4}, {file: b.csv}]"
+    path.write_text(f"name: a\ninput: torque\narm: 0.1\nlogs: {logs}\n")
+    manifest = read_manifest(path)
+    disc, none = (manifest.added_mass(entry) for entry in manifest.logs)
+    assert disc == AddedMass(mass=0.2, arm=0.1, own_inertia=1e-4)
+    assert (disc.inertia, disc.gravity_moment) == pytest.approx((2.1e-3, 0.1962))
+    assert none.inertia == 0
+    write_manifest(manifest, path)
+    assert read_manifest(path) == manifest
+    assert path.read_text().count("inertia:") == 1
+    path.write_text(path.read_text().replace("0.0001", "-0.0001"))
+    with pytest.raises(InputError, match="inertia"):
+        read_manifest(path)
 
 
 def test_a_root_that_begins_with_a_variable_is_relative_to_where_the_command_runs(

@@ -81,6 +81,17 @@ def test_a_hand_too_light_for_its_parameters_is_refused(mass):
         unlump(LumpedParameters(p1=0.001, p2=0, p3=0.5, p4=1), mass)
 
 
+def test_a_disc_has_an_inertia_of_its_own_and_no_more_moment():
+    point, disc = (AddedMass(mass=0.2, arm=0.1, own_inertia=own) for own in (0.0, 1e-4))
+    assert disc.inertia - point.inertia == pytest.approx(1e-4)
+    assert disc.inertia_and_moment == pytest.approx((2.1e-3, point.gravity_moment))
+    assert str(disc) == "200 g at 100 mm with 0.0001 kg m²"
+    assert AddedMass(mass=0.0, own_inertia=1e-4) == AddedMass()
+    assert AddedMass(mass=0.2, own_inertia=1e-4, joint=JointKind.SLIDE).own_inertia == 0
+    with pytest.raises(InputError, match="own_inertia: got -1"):
+        AddedMass(mass=0.2, arm=0.1, own_inertia=-1.0)
+
+
 def test_a_slide_carries_masses_and_an_upright_axis_no_moments_but_weight():
     slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
     assert slide.inertia_and_moment == (0.2, 0.0)
@@ -106,6 +117,12 @@ def test_one_added_mass_is_one_in_every_spelling():
         assert str(other) == str(kilograms)
     assert len({kilograms, *spellings}) == 1
     assert sorted([AddedMass(mass=0.1, arm=0.1), kilograms])[0] is kilograms
-    for other in ({"mass": 0.0521}, {"arm": 0.1501}, {"gravity": 0.0}, {"joint": JointKind.SLIDE}):
+    for other in (
+        {"mass": 0.0521},
+        {"arm": 0.1501},
+        {"own_inertia": 1e-6},
+        {"gravity": 0.0},
+        {"joint": JointKind.SLIDE},
+    ):
         assert AddedMass(**{"mass": 0.052, "arm": 0.15} | other) != kilograms
     assert kilograms != 0.052

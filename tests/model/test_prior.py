@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
+from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior, known_of
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
@@ -53,8 +54,17 @@ def test_what_is_said_later_goes_before():
     assert both.fixed == {"p3": 0.0}
     assert Prior.of(both.to_dict()) == both
     assert both.fitted(("p1", "p3")) == ("p1", "p4")
-    assert (both.scale, both.reference, NO_PRIOR.reference) == (("p4",), "p4", None)
-    assert both.fixing("p4").reference is None
+    assert (both.scale(), both.reference(), NO_PRIOR.reference()) == (("p4",), "p4", None)
+    assert both.fixing("p4").reference() is None
+
+
+def test_a_known_mass_tells_the_scale_where_the_rest_of_its_torque_is_known():
+    mass = AddedMass(mass=0.49, arm=0.1)
+    assert Prior.of({"p3": 0}).scale(mass) == ("p3",)
+    assert Prior.of({"p3": 0}).scale() == ()
+    assert Prior.of({"p1": -mass.inertia}).scale(mass) == ()
+    both = Prior.of({"p3": (0, 0.01), "p4": (1, 0.1)})  # 0.48 N m within 2 %, p4 within 10 %
+    assert (both.reference(mass), both.reference()) == ("p3", "p4")
 
 
 def test_what_two_know_of_a_robot_agrees():
@@ -75,4 +85,4 @@ def test_what_two_know_of_a_robot_agrees():
     ],
 )
 def test_the_best_known_torque_tells_the_scale(told, reference):
-    assert Prior.of(told).reference == reference
+    assert Prior.of(told).reference() == reference

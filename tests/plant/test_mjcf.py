@@ -21,7 +21,7 @@ ROBOT = Robot(
     drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
     friction=Friction(viscous=2e-4 / 3, coulomb=1e-4 / 7),
 )
-ADDED = AddedMass(mass=0.0517, arm=0.1041)
+ADDED = AddedMass(mass=0.0517, arm=0.1041, own_inertia=3.1e-5)
 SMOOTH = replace(ROBOT, friction=Friction(viscous=1e-3))
 
 

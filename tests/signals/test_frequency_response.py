@@ -27,6 +27,7 @@ SYSTEM = LumpedParameters(p1=0.003, p2=0.004, p3=0.05, p4=0.03)
 ROBOT = LumpedParameters(p1=0.003, p2=4e-3, p3=0.04, p4=0.5, delay=0.02)
 MASS = AddedMass(mass=0.05, arm=0.104)
 SWING = 0.02
+FIRST = Intersample.FIRST_ORDER_HOLD
 
 
 def test_gain_and_phase_of_a_known_response(sine_log):
@@ -54,6 +55,33 @@ def test_a_held_input_s_half_sample_of_delay_is_taken_out(sine_log, step):
     )
     exact = complex(frequency_response(SYSTEM, 5.0))
     assert response_point(log).gain == pytest.approx(exact, rel=0.3 * (5 * step) ** 2 + 1e-5)
+
+
+@pytest.mark.parametrize("kind", list(Intersample))
+@pytest.mark.parametrize("omega", [5.0, 7.3])
+def test_the_input_s_phasor_is_that_of_the_held_sine_as_the_samples_of_two_rates_see_it(
+    sine_log, kind, omega
+):
+    steps = np.where(np.arange(20000) < 12000, 0.002, 0.008)  # 24 s of one rate, 64 of the other
+    time = np.cumsum(steps)
+    log = replace(
+        sine_log,
+        time=time,
+        input=np.cos(omega * time),
+        angle=np.cos(omega * time),
+        velocity=None,
+        intersample=kind,
+        excitation=Sine(omega=omega, amplitude=1.0),
+    )
+    for first, step in ((0, 0.002), (12000, 0.008)):
+        own = log.take(np.arange(first, first + 4000))
+        half = omega * step / 2
+        held = np.sinc(half / np.pi) * np.exp(-1j * half)
+        expected = abs(held) ** 2 if kind is Intersample.FIRST_ORDER_HOLD else held
+        assert response_point(own, 8.0).input == pytest.approx(expected, abs=3e-4)
+    both = response_point(log.take(np.arange(8000, 14000)), 24.0)
+    late = np.average([0.001, 0.004], weights=[4000, 2000]) if kind is not FIRST else 0.0
+    assert np.angle(both.input) == pytest.approx(-omega * late, rel=0.06, abs=1e-4)
 
 
 @given(scale=st.floats(0.01, 100), shift=st.floats(-50, 50), offset=st.floats(-3, 3))

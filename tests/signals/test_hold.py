@@ -50,25 +50,6 @@ def test_the_moments_over_intervals_are_the_legendre_integrals(kind):
 
 
 @pytest.mark.parametrize("kind", [ZERO, FIRST])
-def test_the_gain_of_a_hold_is_the_fourier_coefficient_of_the_held_sine(kind):
-    """Over a whole number of samples and periods, so that no window leaks."""
-    count, step = 8, 0.2
-    omega = 2 * np.pi * 3 / (count * step)
-    time = step * np.arange(count + 1)
-    samples = np.exp(1j * omega * time)
-    total = 0j
-    for k in range(count):
-
-        def integrand(t, k=k):
-            share = (t - time[k]) / step if kind is FIRST else 0.0
-            held = samples[k] + share * (samples[k + 1] - samples[k])
-            return held * np.exp(-1j * omega * t)
-
-        total += quad(integrand, time[k], time[k + 1], complex_func=True)[0]
-    assert hold.gain(omega, step, kind) == pytest.approx(total / time[-1], rel=1e-9)
-
-
-@pytest.mark.parametrize("kind", [ZERO, FIRST])
 @given(seed=st.integers(0, 1000))
 def test_no_impulse_is_lost_wherever_the_edges_fall(kind, seed):
     rng = np.random.default_rng(seed)

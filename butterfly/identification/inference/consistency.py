@@ -217,7 +217,7 @@ def scale_apart(
     parameter more, and its step to where the logs would have it, by the (k, m, n) rows and (k, m)
     residuals of k logs that carried these masses, in order.
     """
-    fixed = tuple(name for name in known.scale if name in known.fixed)
+    fixed = tuple(name for name in known.scale() if name in known.fixed)
     masses = list(carried.values())
     names = list(solved.names)
     loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}

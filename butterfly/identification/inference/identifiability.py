@@ -118,7 +118,7 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
     """Raise IdentifiabilityError if nothing says how large the parameters are.
 
     All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
-    takes two different added masses, or a parameter that is known and is not 0.
+    takes two different added masses, or a torque that is known and is not 0.
     """
     if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
@@ -126,7 +126,7 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
             "driven joint, or say what they are (--known p4=...,delay=0)"
         )
     carried = sorted(set(masses))
-    scale = [name for name in known.scale if driven or name != "p4"]
+    scale = [name for name in known.scale(carried[0]) if driven or name != "p4"]
     if scale or len({mass.inertia_and_moment for mass in carried}) > 1:
         return
     what = "the same added mass" if carried[0].mass else "no added mass"
@@ -148,7 +148,10 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
             f"--known {motor} of a motor that is fed with a voltage"
         )
     if carried.gravity:
-        remedies.append("say what p3 is: --known p3=..., the hand's weight in N times l_c in m")
+        remedies.append(
+            "say what p3 is: --known p3=..., the hand's weight in N times l_c in m"
+            + (", 0 if it is balanced" if carried.gravity_moment else "")
+        )
     remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
     return remedies
 
@@ -180,7 +183,7 @@ def without_each_mass(
         except IdentifiabilityError:
             continue
     few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
-    return left_out, [] if left_out or known.scale else [few]
+    return left_out, [] if left_out or known.scale(different[0]) else [few]
 
 
 def of_few_logs(count: int) -> list[Finding]:

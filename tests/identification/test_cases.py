@@ -1,0 +1,69 @@
+"""Small data sets that an independent integrator made, each with one thing that is hard.
+
+The integrator is ``cases/make.py`` of the shared data, which knows nothing of this program.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from butterfly.identification.data import read_data_set
+from butterfly.identification.identify import identify
+from butterfly.logs.manifest import read_manifest
+from butterfly.verdict import Level
+
+_MAKE = Path(__file__).parents[3] / "shared/data/cases/make.py"
+
+
+@pytest.fixture(scope="session")
+def cases(tmp_path_factory) -> Path:
+    """The folder of all cases."""
+    if not _MAKE.is_file():
+        pytest.skip(f"the cases are made by a script that is not there: {_MAKE}")
+    folder = tmp_path_factory.mktemp("cases")
+    subprocess.run([sys.executable, str(_MAKE), str(folder)], check=True)  # noqa: S603 - ours
+    return folder
+
+
+def _identified(folder: Path):
+    return identify(read_data_set(read_manifest(folder / "manifest.yaml")))
+
+
+def _truth(folder: Path) -> dict[str, float]:
+    return {
+        name: float(each)
+        for name, each in yaml.safe_load((folder / "truth.yaml").read_text()).items()
+    }
+
+
+def test_one_known_mass_on_a_balanced_rotor_sets_the_scale(cases):
+    folder = cases / "known-mass-balanced"
+    found = _identified(folder)
+    assert found.judged.level is Level.GOOD
+    values = {row.name: row.value for row in found.estimate.table()}
+    for name, true in _truth(folder).items():
+        assert values[name] == pytest.approx(true, rel=2e-3, abs=1e-12), name
+
+
+@pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
+def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
+    found = _identified(cases / f"constant-velocity-{ripple}")
+    assert found.fit.median > 99
+    assert found.velocity_fit.median < 50
+    assert found.judged.level is not Level.GOOD
+
+
+def test_a_motor_faster_than_its_clock_has_the_damping_known_and_its_inertia_about(cases):
+    folder = cases / "fast-motor"
+    found = _identified(folder)
+    true, estimate = _truth(folder), found.estimate
+    assert found.judged.level.usable
+    assert estimate.parameters.p2 == pytest.approx(true["p2"], rel=1e-3)
+    # That integrator's own steps, of an eighth of the time constant, shorten it by 6 %.
+    assert 0 < estimate.parameters.p1 == pytest.approx(true["p1"], rel=0.1)
+    assert found.separated()["speed_gain"].value == pytest.approx(1 / true["p2"], rel=1e-3)
