@@ -303,6 +303,11 @@ class Penalty:
         """(n,) of which something is known."""
         return np.asarray(self.weight > 0)
 
+    def weighed(self, variance: float) -> Penalty:
+        """Return that beside rows of another variance."""
+        weight = self.weight * (variance / self.variance)
+        return replace(self, weight=weight, variance=variance)
+
     def take(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
         """Return that of some of the values."""
         return replace(self, mean=self.mean[kept], weight=self.weight[kept])

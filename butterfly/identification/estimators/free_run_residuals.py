@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
     MOST,
     Equations,
@@ -26,20 +27,16 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
-    NEGLIGIBLE,
     SCANNED,
-    SLACK_OF_STRETCHES,
     TermChoice,
     choose_terms,
-    folds_of,
-    stretches_of,
+    submodels_of,
 )
-from butterfly.identification.normal_equations import SolvedEquations, scaled_least_squares
+from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -167,24 +164,16 @@ class FreeRunResiduals:
         That weighs as the scatter of the residuals says that a step to their least would leave.
         """
         values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
-        prior = Penalty.of(self.keys, self.known, 1.0, values)
+        prior = Penalty.of(self.keys, self.known, values=values)
         if prior is None or not np.isfinite(at.cost):
             return at
-        solved = self._solved(at, point, prior)
-        step = scaled_least_squares(solved.jacobian, -solved.residuals)
-        left = solved.residuals + solved.jacobian @ step
-        variance = replace(solved, residuals=left).realised_variance
-        prior = Penalty.of(self.keys, self.known, variance, values)
-        assert prior is not None  # noqa: S101 - as above
-        return replace(at, known=(prior.turned(1 / self.scale, np.zeros(point.size)), point))
-
-    def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
-        """Return the residuals of some logs, and the numbers of the parameters they depend on."""
-        chosen = [self.simulations[k] for k in numbers]
-        concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
-        kept = np.array(sorted(concerned))
-        motion = tuple(self.motion[k] for k in numbers)
-        return replace(self._take(kept), simulations=tuple(chosen), motion=motion), kept
+        prior = prior.turned(1 / self.scale, np.zeros(point.size))
+        cells = independent_cells_of(len(at.logs), len(self.keys))
+        about = self._equations(point, replace(at, known=(prior, point)), cells)
+        rows = about.rows.reshape(-1, point.size)
+        left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
+        free = replace(about, residuals=left.reshape(about.residuals.shape))
+        return replace(at, known=(prior.weighed(free.realised_variance), point))
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
@@ -240,26 +229,14 @@ class FreeRunResiduals:
         """
         optional = {name for name in TRIED if name not in always}
         masses = [each.log.added_mass for each in self.simulations]
-        stretches = stretches_of(len(masses))
-        at = at if stretches == 1 else at.cut(stretches)
-        nested = Nested(
-            names=self.labels,
-            values=point,
-            lower=self.lower,
-            curvature=at.curvatures,
-            gradient=at.gradients,
-            cost=at.squares,
-            folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
-            negligible=NEGLIGIBLE,
-            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
-            prior=None if at.known is None else at.known[0],
-        )
+        cells = independent_cells_of(len(masses), len(self.keys))
+        nested = submodels_of(self._equations(point, at, cells), masses)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
-        rows = np.concatenate([rows for rows, _ in at.compressed()])
+        rows = np.concatenate(at.compressed(1)[0])
         names = tuple(name for name, _ in self.keys)
         told = None if at.known is None else at.known[0].active
         conditioning = Conditioning.of(rows, names, told)
@@ -272,34 +249,41 @@ class FreeRunResiduals:
             n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
         )
 
-    def solved(self, end: Minimum) -> SolvedEquations:
-        """Return the end of a descent with its equations, those of few logs in blocks of time."""
+    def solved(self, end: Minimum) -> CellEquations:
+        """Return the equations about the end of a descent, in the parameters themselves."""
+        cells = cells_of(len(self.simulations), len(self.keys))
+        scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(
             FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )
-        known, scale = end.at.known, self.scale
+        prior = scaled.prior
         return replace(
-            self._solved(end.at, end.point, known and known[0].turned(scale, np.zeros(scale.size))),
+            scaled,
+            names=tuple(name for name, _ in self.keys),
+            values=end.point * scale,
+            rows=scaled.rows / scale,
+            lower=self.lower * scale,
+            prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
 
-    def _solved(self, at: Equations, point: Samples, prior: Penalty | None) -> SolvedEquations:
-        """Return equations about (n,) scaled values in the values, beside a prior of these."""
-        parts = at.compressed(blocks_of(len(self.simulations), len(self.keys)))
-        rows, residuals = zip(*parts, strict=True)
-        return SolvedEquations(
-            names=tuple(name for name, _ in self.keys),
-            values=point * self.scale,
-            jacobian=np.concatenate(rows) / self.scale,
-            residuals=np.concatenate(residuals),
-            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
+    def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
+        """Return the equations about (n,) scaled values, each log cut into some cells."""
+        logs = len(at.logs)
+        rows, residuals = at.compressed(cells)
+        return CellEquations(
+            names=self.labels,
+            values=point,
+            lower=self.lower,
             on_bound=point <= self.lower,
-            lower=self.lower * self.scale,
-            prior=prior,
+            rows=rows,
+            residuals=residuals,
+            log=np.repeat(np.arange(logs), cells),
+            prior=None if at.known is None else at.known[0],
         )
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread

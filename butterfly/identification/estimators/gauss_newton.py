@@ -9,7 +9,7 @@ the cost two to ten times as often: it takes no last step on trust.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.equations import compressed
 from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
@@ -111,13 +112,6 @@ class LogEquations:
         )
         return [replace(self, residuals=residuals, rows=rows) for residuals, rows in pairs]
 
-    def compressed(self) -> tuple[Samples, Samples]:
-        """Return (p, n) rows and (p,) residuals that say of the log what its own ones do."""
-        both = np.column_stack([self.rows, self.residuals])
-        triangle = np.asarray(np.linalg.qr(both, mode="r"))
-        count = self.rows.shape[1]
-        return triangle[:count, :count] @ self.mixture, triangle[:count, count]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Equations:
@@ -128,19 +122,6 @@ class Equations:
     scale: float = 1.0
     # what is known of the parameters besides, and the (n,) values that these equations are about
     known: tuple[Penalty, Samples] | None = None
-
-    def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
-        """Return the equations of some logs in some of the parameters."""
-        logs = [self.logs[k] for k in numbers]
-        known = None if self.known is None else (self.known[0].take(kept), self.known[1][kept])
-        mixed = tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs)
-        return replace(self, logs=mixed, known=known)
-
-    def cut(self, stretches: int) -> Equations:
-        """Return the equations of some stretches of time of each log, as if they were logs."""
-        return replace(
-            self, logs=tuple(part for log in self.logs for part in log.blocks(stretches))
-        )
 
     def counting(self, loss: Loss) -> Equations:
         """Return equations whose residuals count as a loss says, by their own scatter."""
@@ -196,14 +177,15 @@ class Equations:
             [log.mixture.T @ (log.rows.T @ log.rows) @ log.mixture for log in self._weighted]
         )
 
-    @property
-    def squares(self) -> Samples:
-        """(k,) squared residuals of each log, weighted as its loss says."""
-        return np.array([float(log.residuals @ log.residuals) for log in self._weighted])
+    def compressed(self, cells: int) -> tuple[Samples, Samples]:
+        """Return (k, p, n) rows and (k, p) residuals of the cells of each log, as its loss weighs.
 
-    def compressed(self, blocks: int = 1) -> list[tuple[Samples, Samples]]:
-        """Return for each log, or block, what it comes down to, weighted as its loss says."""
-        return [part.compressed() for log in self._weighted for part in log.blocks(blocks)]
+        They are factors of what the simulation knows, times what the parameters make of it.
+        """
+        parts = [part for log in self._weighted for part in log.blocks(cells)]
+        rows, residuals = compressed((part.rows, part.residuals) for part in parts)
+        mixtures = np.array([part.mixture for part in parts])
+        return rows @ mixtures, residuals
 
     @property
     def bread(self) -> Samples:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
@@ -31,13 +32,10 @@ from butterfly.identification.estimators.free_run_residuals import (
 from butterfly.identification.estimators.gauss_newton import Loss
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
-from butterfly.identification.inference.covariance import FEW, blocks_of
-from butterfly.identification.inference.identifiability import (
-    is_driven,
-    of_few_logs,
-    refuse_without_scale,
-    without_each_mass,
-)
+from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.covariance import FEW
+from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
+from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
     candidates,
     missing_terms,
@@ -186,27 +184,20 @@ class OutputError(Estimator):
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
 
-        def without(mass: AddedMass) -> NDArray[np.float64]:
-            """Fit from where the whole fit ended, whose equations give the first step."""
-            rest = [k for k, log in enumerate(logs) if log.added_mass != mass]
-            part, kept = problem.part(rest)
-            end_of_part = part.descend(end.point[kept], end.at.part(rest, kept))
-            return np.asarray((end_of_part.point * part.scale)[: problem.shared])
-
-        left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = problem.solved(end)
-        found = Estimate.from_rows(
+        found = infer(
             reference.whole(solved),
             method="output error",
-            left_out=left_out,
+            check=self.check,
+            driven=driven,
+            conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
             rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
             shared=problem.shared + bool(reference.name),
-            findings=[*few, *of_few_logs(len(logs)), *said],
+            findings=said,
             fixed=self._fixed(problem, reference.name),
             local=local_values(list(ended)[problem.shared :]),
             masses=masses,
-            blocks=blocks_of(len(logs), len(problem.keys)),
             known=known,
             horizon=self.horizon or math.inf,
         )

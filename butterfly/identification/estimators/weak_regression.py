@@ -23,23 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.covariance import split
-from butterfly.identification.inference.submodels import Nested
-from butterfly.identification.inference.term_choice import (
-    NEGLIGIBLE,
-    SLACK_OF_STRETCHES,
-    stretches_of,
-)
-from butterfly.identification.normal_equations import (
-    Regression,
-    Solution,
-    SolvedEquations,
-    scaled_least_squares,
-)
+from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.inference.term_choice import submodels_of
+from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -142,7 +133,7 @@ class WeakFit:
 
     about: About  # what the equations are about
     regression: Regression  # regression, solved: the equations, and the solution
-    solved: SolvedEquations
+    solved: CellEquations
 
     @classmethod
     def of(
@@ -178,11 +169,11 @@ class WeakFit:
         their variance is 0 from the first.
         """
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
-        settled = False
+        cells, settled = independent_cells_of(len(windows), len(about.names)), False
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
-            solved = SolvedEquations.of(regression, solution)
+            solved = CellEquations.of(regression, solution, cells=cells)
             variance = solved.realised_variance if weighs else about.variance
             before, about = about, about.moved(solution.values, latest, variance)
             settled = bool(
@@ -193,13 +184,14 @@ class WeakFit:
                 about = replace(about, variance=before.variance)
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
-        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
+        if not settled:
+            solved = replace(solved, ending=Ending.STOPPED, findings=(rounds,))
         return cls(about=about, regression=regression, solved=solved)
 
     @property
     def cost(self) -> float:
         """Sum of the squared residuals."""
-        return float(self.solved.residuals @ self.solved.residuals)
+        return float(np.sum(self.solved.residuals**2))
 
     @property
     def penalty(self) -> float:
@@ -212,33 +204,14 @@ class WeakFit:
         found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
         return self.about.known.fixed | found
 
-    def nested(
-        self,
-        windows: Sequence[Windows],
-        names: tuple[str, ...],
-        slow: float,
-        folds: NDArray[np.intp],
-    ) -> Nested:
+    def nested(self, windows: Sequence[Windows], names: tuple[str, ...], slow: float) -> Submodels:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
         regression = replace(self.about, names=names, slow=slow).regression(windows)
-        stretches = stretches_of(len(windows))
-        cluster = split(regression.cluster, stretches)
         values = np.array([self.values.get(name, 0.0) for name in names])
-        jacobian, residuals = regression.jacobian(values), regression.residuals(values)
-        ends = np.cumsum(np.bincount(cluster, minlength=len(windows) * stretches))[:-1]
-        parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
-        return Nested(
-            names=names,
-            values=values,
-            lower=regression.lower,
-            curvature=np.array([rows.T @ rows for rows, _ in parts]),
-            gradient=np.array([rows.T @ left for rows, left in parts]),
-            cost=np.array([float(left @ left) for _, left in parts]),
-            folds=folds if stretches == 1 else np.arange(len(parts)),
-            negligible=NEGLIGIBLE,
-            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
-            prior=regression.prior,
-        )
+        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
+        cells = independent_cells_of(len(windows), len(names))
+        equations = CellEquations.of(regression, solution, cells=cells)
+        return submodels_of(equations, [each.added for each in windows])
 
 
 def _latest(windows: Sequence[Windows]) -> float:
@@ -299,9 +272,9 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
             break
         free, held = free & ~low, held | low
     solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
+    cells = cells_of(len(pairs), len(names))
     solved = replace(
-        SolvedEquations.of(regression, solution),
-        jacobian=through.jacobian(values),
+        CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
         ending=fit.solved.ending,
         findings=fit.solved.findings,
     )
@@ -353,8 +326,10 @@ def offset_covariance(
         ]
     )
     free = ~fit.solved.on_bound
-    rows, _ = fit.solved.with_prior(fit.solved.jacobian[:, None], fit.solved.residuals)
-    rows = rows[:, free]
+    more, _ = (
+        (np.empty((0, free.size)), None) if fit.solved.prior is None else fit.solved.prior.rows()
+    )
+    rows = np.concatenate([fit.regression.jacobian(fit.solved.values), more])[:, free]
     errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
     moved = -scaled_least_squares(rows, errors)
     found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
