@@ -165,7 +165,7 @@ class FreeRunResiduals:
         """
         values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
         prior = Penalty.of(self.keys, self.known, values=values)
-        if prior is None or not np.isfinite(at.cost):
+        if prior is None or not at.is_finite:
             return at
         prior = prior.turned(1 / self.scale, np.zeros(point.size))
         cells = independent_cells_of(len(at.logs), len(self.keys))

@@ -155,6 +155,11 @@ class Equations:
         return of_logs if self.known is None else of_logs + self.known[0].cost(self.known[1])
 
     @property
+    def is_finite(self) -> bool:
+        """Whether no simulation diverged, nor what it changes by."""
+        return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
+
+    @property
     def gradient(self) -> Samples:
         """(n,) derivatives of the cost."""
         of_logs = np.asarray(self.gradients.sum(axis=0))
@@ -240,7 +245,7 @@ def minimise(
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
-    if not _is_finite(at):
+    if not at.is_finite:
         raise IdentifiabilityError(
             "the model diverges with the parameters from which the fit would start: they are not "
             "those of a joint (see what a closed form says of these logs, such as the weak form)"
@@ -263,7 +268,7 @@ def minimise(
             break
         tried = replace(expand(there), known=at.known and (at.known[0], there))
         evaluations += 1
-        kept = (at.cost - tried.cost) / predicted if _is_finite(tried) else -np.inf
+        kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
         elif kept > _GOOD and longest > _INSIDE * reach:
@@ -302,10 +307,6 @@ def minimise_robustly(
 def _decrease(at: Equations, step: Samples) -> float:
     """Return what a step takes off the cost, by its derivatives."""
     return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
-
-
-def _is_finite(at: Equations) -> bool:
-    return bool(np.isfinite(at.cost) and np.isfinite(at.gradient).all())
 
 
 def _step(at: Equations, lowest: Samples, reach: float) -> Samples:
