@@ -1,4 +1,4 @@
-"""What contrasts between conditions mean, in words: which parameter follows what, and why it may."""
+"""What contrasts between conditions mean in words: what follows what, and what may be the cause."""
 
 from __future__ import annotations
 
