@@ -15,7 +15,7 @@ function of the motion. The delay enters as p4 d int phi' u, about the current o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Literal
 
@@ -77,7 +77,9 @@ def fitted_terms(
     equations = _Averages(first, windows, always)
     found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
     slow = found.chosen.settings.get("stribeck_velocity", usual)
-    return WeakFit.of(windows, found.chosen.names, slow, known, first.about.delay), found
+    return WeakFit.settled(
+        windows, replace(first.about, names=found.chosen.names, slow=slow)
+    ), found
 
 
 class _Averages:
@@ -167,7 +169,8 @@ class WeakForm(Estimator):
         require_usable(self.method, known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
-        reference = ScaleParameter.of(masses, known, driven=driven)
+        step = float(np.median([log.mean_step for log in logs]))
+        reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
