@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
+from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
 from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
@@ -45,8 +45,10 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.report.parameter_table import Separated
 
-_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%", "against.fit": "%"}
-_SAVED = ("summary", "chosen", "against", "misfit")
+_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+    ("fit", "fits", "velocity_fits", "held_out", "against.fit"), "%"
+)
+_SAVED = ("summary", "chosen", "against", "residuals")
 _LARGEST = 1e60  # of any number: squares of such are numbers too
 
 
@@ -69,14 +71,20 @@ class Identification(Result):
     fits: dict[str, float]
     """FIT in per cent of the free run of each log, by its name."""
 
+    velocity_fits: dict[str, float] = field(default_factory=dict)
+    """The same of its velocity; the lower of the two says how well a log is followed."""
+
     held_out: dict[str, float] = field(default_factory=dict)
-    """The same of each that was held out."""
+    """FIT in per cent of each that was held out."""
 
     logs: DataSet | None = None
     """The data set; None for a result that was loaded, whose logs are read again by `data`."""
 
     runs: tuple[FreeRun, ...] = ()
     """Free run of each log; those of a result that was loaded are simulated by `free_runs`."""
+
+    judged_residuals: Residuals | None = None
+    """What the free runs leave; that of a result that was loaded is found by `residuals`."""
 
     comparisons: tuple[OtherParameters, ...] = ()
     """Other parameters on the same logs."""
@@ -85,7 +93,7 @@ class Identification(Result):
     """The estimator; None for a result that was loaded."""
 
     saved: dict[str, Any] = field(default_factory=dict)
-    """What a file said that needs the logs: summary, options, other parameters, misfit."""
+    """What a file said that needs the logs: summary, options, other parameters, residuals."""
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Identification:
@@ -107,6 +115,7 @@ class Identification(Result):
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
             fits=fits,
+            velocity_fits=_fits(content.get("velocity_fits", {})),
             held_out=_fits(content.get("held_out", {})),
             saved={key: content[key] for key in _SAVED if key in content},
         )
@@ -123,7 +132,7 @@ class Identification(Result):
         if self.logs is not None:
             of_logs = {
                 "against": [each.numbers(estimate) for each in self.comparisons],
-                "misfit": numbers.misfit_numbers(self.misfit, estimate),
+                "residuals": numbers.residual_numbers(self.residuals, estimate),
             }
         return document(
             self.kind,
@@ -134,6 +143,7 @@ class Identification(Result):
                 **numbers.estimate_numbers(estimate, truth),
                 "fit": self.fit.numbers(),
                 "fits": self.fits,
+                "velocity_fits": self.velocity_fits,
                 "held_out": self.held_out,
                 "physical": physical_numbers(self.separated()),
                 "chosen": basis["chosen"],
@@ -141,7 +151,7 @@ class Identification(Result):
             },
             verdict=self.judged,
             summary=self.summary,
-            units=_UNITS | misfit_units(estimate.joint),
+            units=_UNITS | residual_units(estimate.joint),
         )
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -306,6 +316,11 @@ class Identification(Result):
         return FitSummary.of(self.fit_of_logs, self.estimate.horizon)
 
     @property
+    def velocity_fit(self) -> FitSummary:
+        """The same of the velocity."""
+        return FitSummary.of(np.array([*self.velocity_fits.values()] or [np.nan]))
+
+    @property
     def fit_of_logs(self) -> NDArray[np.float64]:
         """(n,) FIT of each log in per cent."""
         return np.array([run.fit for run in self.runs] or list(self.fits.values()))
@@ -336,9 +351,9 @@ class Identification(Result):
         )
 
     @cached_property
-    def misfit(self) -> Misfit:
+    def residuals(self) -> Residuals:
         """What the free runs leave over, and whether the sensors explain it."""
-        return judge_misfit(self.data, self.estimate)
+        return self.judged_residuals or residuals_of(self.data, self.estimate, self.free_runs)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
         """Return the responses measured with an added mass, to stand beside `model.linearised`.

@@ -19,6 +19,7 @@ from butterfly.identification.diagnostics.plausibility import (
     judge_knowledge,
     judge_physics,
 )
+from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors,
     find_unit_errors_of_clock,
@@ -53,16 +54,19 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (sure,) = [judge(data, estimator, each) for each in track([run.estimate], "Judging")]
-    return replace(run, estimate=sure, made_by=estimator, estimator=estimator.label)
+    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], "Judging")]
+    sure = judge(data, estimator, run.estimate, left)
+    return replace(
+        run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
+    )
 
 
 def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
     if data.test_logs is None:
         return {}
-    fits, names = _named_fits(data.test_logs, estimate, range(len(data.test_logs.logs)))
-    return dict(zip(names, fits.tolist(), strict=True))
+    fits = data.test_logs.simulations.fits(estimate)
+    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
@@ -73,17 +77,19 @@ def judged(data: DataSet, estimator: Estimator) -> Estimate:
 
 
 @_UNWARNED
-def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
+def judge(
+    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals | None = None
+) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
-    fits, names = _named_fits(data, found, counted)
+    fits, names = _followed(data, found, counted)
     of_test = []
     if data.test_logs is not None:
         of_test = judge_held_out(
-            *_named_fits(data.test_logs, found, data.test_logs.counted), seen=fits
+            *_followed(data.test_logs, found, data.test_logs.counted), seen=fits
         )
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
@@ -91,14 +97,15 @@ def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
         *of_test,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
+        *(residuals or residuals_of(data, found)).missing.findings,
     )
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
 
 
-def _named_fits(
+def _followed(
     data: DataSet, found: Estimate, counted: Sequence[int]
 ) -> tuple[NDArray[np.float64], list[str]]:
-    return data.simulations.fits(found, counted), [data.logs[k].name for k in counted]
+    return data.simulations.followed(found, counted), [data.logs[k].name for k in counted]
 
 
 @_UNWARNED
@@ -151,6 +158,7 @@ def simulated(
         estimator=estimate.method,
         origin=about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")},
         fits={run.log.name: run.fit for run in runs},
+        velocity_fits={run.log.name: run.velocity_fit for run in runs},
         held_out={run.log.name: run.fit for run in held},
         logs=data,
         runs=runs,

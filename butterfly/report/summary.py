@@ -17,6 +17,7 @@ from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
+from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_sentences
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
@@ -40,8 +41,9 @@ def summary(identification: Identification) -> list[str]:
         f"method: {estimate.method}.",
         f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit_text(fit.median)} % (mean "
-        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %); 100 % is perfect, 0 % no better "
-        "than a constant.",
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %), and its velocity with "
+        f"{fit_text(identification.velocity_fit.median)} %; 100 % is perfect, 0 % no better than a "
+        "constant.",
         *held_out_sentences(identification.held_out),
         *_thinned(data),
         *([f"Known beforehand: {known}."] if known else []),
@@ -67,6 +69,8 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
     rows = [[row[column] for column in columns] for row in texts]
     title = f"{identification.origin['name']}: {estimate.method}"
     found = [TextTable(title, [*columns.values()], rows)]
+    if estimate.agreement:
+        found.append(agreement_table(estimate.agreement))
     if derived := physical_rows(identification.separated()):
         found.append(TextTable(TITLE, HEADERS, derived))
     if estimate.resonances:
