@@ -31,6 +31,7 @@ from butterfly.identification.diagnostics.unit_errors import (
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
+from butterfly.identification.inference.agreement import Condition
 from butterfly.identification.inference.identifiability import PRECISE
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
@@ -318,11 +319,14 @@ class _Search:
     def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
         """Suppose that a mass is another, or that of one log, or that a log's input is late.
 
-        Not where a parameter that follows the added mass explains more.
+        Not where a parameter that follows the added mass, or any condition, explains more.
         """
         numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
         carried = np.array([[mass.mass] for mass in here.masses])
-        rival = min(here.beside(here.following(carried, name))[0] for name in _NAMES)
+        rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
+        contrasts = self.estimate.agreement if self.estimate else ()
+        shares = [each.share for each in contrasts if each.condition is not Condition.WEIGHED]
+        rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
         groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
         suspects = [(m, (k,)) for m, own in groups.items() for k in own if len(own) > 1]

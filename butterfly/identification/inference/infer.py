@@ -13,7 +13,6 @@ from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.agreement import Conditions, disagreements_of
 from butterfly.identification.inference.consistency import (
-    corrections,
     disagreements,
     moved_by_masses,
     scale_apart,
@@ -96,7 +95,6 @@ def infer(
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
     logs = equations.of_logs
-    enough = masses and cells.log.size == logs.log.size
     return Estimate(
         method=method,
         names=names,
@@ -119,7 +117,6 @@ def infer(
         ),
         fixed=known.fixed | (fixed or {}),
         local=local or {},
-        corrections=corrections(logs, masses) if enough else (),
         agreement=contrasts,
         known=known,
         rivals=tuple(others),
