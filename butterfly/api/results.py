@@ -110,7 +110,7 @@ class Validated(Tabulated):
         return cls(
             title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
-                verdict.sentence,
+                *verdict.lines,
                 held.division.said,
                 f"What was left out is followed with a median FIT{without.over} of "
                 f"{fit_text(without.median)} % (mean {fit_text(without.mean)} %, worst "
@@ -208,7 +208,7 @@ class Designed(Tabulated):
         ]
         return cls(
             title=f"Next experiments after {data.name!r}: standard errors over those now",
-            summary=(verdict.sentence, best_experiment_text(ranked[0])),
+            summary=(*verdict.lines, best_experiment_text(ranked[0])),
             judged=verdict,
             content={**rests_on(data, found, estimator), "rows": rows},
             units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
@@ -251,7 +251,7 @@ class Selection(Answer):
         title = f"{data.name}: FIT in %, in sample and left out"
         result = cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
-            summary=(verdict.sentence, chosen_terms_text(passed)),
+            summary=(*verdict.lines, chosen_terms_text(passed)),
             judged=verdict,
             content={
                 **rests_on(data, found, estimator),
@@ -314,11 +314,11 @@ class Residual(Answer):
         verdict, misfit = estimate_verdict(found), judge_misfit(data, found)
         return cls(
             title=f"What {found.method} leaves over of {data.name!r}",
-            summary=(verdict.sentence, *misfit_sentences(misfit)),
+            summary=(*verdict.lines, *misfit_sentences(misfit)),
             judged=verdict,
             content={
                 **misfit_numbers(misfit, found),
-                **rests_on(data, found, estimator, more=misfit.findings),
+                **rests_on(data, found, estimator),
             },
             units=misfit_units(data.joint, ""),
             data=data,

@@ -78,6 +78,9 @@ class Identification(Result):
     runs: tuple[FreeRun, ...] = ()
     """Free run of each log; those of a result that was loaded are simulated by `free_runs`."""
 
+    residuals: Misfit | None = None
+    """What the free runs leave over; that of a result that was loaded is found by `misfit`."""
+
     comparisons: tuple[OtherParameters, ...] = ()
     """Other parameters on the same logs."""
 
@@ -338,7 +341,7 @@ class Identification(Result):
     @cached_property
     def misfit(self) -> Misfit:
         """What the free runs leave over, and whether the sensors explain it."""
-        return judge_misfit(self.data, self.estimate)
+        return self.residuals or judge_misfit(self.data, self.estimate)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
         """Return the responses measured with an added mass, to stand beside `model.linearised`.

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
 from butterfly.identification.diagnostics.plausibility import (
+    judge_basis,
     judge_fit,
-    judge_held_out,
     judge_input,
     judge_knowledge,
     judge_physics,
@@ -53,16 +53,19 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (sure,) = [judge(data, estimator, each) for each in track([run.estimate], "Judging")]
-    return replace(run, estimate=sure, made_by=estimator, estimator=estimator.label)
+    (misfit,) = [judge_misfit(data, each) for each in track([run.estimate], "Judging")]
+    sure = judge(data, estimator, run.estimate, misfit)
+    return replace(
+        run, estimate=sure, residuals=misfit, made_by=estimator, estimator=estimator.label
+    )
 
 
 def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
     if data.test_logs is None:
         return {}
-    fits, names = _named_fits(data.test_logs, estimate, range(len(data.test_logs.logs)))
-    return dict(zip(names, fits.tolist(), strict=True))
+    fits = data.test_logs.simulations.fits(estimate)
+    return {log.name: fit for log, fit in zip(data.test_logs.logs, fits.tolist(), strict=True)}
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
@@ -73,32 +76,23 @@ def judged(data: DataSet, estimator: Estimator) -> Estimate:
 
 
 @_UNWARNED
-def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
+def judge(
+    data: DataSet, estimator: Estimator, found: Estimate, misfit: Misfit | None = None
+) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
-    fits, names = _named_fits(data, found, counted)
-    of_test = []
-    if data.test_logs is not None:
-        of_test = judge_held_out(
-            *_named_fits(data.test_logs, found, data.test_logs.counted), seen=fits
-        )
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(fits, names),
-        *of_test,
+        *judge_fit(data.simulations.fits(found, counted)),
+        *(misfit or judge_misfit(data, found)).findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
+        *judge_basis(found, data),
     )
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
-
-
-def _named_fits(
-    data: DataSet, found: Estimate, counted: Sequence[int]
-) -> tuple[NDArray[np.float64], list[str]]:
-    return data.simulations.fits(found, counted), [data.logs[k].name for k in counted]
 
 
 @_UNWARNED

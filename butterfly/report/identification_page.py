@@ -131,7 +131,7 @@ def identification_page(
         verdict=identification.judged,
         facts=_facts(identification),
         lead=_lead(table, data, with_truth=truth is not None),
-        summary=[*identification.summary[1:], *misfit_sentences(misfit)],
+        summary=[*identification.notes, *misfit_sentences(misfit)],
         sections=sections,
         numbers=identification.to_dict(truth),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],

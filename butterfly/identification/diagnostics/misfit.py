@@ -162,12 +162,16 @@ class Misfit:
 
     @property
     def findings(self) -> list[Finding]:
-        """Whether the misfit is beyond the sensors, how many times, and what it looks like."""
-        kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        found = [Finding(kind, number=self.times)]
+        """How near the model follows, how far beyond the sensors, and what it looks like."""
+        found = [
+            Finding(FindingKind.FOLLOWED, number=self.left),
+            Finding(FindingKind.TIMES_SENSORS, number=self.times),
+        ]
         if terms := self.left_over.terms:
             share = self.left_over.shares[terms[0]]
-            found.append(Finding(FindingKind.LEFT_OVER, terms, number=share))
+            found.append(Finding(FindingKind.MISSED, terms, number=share))
+        elif self.beyond_sensors:
+            found.append(Finding(FindingKind.MISSED))
         return found
 
     def numbers(self) -> dict[str, Any]:

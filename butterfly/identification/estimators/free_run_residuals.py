@@ -49,7 +49,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
 from butterfly.signals.frequency_response import first_counted
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -252,11 +251,7 @@ class FreeRunResiduals:
         parts = end.at.compressed(blocks)
         rows, residuals = zip(*parts, strict=True)
         scale = self.scale
-        took = Finding(
-            FindingKind.SIMULATIONS,
-            number=end.evaluations,
-            severity=Level.NOTE if end.converged else Level.WARNING,
-        )
+        took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         return SolvedEquations(
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,

@@ -43,7 +43,6 @@ from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -172,7 +171,7 @@ class WeakFit:
             settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
+        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS)
         solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(about=about, regression=regression, solved=solved)
 

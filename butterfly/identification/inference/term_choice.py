@@ -24,7 +24,6 @@ from butterfly.identification.inference.submodels import Nested
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -281,7 +280,6 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
             FindingKind.MISSING_TERM,
             (", ".join(missing), *moved),
             number=min(moved.values()),
-            severity=Level.CARE,
         )
     ]
 

@@ -17,7 +17,6 @@ from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.model.terms import TERMS
 from butterfly.plant.sensors import Encoder
-from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
@@ -78,9 +77,9 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert misfit.outside <= 1
     assert misfit.times == pytest.approx(1.0, abs=0.1)
     assert misfit.left_over.looks_like == "nothing that the data can show"
-    (finding,) = misfit.findings
-    assert finding.kind is FindingKind.NO_MISFIT
-    assert finding.severity is Level.NOTE
+    followed, times = misfit.findings
+    assert (followed.kind, times.kind) == (FindingKind.FOLLOWED, FindingKind.TIMES_SENSORS)
+    assert (followed.number, times.number) == (misfit.left, misfit.times)
 
 
 @pytest.mark.parametrize("term", MISSING)
@@ -90,9 +89,8 @@ def test_a_missing_term_is_seen_and_named(term):
     assert misfit.beyond_sensors
     assert misfit.outside == len(misfit.logs)
     assert term in misfit.left_over.terms
-    kinds = [finding.kind for finding in misfit.findings]
-    assert kinds == [FindingKind.MISFIT, FindingKind.LEFT_OVER]
-    assert all(finding.severity is Level.NOTE for finding in misfit.findings)
+    *_, missed = misfit.findings
+    assert (missed.kind, missed.parameters) == (FindingKind.MISSED, misfit.left_over.terms)
     assert TERMS[term].looks_like in misfit.left_over.words("the motion")
 
 
