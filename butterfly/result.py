@@ -132,7 +132,7 @@ class Result(ABC):
     @property
     def notes(self) -> list[str]:
         """What the summary says below the verdict."""
-        return [text for text in self.summary if text not in self.verdict]
+        return list(self.summary[len(self.judged.lines) if self.judged else 0 :])
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:

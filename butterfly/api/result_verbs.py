@@ -131,7 +131,7 @@ def predict(
         track=track,
     )
     if whole is not None:
-        fits = np.array([predictions[k].run.fit for k in whole.counted])
+        fits = np.array([predictions[k].run.followed for k in whole.counted])
         estimate = estimate.with_findings(*judge_fit(fits))
     return Predicted.of(
         source.name, predictions, sentences, estimate, drawn=drawn, measured=whole is not None

@@ -65,7 +65,7 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     if data.test_logs is None:
         return {}
     fits = data.test_logs.simulations.fits(estimate)
-    return {log.name: fit for log, fit in zip(data.test_logs.logs, fits.tolist(), strict=True)}
+    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
@@ -86,7 +86,7 @@ def judge(
     counted = list(range(len(data.logs))) if segmented else data.counted
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(data.simulations.fits(found, counted)),
+        *judge_fit(data.simulations.followed(found, counted)),
         *(misfit or judge_misfit(data, found)).findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
@@ -145,6 +145,7 @@ def simulated(
         estimator=estimate.method,
         origin=about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")},
         fits={run.log.name: run.fit for run in runs},
+        velocity_fits={run.log.name: run.velocity_fit for run in runs},
         held_out={run.log.name: run.fit for run in held},
         logs=data,
         runs=runs,

@@ -308,8 +308,11 @@ def study_orbit(
         name: beside_orbit(held_out, model, zero)
         for name, model in (("generic", generic), ("re-calibrated", final))
     }
-    fit = runs["re-calibrated"].fit
-    followed = [Finding(FindingKind.FOLLOWED, number=1 - fit / 100), *judge_fit(np.array([fit]))]
+    run_of_found = runs["re-calibrated"]
+    followed = [
+        Finding(FindingKind.FOLLOWED, number=1 - run_of_found.fit / 100),
+        *judge_fit(np.array([run_of_found.followed])),
+    ]
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
         fresh.append(run(amplitude, _BESIDE * amplitude, _DITHER))

@@ -142,7 +142,10 @@ def _poor_fit(finding: Finding, _: Values) -> str:
     cure = "Check units, signs and masses, and look at the residuals."
     if not math.isfinite(_number(finding)):
         return f"Simulated with these values, the model runs away. {cure}"
-    return f"The model does not follow: the median FIT is {fit_text(_number(finding))} %. {cure}"
+    return (
+        "The model does not follow the logs, or their velocity: the median FIT is "
+        f"{fit_text(_number(finding))} %. {cure}"
+    )
 
 
 def _contradicted(finding: Finding, _: Values) -> str:

@@ -1,6 +1,7 @@
 """Every command whose answer rests on an identification says first whether it may be used."""
 
 import json
+import re
 
 import pytest
 import yaml
@@ -49,7 +50,7 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
     code, out, err = butterfly(*_arguments(butterfly, command, quick_data, tmp_path))
     assert (code, err) == (ExitCode.DONE, "")
     first = out.splitlines()[0]
-    assert first.startswith("Good: p1 within ")
+    assert re.match("Good: (quickstart, harmonic-balance: )?p1 within ", first)
     assert_tables_fit(out)
     if command in REPORTED:
         assert f"Report: {tmp_path / 'r.html'}" in out
@@ -59,7 +60,7 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
     first, *rest = out.splitlines()
     assert first.startswith("Do not use: ")
-    assert "The model does not follow: the median FIT is" in first
+    assert "The model does not follow" in first
     assert rest
     assert "p1 within" not in out
 

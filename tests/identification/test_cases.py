@@ -48,3 +48,22 @@ def test_one_known_mass_on_a_balanced_rotor_sets_the_scale(cases):
     values = {row.name: row.value for row in found.estimate.table()}
     for name, true in _truth(folder).items():
         assert values[name] == pytest.approx(true, rel=2e-3, abs=1e-12), name
+
+
+@pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
+def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
+    found = _identified(cases / f"constant-velocity-{ripple}")
+    assert found.fit.median > 99
+    assert found.velocity_fit.median < 50
+    assert found.judged.level is not Level.GOOD
+
+
+def test_a_motor_faster_than_its_clock_has_the_damping_known_and_its_inertia_about(cases):
+    folder = cases / "fast-motor"
+    found = _identified(folder)
+    true, estimate = _truth(folder), found.estimate
+    assert found.judged.level.usable
+    assert estimate.parameters.p2 == pytest.approx(true["p2"], rel=1e-3)
+    # That integrator's own steps, of an eighth of the time constant, shorten it by 6 %.
+    assert 0 < estimate.parameters.p1 == pytest.approx(true["p1"], rel=0.1)
+    assert found.separated()["speed_gain"].value == pytest.approx(1 / true["p2"], rel=1e-3)
