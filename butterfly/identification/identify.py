@@ -11,7 +11,6 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
 from butterfly.identification.diagnostics.plausibility import (
     judge_basis,
     judge_fit,
@@ -19,6 +18,7 @@ from butterfly.identification.diagnostics.plausibility import (
     judge_knowledge,
     judge_physics,
 )
+from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors,
     find_unit_errors_of_clock,
@@ -53,10 +53,10 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (misfit,) = [judge_misfit(data, each) for each in track([run.estimate], "Judging")]
-    sure = judge(data, estimator, run.estimate, misfit)
+    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], "Judging")]
+    sure = judge(data, estimator, run.estimate, left)
     return replace(
-        run, estimate=sure, residuals=misfit, made_by=estimator, estimator=estimator.label
+        run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
     )
 
 
@@ -77,7 +77,7 @@ def judged(data: DataSet, estimator: Estimator) -> Estimate:
 
 @_UNWARNED
 def judge(
-    data: DataSet, estimator: Estimator, found: Estimate, misfit: Misfit | None = None
+    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals | None = None
 ) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
@@ -87,7 +87,7 @@ def judge(
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
         *judge_fit(data.simulations.followed(found, counted)),
-        *(misfit or judge_misfit(data, found)).findings,
+        *(residuals or residuals_of(data, found)).findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
         *judge_basis(found, data),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError
@@ -11,6 +12,7 @@ from butterfly.identification.diagnostics.findings import Ending, Finding, Findi
 from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.model.terms import TERMS
+from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.format import counted, fit_text
 from butterfly.verdict import Level, Verdict
 
@@ -23,7 +25,7 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.TIMES_SENSORS, FindingKind.MISSED}
+_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -34,7 +36,10 @@ def estimate_sentences(estimate: Estimate) -> list[str]:
 def estimate_notes(estimate: Estimate) -> list[str]:
     """Say what was found of an estimate besides what its verdict says."""
     others = (each for each in estimate.findings if not (each.forbids or each.kind in _OF_MODEL))
-    return [finding_text(each, values_of(estimate)) for each in others]
+    return [
+        *(finding_text(each, values_of(estimate)) for each in others),
+        *(contrast_text(each, estimate) for each in estimate.agreement[1:]),
+    ]
 
 
 def estimate_verdict(estimate: Estimate) -> Verdict:
@@ -47,7 +52,7 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
         if estimate.ending is not Ending.CONVERGED:
             why.append("The fit did not settle.")
         values = " ".join(why)
-    model = model_sentence(estimate.findings)
+    model = model_sentence(estimate)
     return Verdict(level, (values, model) if model else (values,))
 
 
@@ -93,20 +98,29 @@ def values_sentence(estimate: Estimate) -> str:
     return f"{text or 'all values known beforehand'}."
 
 
-def model_sentence(findings: Sequence[Finding]) -> str:
+def model_sentence(estimate: Estimate) -> str:
     """Say how near the model follows, and what it misses; nothing where no log was simulated."""
-    found = {each.kind: each for each in findings if each.kind in _OF_MODEL}
+    found = {each.kind: each for each in estimate.findings}
     if FindingKind.FOLLOWED not in found:
         return ""
-    share = _number(found[FindingKind.FOLLOWED])
-    if not math.isfinite(share):
+    share = found[FindingKind.FOLLOWED].number
+    if share is None or not math.isfinite(share):
         return "Some logs cannot be simulated with these values, or nothing moves in them."
+    beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
+    times = (beyond or within or found[FindingKind.FOLLOWED]).number
     text = f"The model follows to {_percent(share)} of the motion"
-    times = found.get(FindingKind.TIMES_SENSORS)
-    if times is not None and times.number is not None and math.isfinite(times.number):
-        text += f", {times.number:.2g} times what the sensors explain"
-    missed = found.get(FindingKind.MISSED)
-    return f"{text}." if missed is None else f"{text}; {_misses(missed)}."
+    if (beyond or within) and times is not None and math.isfinite(times):
+        text += f", {times:.2g} times what the sensors explain"
+    missing = found.get(FindingKind.MISSING_TERM)
+    misses = []
+    if missing is not None:
+        explained = _percent(_number(missing))
+        misses.append(f"it misses {missing.parameters[0]}, {explained} of the residuals")
+    if estimate.agreement:
+        misses.append(contrast_text(estimate.agreement[0], estimate).removesuffix("."))
+    elif beyond and missing is None:
+        misses.append("it misses something that looks like none of the terms on offer")
+    return f"{'; '.join([text, *misses]).removesuffix('?')}{'?' if estimate.agreement else '.'}"
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -121,7 +135,6 @@ def finding_text(finding: Finding, values: Values) -> str:
         "combined": " and ".join(names),
         "first": names[0] if names else "",
         "others": ", ".join(names[1:]),
-        "them": "them" if names and "," in names[0] else "it",
         "logs": listed(logs),
         "are": "is" if len(logs) == 1 else "are",
         "were": "was" if len(logs) == 1 else "were",
@@ -192,14 +205,14 @@ def _not_estimated(finding: Finding, values: Values) -> str:
     )
 
 
-def _misses(finding: Finding) -> str:
-    """Name the terms that the residuals look like, and the share of them that one explains."""
-    if not finding.parameters:
-        return "what it misses looks like none of the terms on offer"
-    rows = [TERMS[name] for name in finding.parameters]
-    names = " or ".join(row.looks_like or row.name for row in rows)
-    explains = f"explains {_percent(_number(finding))} of the residuals"
-    return f"it misses {names}: {' or '.join(finding.parameters)} {explains}"
+def _missing_term(finding: Finding, _: Values) -> str:
+    terms, *moved = finding.parameters
+    moves = f" and moves {', '.join(moved)} by more than the intervals" if moved else ""
+    them = "it" if re.fullmatch(r"\w+", terms) else "them"
+    return (
+        f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
+        f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
+    )
 
 
 def _rests_on(finding: Finding, _: Values) -> str:
@@ -284,10 +297,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{logs} {were} left out: the hand passes the upright, where small causes tell, and no "
         "simulation from the start stays near. The method weak-form uses them."
     ),
-    FindingKind.MISSING_TERM: (
-        "{first} would help to predict logs that were left out, and move {others} by "
-        "{percent:.0f} % or more: add {them} to the terms."
-    ),
     FindingKind.SCANNED: lambda finding, _: (
         f"{', '.join(finding.parameters)} is {_number(finding):.2g} "
         f"{TERMS[finding.parameters[0]].unit}, found by trying several; the intervals hold what "
@@ -336,8 +345,9 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "of uncertainty."
     ),
     FindingKind.FOLLOWED: "The free runs leave {percent:.2g} % of the motion.",
-    FindingKind.TIMES_SENSORS: "That is {number:.3g} times what encoder and noise explain.",
-    FindingKind.MISSED: lambda finding, _: f"The model: {_misses(finding)}.",
+    FindingKind.MISFIT: "They leave {number:.3g} times what encoder and noise explain.",
+    FindingKind.NO_MISFIT: "Encoder and noise explain what they leave ({number:.2f} times).",
+    FindingKind.MISSING_TERM: _missing_term,
     FindingKind.RESTS_ON: _rests_on,
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",

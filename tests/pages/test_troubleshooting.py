@@ -33,12 +33,12 @@ def _said(finding):
     return finding_text(finding, VALUES)
 
 
-_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.TIMES_SENSORS}  # the second line of every verdict
+# the second line of every verdict
+_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
 _SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
 KINDS = [kind for kind in FindingKind if kind not in _SLIPS | _OF_MODEL]
 _CONCERNED = {
     FindingKind.CONTRADICTED: ("inertia",),
-    FindingKind.MISSED: ("drag",),
     FindingKind.RESTS_ON: ("mass_scale", "time_scale"),
 }
 _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}

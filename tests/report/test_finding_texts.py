@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.inference.agreement import Condition, Contrast
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, finding_text
 from butterfly.report.inspection import conditions_text
 from butterfly.verdict import Level
@@ -27,8 +28,8 @@ NUMBERS = {
     FindingKind.TORQUE_DRIVEN: (0.004, "0.004 Ohm"),
     FindingKind.NO_UNCERTAINTY: (3.0, "3 resonance"),
     FindingKind.FOLLOWED: (0.0123, "1.2 %"),
-    FindingKind.TIMES_SENSORS: (41.3, "41.3 times"),
-    FindingKind.MISSED: (0.87, "87 %"),
+    FindingKind.MISFIT: (41.3, "41.3 times"),
+    FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
@@ -48,7 +49,7 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY, FindingKind.ADDS_UP),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
-    FindingKind.TIMES_SENSORS,
+    *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
 PLAIN = [
     kind for kind in FindingKind if kind not in {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
@@ -124,31 +125,49 @@ def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
     assert known.level is Level.GOOD
 
 
-MODEL = (
-    Finding(FindingKind.FOLLOWED, number=0.0123),
-    Finding(FindingKind.TIMES_SENSORS, number=3.456),
+FOLLOWED = Finding(FindingKind.FOLLOWED, number=0.0123)
+MISFIT = Finding(FindingKind.MISFIT, number=3.456)
+LACKS = Finding(FindingKind.MISSING_TERM, ("drag or load", "p2"), number=0.614)
+WITH_MASS = Contrast(
+    parameter="p1",
+    condition=Condition.MASS,
+    least=0.0,
+    largest=1e-3,
+    first=2e-3,
+    last=2.2e-3,
+    share=0.4,
+    chance=1e-3,
 )
+_TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors explain"
 
 
 @pytest.mark.parametrize(
-    ("findings", "text"),
+    ("findings", "agreement", "text"),
     [
-        (MODEL[:1], "The model follows to 1.2 % of the motion."),
-        (MODEL, "The model follows to 1.2 % of the motion, 3.5 times what the sensors explain."),
+        ([FOLLOWED], (), "The model follows to 1.2 % of the motion."),
+        ([FOLLOWED, Finding(FindingKind.NO_MISFIT, number=3.456)], (), f"{_TIMES}."),
         (
-            (*MODEL, Finding(FindingKind.MISSED, ("drag",), number=0.614)),
-            "The model follows to 1.2 % of the motion, 3.5 times what the sensors explain; it "
-            "misses quadratic drag: drag explains 61 % of the residuals.",
+            [FOLLOWED, MISFIT],
+            (),
+            f"{_TIMES}; it misses something that looks like none of the terms on offer.",
         ),
         (
-            (*MODEL, Finding(FindingKind.MISSED)),
-            "The model follows to 1.2 % of the motion, 3.5 times what the sensors explain; what it "
-            "misses looks like none of the terms on offer.",
+            [FOLLOWED, MISFIT, LACKS],
+            (),
+            f"{_TIMES}; it misses drag or load, 61 % of the residuals.",
+        ),
+        (
+            [FOLLOWED, MISFIT],
+            (WITH_MASS,),
+            f"{_TIMES}; p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
+            "own inertia (or its arm, the clock, a base that gives)?",
         ),
     ],
 )
-def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(findings, text):
-    verdict = estimate_verdict(_estimate(*findings))
+def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(
+    findings, agreement, text
+):
+    verdict = estimate_verdict(_estimate(*findings, agreement=agreement))
     assert verdict.level is Level.GOOD
     assert verdict.reasons[1] == text
 

@@ -35,7 +35,6 @@ class FindingKind(StrEnum):
     REST_APART = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs that do not tell where the encoder's angle is 0
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
-    MISSING_TERM = "missing-term"  # the first parameter; least share by which it moves the others
     SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
@@ -55,9 +54,12 @@ class FindingKind(StrEnum):
     NO_UNCERTAINTY = "no-uncertainty"  # equations there are
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
+    # terms that the model lacks, then parameters that they move by more than their intervals; share
+    # of the squared residuals that they explain
+    MISSING_TERM = "missing-term"
     FOLLOWED = "followed"  # rms of what free runs leave, over that of the motion
-    TIMES_SENSORS = "times-sensors"  # what they leave, over what sensors explain
-    MISSED = "missed"  # terms that what they leave looks like; share of it that one explains
+    MISFIT = "misfit"  # times what sensors explain, that free runs leave
+    NO_MISFIT = "no-misfit"  # the same, where sensors explain it
     RESTS_ON = "rests-on"  # what no log can show, and was not told with an uncertainty
 
 
