@@ -15,7 +15,7 @@ from butterfly.identification.inference.agreement import Conditions, disagreemen
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
-    moved_by_masses,
+    moved_by_givens,
     scale_apart,
 )
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
@@ -68,7 +68,7 @@ def infer(
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
     carried = [masses[number] for number in cells.log] if masses else []
-    considered = moved_by_masses(cells.rows, cells.names, carried)
+    considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
         covariance = robust(covariance, whole.T @ whole, equations.bread)
