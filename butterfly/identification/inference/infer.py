@@ -20,7 +20,7 @@ from butterfly.identification.inference.agreement import (
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
-    moved_by_masses,
+    moved_by_givens,
     scale_apart,
 )
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
@@ -77,7 +77,7 @@ def infer(
     )
     share = weighed_within(contrasts)
     carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
-    considered = moved_by_masses(cells.rows, cells.names, carried)
+    considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
         covariance = robust(covariance, whole.T @ whole, equations.bread)
