@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,11 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
@@ -69,7 +74,11 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
-    carried = [masses[number] for number in cells.log] if masses else []
+    contrasts, limits_of_conditions = (
+        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+    )
+    share = weighed_within(contrasts)
+    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
@@ -83,9 +92,6 @@ def infer(
     if left_out is None:
         left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
         apart += few
-    contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
-    )
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
@@ -129,6 +135,11 @@ def infer(
         freedom=freedom[own],
         ratios=ratios,
     )
+
+
+def _weighed(mass: AddedMass, share: float) -> AddedMass:
+    """Return a mass that is weighed within a share of it, if no better."""
+    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
 
 
 def without_each_mass(
