@@ -44,23 +44,19 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.identifiability import (
-    refuse_without_scale,
-    without_each_mass,
-)
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.identifiability import refuse_without_scale
+from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     SCANNED,
-    ScannedTerms,
     candidates,
-    folds_of,
-    missing_terms,
     requested_terms,
+    scanned_terms,
     stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
-from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.frequency_response import ResponsePoint
@@ -81,33 +77,25 @@ class HarmonicBalanceTerms:
     # (n,) values of fits with other terms that predict as well
     rivals: tuple[NDArray[np.float64], ...]
     said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
-    # what would have been chosen from all terms; empty if that was not asked
-    best: dict[str, float]
 
     @classmethod
-    def of(
-        cls, fit: HarmonicBalanceFit, terms: tuple[str, ...] | None, *, check: bool
-    ) -> HarmonicBalanceTerms:
+    def of(cls, fit: HarmonicBalanceFit, terms: tuple[str, ...] | None) -> HarmonicBalanceTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
-        ``fit``: without any; ``terms``: told, or None; ``check``: whether to say which terms would
-        help that were not told.
+        ``fit``: without any; ``terms``: told, or None.
         """
         offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
         known = fit.phasors.known
         every = candidates(offers, fit.phasors.masses, known)
         told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})
-        found = ScannedTerms.of(_Balances(fit), every, told, check=check)
-        chosen, free = found.chosen, found.free
+        chosen = scanned_terms(_Balances(fit), every, told)
         names = chosen.names
         speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
-        best = fit.values_of(free.names, free.values).tolist() if free else []
         return cls(
             phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
             fixed=chosen.settings,
             rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
             said=chosen.findings,
-            best=dict(zip(free.names, best, strict=True)) if free else {},
         )
 
     def without(self, idle: tuple[str, ...]) -> HarmonicBalanceTerms:
@@ -120,7 +108,6 @@ class HarmonicBalanceTerms:
             fixed={} if SCANNED in idle else self.fixed,
             rivals=tuple(each[kept] for each in self.rivals),
             said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
-            best={name: value for name, value in self.best.items() if name not in idle},
         )
 
 
@@ -129,7 +116,7 @@ class _Balances:
 
     def __init__(self, fit: HarmonicBalanceFit) -> None:
         self.always = fit.phasors.names
-        self._fit, self._folds = fit, folds_of(fit.phasors.masses)
+        self._fit = fit
 
     @property
     def speeds(self) -> list[float]:
@@ -137,11 +124,11 @@ class _Balances:
         fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
         return stribeck_velocities(fastest, phasors.known)
 
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         phasors = replace(self._fit.phasors, names=(*self.always, *terms))
         if speed is not None:
             phasors = replace(phasors, stribeck_velocity=speed)
-        return self._fit.nested(phasors, self._folds)
+        return self._fit.nested(phasors)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,14 +172,23 @@ class HarmonicBalance(Estimator):
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
-        chosen = HarmonicBalanceTerms.of(fit, self.terms, check=self.check)
+        chosen = HarmonicBalanceTerms.of(fit, self.terms)
         fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):
             chosen = chosen.without(idle)
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
         known = robot.rest if robot.rest.bias is not None else None
+        conditions = Conditions.of([data.logs[k] for k in numbers], cells=1)
         return _judged(
-            points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
+            points,
+            fit,
+            _NAME,
+            said,
+            reference,
+            chosen=chosen,
+            rest=known,
+            check=self.check,
+            conditions=conditions,
         )
 
     def roughly(self, data: DataSet) -> Estimate:
@@ -204,7 +200,7 @@ class HarmonicBalance(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen = HarmonicBalanceTerms.of(first, self.terms, check=self.check)
+        chosen = HarmonicBalanceTerms.of(first, self.terms)
         fit = HarmonicBalanceFit.of(chosen.phasors)
         return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
 
@@ -264,40 +260,30 @@ def _judged(
     chosen: HarmonicBalanceTerms | None = None,
     rest: RestAngles | None = None,
     check: bool,
+    conditions: Conditions | None = None,
 ) -> Estimate:
     """Judge a fit, and the bias that the rest angles tell."""
-    masses = [point.added_mass for point in points]
     solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
     more = solved.values[fit.solved.values.size :]
-
-    def without(mass: AddedMass) -> NDArray[np.float64]:
-        kept = np.array([each != mass for each in masses])
-        rest_of_points = [point for point in points if point.added_mass != mass]
-        _refuse_too_few(rest_of_points, fit.phasors.names, fit.phasors.known)
-        values = HarmonicBalanceFit.of(fit.phasors.take(kept)).solved.values
-        return values if rest is None else np.append(values, rest.of_part(kept))
-
-    left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)
     rivals = (np.append(each, more) for each in (chosen.rivals if chosen else ()))
     whole = reference.whole(solved)
     besides = np.zeros((len(whole.names), len(whole.names)))
     if rest is not None:
         besides[-1, -1] = rest.variance_by_zeros
-    found = Estimate.from_rows(
+    found = infer(
         whole,
         method=method,
-        left_out=left_out,
+        check=check,
         rivals=tuple(reference.grown(each, solved.names) for each in rivals),
-        findings=[*few, *said],
+        findings=said,
         fixed=chosen.fixed if chosen else None,
-        masses=masses,
+        masses=[point.added_mass for point in points],
+        conditions=conditions,
         known=reference.known,
         local=None if rest is None else rest.shared_zero,
         besides=besides,
     )
-    if chosen is None:
-        return found
-    return found.with_findings(*chosen.said, *missing_terms(found, chosen.best))
+    return found if chosen is None else found.with_findings(*chosen.said)
 
 
 def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:

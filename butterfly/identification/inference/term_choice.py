@@ -8,7 +8,7 @@ section 3.4.3).
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple, Protocol
@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.identifiability import OTHER_LOGS
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMPANIONS, PARAMETERS
-from butterfly.verdict import Level
+from butterfly.model.terms import COMPANIONS
 
 Samples = NDArray[np.float64]
 
@@ -35,11 +34,9 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
 
-_MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
-_STRETCHES = 6  # of time in all, into which too few logs are cut
 
 SLACK_OF_STRETCHES = 2.0
 """Standard errors where stretches of time are predicted, whose errors are alike."""
@@ -55,7 +52,7 @@ class TermChoice:
     names: tuple[str, ...]  # of the parameters, the terms last
     terms: tuple[str, ...]  # chosen
     values: dict[str, float]  # of the parameters, by name, as the nested fit has them
-    settings: dict[str, float]  # see `Nested`
+    settings: dict[str, float]  # see `Submodels`
     # values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
     not_helping: tuple[str, ...]  # terms that were offered and not chosen
@@ -120,12 +117,19 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
 
 
-def stretches_of(logs: int) -> int:
-    """Return into how many stretches of time each log is cut, where there are too few to leave out.
+def submodels_of(
+    equations: CellEquations, parts: Sequence[Hashable], negligible: float = NEGLIGIBLE
+) -> Submodels:
+    """Return the fits with fewer terms, which predict one part of the data after the other.
 
-    What is left out together is then a stretch.
+    ``parts``: of each log. Where there are too few parts each log is one, and where there are too
+    few logs each stretch of time.
     """
-    return 1 if logs >= _LEAST_FOLDS else -(-_STRETCHES // logs)
+    cells = equations.independent
+    few = cells.log.size > np.unique(cells.log).size
+    folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
+    slack = SLACK_OF_STRETCHES if few else 1.0
+    return Submodels(equations=cells, folds=folds, negligible=negligible, slack=slack)
 
 
 def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
@@ -137,7 +141,7 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 
 
 def choose_terms(
-    fits: Sequence[Nested], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
+    fits: Sequence[Submodels], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
 ) -> TermChoice:
     """Choose from the terms of fits that have them all, about one or more settings.
 
@@ -175,7 +179,7 @@ class _Trial(NamedTuple):
     """A set of terms, where it was fitted, what to, and (k,) errors of logs not seen before."""
 
     terms: tuple[str, ...]
-    nested: Nested
+    nested: Submodels
     fitted: Samples
     errors: Samples
 
@@ -190,10 +194,10 @@ class _Trial(NamedTuple):
 
 
 def _all_trials(
-    fits: Sequence[Nested], always: tuple[str, ...], demanded: tuple[str, ...]
+    fits: Sequence[Submodels], always: tuple[str, ...], demanded: tuple[str, ...]
 ) -> list[_Trial]:
     """Try all that can be tried: of the parts of the data, or else of single logs."""
-    by_log = [replace(nested, folds=np.arange(nested.cost.size)) for nested in fits]
+    by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
             if found := [each for nested in split for each in _trials(nested, always, wanted)]:
@@ -203,11 +207,11 @@ def _all_trials(
     raise IdentifiabilityError(f"these logs do not determine {', '.join(always)}: {OTHER_LOGS}")
 
 
-def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
     """Try all sets of terms that one fit has, and that have what is demanded."""
     must = {*nested.demanded, *demanded}
     followers = COMPANIONS.values()
-    tells = np.einsum("kii->i", nested.curvature) > 0
+    tells = np.einsum("kii->i", nested.equations.curvature) > 0
     felt = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
     free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
     sets: list[tuple[str, ...]] = []
@@ -225,7 +229,9 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
             yield trial
 
 
-def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+def _unforeseen(
+    nested: Submodels, always: Sequence[str], demanded: Sequence[str]
+) -> Iterator[_Trial]:
     """Try what is demanded, and no more, on the logs themselves: none can be left out."""
     if nested.demanded and not demanded:
         return
@@ -252,38 +258,10 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
 
 
 def _kept(
-    nested: Nested, always: Sequence[str], sets: Sequence[Sequence[str]]
+    nested: Submodels, always: Sequence[str], sets: Sequence[Sequence[str]]
 ) -> NDArray[np.bool_]:
     """(t, n) which of the names of a fit each of t sets of terms has."""
     return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
-
-
-def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
-    """Tell which terms an estimate lacks that would help, and matter, by the best values.
-
-    They matter if they would move a parameter by more than the half-width of its interval, or by
-    `_MATTERS` of it.
-    """
-    missing = [name for name in best if name not in {*found.names, *PARAMETERS}]
-    if not missing:
-        return []
-    moved: dict[str, float] = {}
-    rows = zip(found.names, found.values, found.lower, found.upper, strict=True)
-    for name, value, lower, upper in rows:
-        step = abs(best[name] - value) if name in best and name in PARAMETERS else 0.0
-        share = step / abs(value) if value else 0.0
-        if step > (upper - lower) / 2 or share > _MATTERS:
-            moved[name] = share
-    if not moved:
-        return []
-    return [
-        Finding(
-            FindingKind.MISSING_TERM,
-            (", ".join(missing), *moved),
-            number=min(moved.values()),
-            severity=Level.CARE,
-        )
-    ]
 
 
 class TermEquations(Protocol):
@@ -297,52 +275,31 @@ class TermEquations(Protocol):
     def speeds(self) -> Sequence[float]:
         """Stribeck velocities in rad/s to try; none where that friction is known."""
 
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         """Return the equations with terms besides what is always fitted.
 
         The Stribeck velocity in rad/s is None where no term needs it.
         """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ScannedTerms:
-    """Terms for a method."""
+def scanned_terms(
+    equations: TermEquations, tried: tuple[str, ...], requested: tuple[str, ...] | None
+) -> TermChoice:
+    """Choose from the terms ``tried`` and Stribeck friction, or fit those ``requested``.
 
-    chosen: TermChoice  # those to fit
-    # what would have been chosen from all terms; None if that was not asked
-    free: TermChoice | None
-
-    @classmethod
-    def of(
-        cls,
-        equations: TermEquations,
-        tried: tuple[str, ...],
-        requested: tuple[str, ...] | None,
-        *,
-        check: bool,
-        scan: bool = True,
-    ) -> ScannedTerms:
-        """Choose from the terms ``tried`` and Stribeck friction, or fit those ``requested``.
-
-        Of the latter only the Stribeck velocity is chosen; ``check`` says besides which terms would
-        help that were not asked for, Stribeck friction among them if there is a ``scan``.
-        """
-        if requested is None:
-            free = choose_terms([*_fits(equations, tried)], always=equations.always)
-            return cls(chosen=free, free=free)
-        rest = tuple(name for name in requested if name != SCANNED)
-        with_it = SCANNED in requested
-        fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
-        chosen = choose_terms(fits, always=equations.always, demanded=requested)
-        if not check:
-            return cls(chosen=chosen, free=None)
-        every = [*_fits(equations, tried, scanned=scan)]
-        return cls(chosen=chosen, free=choose_terms(every, always=equations.always))
+    Of the latter only the Stribeck velocity is chosen.
+    """
+    if requested is None:
+        return choose_terms([*_fits(equations, tried)], always=equations.always)
+    rest = tuple(name for name in requested if name != SCANNED)
+    with_it = SCANNED in requested
+    fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
+    return choose_terms(fits, always=equations.always, demanded=requested)
 
 
 def _fits(
     equations: TermEquations, names: tuple[str, ...], *, plain: bool = True, scanned: bool = True
-) -> Iterator[Nested]:
+) -> Iterator[Submodels]:
     """Yield the equations without Stribeck friction, and with it at one velocity after another."""
     if plain:
         yield equations.with_terms(names, None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +10,13 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     candidates,
     choose_terms,
     folds_of,
-    missing_terms,
     stribeck_velocities,
 )
 from butterfly.model.parameters import AddedMass
@@ -40,14 +39,16 @@ def _nested(*, truth, noise=0.1, seed=0, names=NAMES, twins=()):
     target = rows @ np.array([truth.get(name, 0.0) for name in names])
     target += noise * rng.standard_normal(target.shape)
     nothing = np.zeros(len(names))
-    return Nested.of(
-        rows,
-        -target,
+    equations = CellEquations(
         names=names,
         values=nothing,
         lower=np.full(len(names), -np.inf),
-        folds=np.arange(LOGS) % 4,
+        on_bound=np.zeros(len(names), dtype=bool),
+        rows=rows,
+        residuals=-target,
+        log=np.arange(LOGS),
     )
+    return Submodels(equations=equations, folds=np.arange(LOGS) % 4)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -153,24 +154,3 @@ def test_stribeck_velocities_are_shares_of_the_largest_speed():
     speeds = np.array(stribeck_velocities(2.0, NO_PRIOR))
     assert (speeds[0], speeds[-1]) == pytest.approx((0.06, 1.0))
     assert np.ptp(np.diff(np.log(speeds))) < 1e-12
-
-
-def _found(values, reach):
-    return SimpleNamespace(names=ALWAYS, values=values, lower=values - reach, upper=values + reach)
-
-
-def test_a_missing_term_is_said_where_it_would_move_a_parameter_out_of_its_interval():
-    found = _found(np.array([1.0, 2.0]), np.array([0.01, 0.01]))
-    (said,) = missing_terms(found, {"p1": 1.02, "p3": 2.0, "drag": 0.5})
-    assert (said.kind, said.severity) == (FindingKind.MISSING_TERM, Level.CARE)
-    assert said.parameters == ("drag", "p1")
-    assert said.number == pytest.approx(0.02)
-    (said,) = missing_terms(found, {"p1": 1.5, "p3": 2.2, "drag": 0.5, "bias": 0.1})
-    assert said.parameters == ("drag, bias", "p1", "p3")
-    assert said.number == pytest.approx(0.1)
-    assert missing_terms(found, {"p1": 1.005, "p3": 2.0, "drag": 0.5}) == []
-    assert missing_terms(found, {"p1": 1.5, "p3": 2.0}) == []
-    vague = _found(np.array([1.0, 2.0]), np.array([0.5, 0.5]))
-    assert missing_terms(vague, {"p1": 1.04, "p3": 2.0, "drag": 0.5}) == []
-    (said,) = missing_terms(vague, {"p1": 1.2, "p3": 2.0, "drag": 0.5})
-    assert said.parameters == ("drag", "p1")
