@@ -72,6 +72,13 @@ def _one_omega(logs: Logs, draw: np.random.Generator) -> Logs:
     return changed
 
 
+def _one_late(logs: Logs, draw: np.random.Generator) -> Logs:
+    chosen = int(draw.integers(len(logs)))
+    log = logs[chosen]
+    late = replace(log, input=np.interp(log.time - 0.05, log.time, log.input))
+    return [late if k == chosen else log for k, log in enumerate(logs)]
+
+
 @dataclass(frozen=True)
 class Case:
     """A slip: what it does to logs, and the words that name it."""
@@ -82,6 +89,7 @@ class Case:
 
 CASES = {
     "degrees": Case(every(lambda log: replace(log, angle=np.degrees(log.angle))), ("degrees",)),
+    "turns": Case(every(lambda log: replace(log, angle=log.angle / (2 * np.pi))), ("turns",)),
     "ms": Case(every(lambda log: replace(log, time=log.time * 1e3)), ("millisec",)),
     "us": Case(every(lambda log: replace(log, time=log.time * 1e6)), ("microsec",)),
     "swapped": Case(
@@ -90,6 +98,9 @@ CASES = {
     "rpm": Case(every(_in_rpm), ("revolutions per minute",)),
     "counts": Case(_counts, ("counts",)),
     "arm in mm": Case(every(lambda log: _heavier(log, 1.0, 1e3)), ("millimetres",)),
+    "arm in cm": Case(every(lambda log: _heavier(log, 1.0, 1e2)), ("centimetres",)),
+    "diameter": Case(every(lambda log: _heavier(log, 1.0, 2.0)), ("diameters",)),
+    "late": Case(_one_late, ("late",)),
     "one mass": Case(_one_mass, ()),
     "mass of a log": Case(_one_log, ()),
     "omega": Case(_one_omega, ()),
@@ -127,15 +138,12 @@ def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
     differ = [
         k
         for k, (a, b) in enumerate(pairs)
-        if (a.added_mass, a.excitation) != (b.added_mass, b.excitation)
+        if (a.added_mass, a.excitation) != (b.added_mass, b.excitation) or a.input is not b.input
     ]
     if name == "one mass":
         return f"if {slipped[differ[0]].added_mass} was" in text
-    if name in {"mass of a log", "omega"}:
-        return (
-            f"{'in' if name != 'omega' else 'for'} {with_unique_names(slipped)[differ[0]].name}"
-            in text
-        )
+    if before := {"mass of a log": "in", "omega": "for", "late": "In"}.get(name):
+        return f"{before} {with_unique_names(slipped)[differ[0]].name}" in text
     return all(word in text for word in CASES[name].words)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.plausibility import GOOD_FIT, is_possible
+from butterfly.identification.diagnostics.plausibility import LEAST_FIT, is_possible
 from butterfly.identification.diagnostics.unit_errors import (
     COUNTS,
     TABLE,
@@ -374,7 +374,7 @@ class _Search:
             return None
         counted = mistake.logs if mistake.alone else undone.counted
         fit = float(np.median(undone.simulations.fits(found, counted)))
-        least = GOOD_FIT
+        least = LEAST_FIT
         if self.estimate is not None:
             before = float(np.median(self.data.simulations.fits(self.estimate, counted)))
             least = max(least, 100 - _LEFT * (100 - before))
@@ -392,7 +392,7 @@ class _Search:
             mistake.number,
             *more,
             logs=[self.data.logs[k] for k in mistake.logs] if mistake.alone else (),
-            severity=Level.WARNING if grave else Level.CARE,
+            moves=grave,
         )
 
 

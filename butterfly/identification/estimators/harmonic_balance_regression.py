@@ -24,7 +24,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.verdict import Level
 
 _SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
@@ -194,6 +193,7 @@ class HarmonicBalanceFit:
             matrix, target = phasors.equations(delay)
             regression = _regression(phasors, (matrix, target), weights, delay, gain)
             solution = regression.solve()
+            moved = solution.values - values
             before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
             values = solution.values
             slope = phasors.slope(values)
@@ -214,8 +214,9 @@ class HarmonicBalanceFit:
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
-        solved = CellEquations.of(regression, solution, unsettled=None if settled else rounds)
+        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS)
+        solved = CellEquations.of(regression, solution)
+        solved = solved if settled else solved.stopped(moved, rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 
     @property
