@@ -15,6 +15,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.logs.log import Log
@@ -109,6 +110,7 @@ CASES = {
     "grams": Case(every(lambda log: _heavier(log, 1e3)), ("grams",)),
 }
 OF_SINES = {"rpm", "omega"}
+NAMED = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
 
 
 @dataclass(frozen=True)
@@ -127,9 +129,10 @@ def ask(logs: Logs, family: str) -> Answer:
         found = identify(DataSet.of(logs), estimator).estimate
     except ButterflyError as error:
         return Answer(recognised=True, text=str(error))
-    good = found.level is Level.GOOD
+    slips = any(each.kind in NAMED for each in found.findings)
     text = " ".join(estimate_sentences(found))
-    return Answer(recognised=not good, text=text, standing=found.level.verdict)
+    recognised = slips or found.level is not Level.GOOD
+    return Answer(recognised=recognised, text=text, standing=found.level.verdict)
 
 
 def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:

@@ -9,7 +9,6 @@ import pytest
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.unit_errors import (
     UnitError,
     unit_error,
@@ -26,7 +25,7 @@ from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady
 from tests.independent.robots import draw
-from tests.independent.slips import CASES, OF_SINES, ask, names_it
+from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +50,7 @@ def _with_names(logs):
 def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said."""
     found = identify(DataSet.of(logs), estimator).estimate
-    kinds = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
-    slips = [each for each in found.findings if each.kind in kinds]
+    slips = [each for each in found.findings if each.kind in NAMED]
     return slips, found.level, " ".join(estimate_sentences(found))
 
 
