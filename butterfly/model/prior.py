@@ -267,6 +267,11 @@ class Penalty:
         """Return that of all but some of the values, by a mask."""
         return replace(self, weight=np.where(lost, 0.0, self.weight))
 
+    def of_variance(self, variance: float) -> Penalty:
+        """Return the same knowledge beside rows of another variance."""
+        weight = self.weight * (variance / self.variance)
+        return replace(self, weight=weight, variance=variance)
+
     def padded(self, count: int) -> Penalty:
         """Return that of these values and of further ones of which nothing is known."""
         none = np.zeros(count)

@@ -39,6 +39,7 @@ def infer(
     equations: CellEquations,
     *,
     method: str,
+    cells: CellEquations | None = None,
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
