@@ -112,11 +112,6 @@ def _text(finding: Finding, values: Values) -> str:
     return text.format(**fields)
 
 
-def _scatter(finding: Finding, _: Values) -> str:
-    what = "p4" if finding.parameters == ("p4",) else "Friction"
-    return f"{what} differs by {100 * _number(finding):.2g} % from log to log."
-
-
 def _number(finding: Finding) -> float:
     assert finding.number is not None  # noqa: S101 - kinds whose sentence asks for one have one
     return finding.number
@@ -297,7 +292,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
         "differs from run to run: record more."
     ),
-    FindingKind.SCATTER: _scatter,
+    FindingKind.SCATTER: "Friction or gain differs from log to log: {names} by {percent:.2g} %.",
     FindingKind.UNCHECKED: (
         "The intervals were not checked by leaving an added mass out, as asked."
     ),

@@ -32,6 +32,7 @@ NUMBERS = {
     FindingKind.LEFT_OVER: (0.87, "87 %"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
+    FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.UNFORETOLD: (41.2, "41.2 %"),
     FindingKind.ADDS_UP: (0.5, "0.5 s"),

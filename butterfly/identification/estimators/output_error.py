@@ -183,13 +183,13 @@ class OutputError(Estimator):
             end = problem.descend(problem.initial)
 
         solved = cells = problem.solved(end)
-        if found := weighed(problem, end):
-            problem, end, scatter = found
+        if with_scatter := weighed(problem, end):
+            problem, end, scatter = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *scatter)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         found = infer(
             reference.whole(solved),
-            cells=reference.whole(cells),
+            unweighted=reference.whole(cells),
             method="output error",
             check=self.check,
             driven=driven,

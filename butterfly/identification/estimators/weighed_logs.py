@@ -17,7 +17,7 @@ from butterfly.identification.estimators.gauss_newton import (
     bounded_step,
 )
 from butterfly.identification.inference.covariance import FEW
-from butterfly.identification.inference.scatter import LogRows, Scatter, scatter_of, spread_of
+from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
@@ -31,22 +31,26 @@ def weighed(
     """Return problem and end with logs weighed by their scatter, and what is found of it.
 
     It takes one step from the least squares, to where every log is simulated with friction and gain
-    of its own; the step from there is taken on trust. Few logs do not tell, and robust losses have
-    weights of their own: None then, and where the logs are followed far worse so.
+    of its own, which tells the scatter better; the step from there is taken on trust. Few logs do
+    not tell, and robust losses have weights of their own: None then, and where the logs are
+    followed far worse so.
     """
     if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
         return None
     names = tuple(name for name, _ in problem.keys)
     prior = problem.prior and problem.prior.of_variance(1.0)
     logs, spread = _rows(end.at), spread_of(names, end.point)
-    scatter = scatter_of(logs, spread, prior, end.point)
+    scatter = Likelihood(logs, spread, prior, end.point).best()
     step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
     there = problem.equations(point, apart)
     if not there.cost <= _WORSE * end.at.cost:
         return None
-    at = _whitened(_rows(there).moved(-apart), scatter, spread_of(names, point), prior, point)
+    logs, spread = _rows(there).moved(-apart), spread_of(names, point)
+    likelihood = Likelihood(logs, spread, prior, point)
+    scatter = likelihood.best()
+    at = _whitened(logs, scatter, spread, prior, point)
     last = _step(problem, at, point)
     found = Minimum(
         point=np.maximum(point + last, problem.lower),
@@ -54,7 +58,7 @@ def weighed(
         converged=end.converged,
         evaluations=end.evaluations + 1,
     )
-    return replace(problem, prior=prior), found, tuple(scatter.findings(names))
+    return replace(problem, prior=prior), found, tuple(likelihood.findings(scatter, names))
 
 
 def _rows(at: Equations) -> LogRows:

@@ -39,7 +39,7 @@ def infer(
     equations: CellEquations,
     *,
     method: str,
-    cells: CellEquations | None = None,
+    unweighted: CellEquations | None = None,
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
@@ -57,12 +57,13 @@ def infer(
 ) -> Estimate:
     """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
 
-    ``masses``: what each log carried; ``conditions``: under which the cells were recorded;
-    ``left_out``: estimates from parts of the data, those without one added mass if not given, which
-    ``check`` asks for; ``rivals``: other fits that predict as well; both widen the intervals. The
-    first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken
-    as given, added to that of the equations. IdentifiabilityError says that these are singular for
-    every practical purpose.
+    ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
+    agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
+    were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
+    not given, which ``check`` asks for; ``rivals``: other fits that predict as well; both widen
+    the intervals. The first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance
+    of what was taken as given, added to that of the equations. IdentifiabilityError says that these
+    are singular for every practical purpose.
     """
     cells = equations.independent
     whole, left = cells.with_prior
@@ -84,13 +85,15 @@ def infer(
     if left_out is None:
         left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
         apart += few
+    about = unweighted or equations
     contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+        ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
+    moved = equations.values - about.values
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *(each[own] for each in limits_of_conditions)]
+    others = [*rivals, *((each + moved)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
     limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
     lower = np.maximum(limits[0], equations.lower[own])

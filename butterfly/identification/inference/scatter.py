@@ -45,7 +45,8 @@ _REMEMBERED = 0.1  # of a log, after which its residuals have forgotten what the
 _UNTOLD = 1e-9  # of the strongest direction, below which there is only rounding
 _EXACT = 1e-6  # of the motion, which rounding leaves of logs without noise
 _EVIDENT = 10.8  # likelihood ratio of a size that is no chance: that of one in two thousand
-_BEGIN = 0.5  # standard deviations of the priors
+_FINEST = 1e-3  # of a value, below which free runs are not exact enough to tell
+_BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,18 +90,6 @@ class Scatter:
     misfit: float  # of what is no matter of noise or parameters, over the motion
     friction: float  # of every term of friction, over its value
     gain: float  # of p4, over its value
-    # of friction and gain, what the logarithm of the likelihood gains by each, twice
-    evidence: tuple[float, float]
-
-    def findings(self, names: Sequence[str]) -> list[Finding]:
-        """Return what is more than chance: what differs from log to log, and by how much."""
-        groups = ([name for name in names if name in FRICTION], ["p4"])
-        pairs = zip(groups, (self.friction, self.gain), self.evidence, strict=True)
-        return [
-            Finding(FindingKind.SCATTER, tuple(own), number=size)
-            for own, size, evidence in pairs
-            if evidence > _EVIDENT
-        ]
 
     def whitened(self, logs: LogRows, spread: Samples) -> tuple[Samples, Samples]:
         """Return (k, q, n) rows and (k, q) residuals of logs, their errors of variance 1.
@@ -119,8 +108,12 @@ class Scatter:
         return np.asarray(-pull * (np.array([self.friction, self.gain]) ** 2 @ spread**2))
 
     def _variance(self, logs: LogRows, spread: Samples) -> Samples:
-        sizes = np.array([self.misfit, self.friction, self.gain])
-        return _variance(logs, _parts(logs, spread), sizes)
+        return _variance(logs, _parts(logs, spread), self.sizes)
+
+    @property
+    def sizes(self) -> Samples:
+        """(3,) all of it."""
+        return np.array([self.misfit, self.friction, self.gain])
 
 
 def spread_of(names: Sequence[str], values: Samples) -> Samples:
@@ -129,33 +122,19 @@ def spread_of(names: Sequence[str], values: Samples) -> Samples:
     return np.where(whose, values, 0.0)
 
 
-def scatter_of(
-    logs: LogRows,
-    spread: Samples,
-    prior: Penalty | None = None,
-    about: Samples | None = None,
-) -> Scatter:
-    """Return the scatter that makes what k logs say of n parameters the likeliest.
+class Likelihood:
+    """Minus twice the logarithm of the restricted likelihood of k logs, by the three sizes.
 
-    ``spread``: see `Scatter.whitened`; ``prior``, ``about``: what is known of the parameters, its
+    ``spread``: see `Scatter.whitened`; ``prior``, ``about``: what is known of the n parameters, its
     weights over those of errors of variance 1, and the (n,) values that the rows are about.
     """
-    likelihood = _Likelihood(logs, spread, prior, about)
-    usual = np.array(_USUAL)
-    usual[0] += _OVER_NOISE * logs.noise_level
-    sizes = likelihood.best(usual)
-    free = [likelihood.best(usual, without=k) for k in (1, 2)]
-    whole = likelihood.value(sizes)
-    gained = [max(likelihood.value(each) - whole, 0.0) for each in free]
-    misfit, friction, gain = sizes.tolist()
-    return Scatter(misfit=misfit, friction=friction, gain=gain, evidence=(gained[0], gained[1]))
-
-
-class _Likelihood:
-    """Minus twice the logarithm of the restricted likelihood, by the three sizes."""
 
     def __init__(
-        self, logs: LogRows, spread: Samples, prior: Penalty | None, about: Samples | None
+        self,
+        logs: LogRows,
+        spread: Samples,
+        prior: Penalty | None = None,
+        about: Samples | None = None,
     ) -> None:
         self._logs, self._parts = logs, _parts(logs, spread)
         self._both = np.concatenate([logs.rows, -logs.residuals[:, :, None]], axis=2)
@@ -163,6 +142,21 @@ class _Likelihood:
         self._known, self._pull = np.zeros(count), np.zeros(count)
         if prior is not None and about is not None:
             self._known, self._pull = prior.weight, -prior.gradient(about)
+
+    def best(self) -> Scatter:
+        """Return the likeliest scatter."""
+        misfit, friction, gain = self._best().tolist()
+        return Scatter(misfit=misfit, friction=friction, gain=gain)
+
+    def findings(self, found: Scatter, names: Sequence[str]) -> list[Finding]:
+        """Return which of the likeliest scatter is more than chance, of parameters by name."""
+        whole = self.value(found.sizes)
+        groups = ([name for name in names if name in FRICTION], ["p4"])
+        return [
+            Finding(FindingKind.SCATTER, tuple(own), number=float(found.sizes[k]))
+            for k, own in enumerate(groups, start=1)
+            if found.sizes[k] > _FINEST and self.value(self._best(without=k)) - whole > _EVIDENT
+        ]
 
     def value(self, sizes: Samples) -> float:
         """Return it."""
@@ -190,17 +184,20 @@ class _Likelihood:
         slopes = 2 * sizes * np.einsum("ckij,kij->c", self._parts, slope)
         return float(logarithms + sums[-1, -1] - pull @ change), slopes
 
-    def best(self, usual: Samples, without: int | None = None) -> Samples:
-        """Return the (3,) likeliest sizes, of priors of ``usual`` size; one may be left out."""
-        usual = np.where(np.arange(usual.size) == without, 0.0, usual)
+    def _best(self, without: int | None = None) -> Samples:
+        """Return the (3,) likeliest sizes; one may be left out."""
+        usual = np.array(_USUAL)
+        usual[0] += _OVER_NOISE * self._logs.noise_level
+        usual[np.arange(usual.size) == without] = 0.0
 
         def cost(shares: Samples) -> tuple[float, Samples]:
             value, slopes = self.expanded(shares * usual)
             return value + float(shares @ shares), slopes * usual + 2 * shares
 
-        begin = np.full(usual.size, _BEGIN)
-        found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=[(0, None)] * usual.size)
-        return np.asarray(found.x * usual)
+        begins = (np.full(usual.size, each) for each in _BEGINS)
+        bounds = [(0.0, None)] * usual.size
+        ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
+        return np.asarray(min(ends, key=lambda end: end.fun).x * usual)
 
 
 def _parts(logs: LogRows, spread: Samples) -> Samples:
