@@ -36,6 +36,16 @@ PHYSICAL = {
 }
 """What may be known of motor and hand, with its unit: see `butterfly.identification.physical`."""
 
+SCALES = {
+    "mass_scale": "of all added masses together",
+    "input_scale": "of the recorded input",
+    "angle_scale": "of the recorded angle",
+    "time_scale": "of the recorded time",
+}
+"""What no log can show: true values over those that were recorded or given, 1 ± an uncertainty."""
+
+_USUAL_DELAY = 5.0  # steps of the clock, the scale of a delay of which nothing is known
+
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
 _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.+))?")
 
@@ -46,11 +56,25 @@ class Known:
 
     value: float
     uncertainty: float = 0.0
+    heavy: bool = False  # whether it is a guess: half of Cauchy's distribution, from the value on
 
     @property
     def fixed(self) -> bool:
         """Whether nothing is left to be found out."""
         return self.uncertainty == 0
+
+    def precision(self, at: float) -> float:
+        """Return the weight of a square that pulls a value as this does there.
+
+        Of Cauchy's density the logarithm counts 2 log(1 + x^2), x = (at - value)/uncertainty.
+        """
+        apart = (at - self.value) / self.uncertainty
+        return (2 / (1 + apart**2) if self.heavy else 1.0) / self.uncertainty**2
+
+    def penalty(self, at: float) -> float:
+        """Return -2 log of the density at a value, over that at its peak."""
+        square = ((at - self.value) / self.uncertainty) ** 2
+        return 2 * math.log1p(square) if self.heavy else square
 
     def __str__(self) -> str:
         return f"{self.value:g}" if self.fixed else f"{self.value:g} ± {self.uncertainty:g}"
@@ -60,7 +84,9 @@ class Known:
 class Prior:
     """All that is known of a robot; what has no uncertainty is known exactly."""
 
-    values: Mapping[str, Known] = field(default_factory=dict)  # By names of `TERMS` and `PHYSICAL`
+    values: Mapping[str, Known] = field(
+        default_factory=dict
+    )  # By names of `TERMS`, `PHYSICAL` and `SCALES`
 
     @classmethod
     def of(cls, given: Mapping[str, Any], source: object = "known") -> Prior:
@@ -70,7 +96,7 @@ class Prior:
         """
         if not isinstance(given, Mapping):
             raise InputError(str(source), "known", given, "a mapping such as {'p4': 1.0}")
-        valid = (*TERMS, *PHYSICAL)
+        valid = (*TERMS, *PHYSICAL, *SCALES)
         for name in given:
             if name not in valid:
                 expected = nearest(name, valid)
@@ -92,10 +118,20 @@ class Prior:
         """What is known of parameters of the model."""
         return {name: each for name, each in self.values.items() if name in TERMS}
 
+    @property
+    def lower(self) -> dict[str, float]:
+        """Least values that half a distribution has."""
+        return {name: each.value for name, each in self.parameters.items() if each.heavy}
+
     @cached_property
     def physical(self) -> dict[str, Known]:
         """What is known of motor and hand."""
         return {name: each for name, each in self.values.items() if name in PHYSICAL}
+
+    @cached_property
+    def scales(self) -> dict[str, float]:
+        """Uncertainties of what no log can show."""
+        return {name: each.uncertainty for name, each in self.values.items() if name in SCALES}
 
     @cached_property
     def fixed(self) -> dict[str, float]:
@@ -137,6 +173,15 @@ class Prior:
         balanced = self.fixed.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
         return balanced or not any(mass.gravity for mass in carried)
 
+    def with_default_delay(self, step: float) -> Prior:
+        """Return the same, with what is usual of a delay where nothing is known of it.
+
+        Half a Cauchy distribution from 0 on, its scale some of a clock's steps in s: it decides
+        where the logs say nothing, and gives way where they say something.
+        """
+        usual = Known(value=0.0, uncertainty=_USUAL_DELAY * step, heavy=True)
+        return Prior({"delay": usual}) | self
+
     def fixing(self, name: str) -> Prior:
         """Return the same, one parameter being fixed."""
         return self | Prior({name: replace(self.values[name], uncertainty=0.0)})
@@ -152,7 +197,7 @@ class Prior:
 
     def within(self, names: Iterable[str]) -> Prior:
         """Return what is known of some parameters, and of motor and hand."""
-        wanted = {*names, *PHYSICAL}
+        wanted = {*names, *PHYSICAL, *SCALES}
         return Prior({name: each for name, each in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
@@ -217,16 +262,23 @@ def _parts(value: Any, source: object, field: str) -> tuple[Any, Any]:  # noqa: 
 
 def plain(known: Known) -> float | dict[str, float]:
     """Return a number, or a mapping with its uncertainty."""
-    return known.value if known.fixed else vars(known).copy()
+    if known.fixed:
+        return known.value
+    return {"value": known.value, "uncertainty": known.uncertainty}
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:
-    """Refuse what no joint has."""
+    """Refuse what no joint has, and a scale that is to be corrected in the logs."""
+    if name in SCALES and known.value != 1:
+        raise InputError(str(source), f"known.{name}", f"{known.value:g}", "1 ± its uncertainty")
     lower = TERMS[name].lower if name in TERMS else 0.0
     positive = name in PHYSICAL and name not in {"rotor_inertia", "back_emf_constant"}
     if known.value < lower or (positive and known.value == 0):
         expected = "a positive number" if positive else f"{lower:g} or more"
         raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
+
+
+_NOWHERE: Mapping[Any, float] = {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,19 +297,33 @@ class Penalty:
         names: Sequence[Hashable],
         known: Mapping[Any, Known],
         variance: float = 1.0,
+        values: Mapping[Any, float] = _NOWHERE,
     ) -> Penalty | None:
-        """Return that of what is uncertain of values by name; None if it is nothing."""
+        """Return that of what is uncertain of values by name; None if it is nothing.
+
+        ``values``: about which heavy tails are seen, at their peak if not given.
+        """
         own = [known[name] if name in known and not known[name].fixed else None for name in names]
         if not any(own):
             return None
         mean = np.array([each.value if each else 0.0 for each in own])
-        weight = np.array([variance / each.uncertainty**2 if each else 0.0 for each in own])
+        weight = np.array(
+            [
+                variance * each.precision(values.get(name, each.value)) if each else 0.0
+                for name, each in zip(names, own, strict=True)
+            ]
+        )
         return cls(mean=mean, weight=weight, variance=variance)
 
     @property
     def active(self) -> NDArray[np.bool_]:
         """(n,) of which something is known."""
         return np.asarray(self.weight > 0)
+
+    def weighed(self, variance: float) -> Penalty:
+        """Return that beside rows of another variance."""
+        weight = self.weight * (variance / self.variance)
+        return replace(self, weight=weight, variance=variance)
 
     def take(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
         """Return that of some of the values."""
@@ -266,11 +332,6 @@ class Penalty:
     def without(self, lost: NDArray[np.bool_]) -> Penalty:
         """Return that of all but some of the values, by a mask."""
         return replace(self, weight=np.where(lost, 0.0, self.weight))
-
-    def of_variance(self, variance: float) -> Penalty:
-        """Return the same knowledge beside rows of another variance."""
-        weight = self.weight * (variance / self.variance)
-        return replace(self, weight=weight, variance=variance)
 
     def padded(self, count: int) -> Penalty:
         """Return that of these values and of further ones of which nothing is known."""

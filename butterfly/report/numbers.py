@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.diagnostics.residuals import Residuals
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import about_data
@@ -22,14 +22,12 @@ def rests_on(
     data: DataSet,
     estimate: Estimate,
     estimator: Estimator | None,
-    *,
-    more: Sequence[Finding] = (),
 ) -> dict[str, Any]:
     """Return what every result says of the data and the estimate that it rests on."""
     return {
         "data": about_data(data),
         "chosen": chosen_options(estimator, estimate),
-        **estimate_numbers(estimate, more=more),
+        **estimate_numbers(estimate),
     }
 
 
@@ -39,7 +37,6 @@ def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dic
     return [
         {
             "kind": str(each.kind),
-            "severity": str(each.severity),
             "text": finding_text(each, values),
             "parameters": list(each.parameters),
             "number": each.number,
@@ -49,23 +46,18 @@ def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dic
     ]
 
 
-def estimate_numbers(
-    estimate: Estimate, truth: LumpedParameters | None = None, more: Sequence[Finding] = ()
-) -> dict[str, Any]:
-    """Return an estimate under the keys that all results have which rest on one.
-
-    The truth where it is known, and findings besides the estimate's own.
-    """
+def estimate_numbers(estimate: Estimate, truth: LumpedParameters | None = None) -> dict[str, Any]:
+    """Return an estimate under the keys that all results have which rest on one."""
     content = estimate.to_dict(truth)
-    content["findings"] = finding_numbers((*estimate.findings, *more), estimate)
+    content["findings"] = finding_numbers(estimate.findings, estimate)
     if truth is not None:
         content["truth"] = lumped_numbers(truth, estimate.input_kind, estimate.joint)
     return content
 
 
-def misfit_numbers(misfit: Misfit, estimate: Estimate) -> dict[str, Any]:
+def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]:
     """Return what the free runs of an estimate leave over, and what that means, for programs."""
-    return misfit.numbers() | {"findings": finding_numbers(misfit.findings, estimate)}
+    return residuals.numbers() | {"findings": finding_numbers(residuals.findings, estimate)}
 
 
 def chosen_options(

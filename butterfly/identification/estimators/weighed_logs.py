@@ -25,10 +25,8 @@ Samples = NDArray[np.float64]
 _WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say
 
 
-def weighed(
-    problem: FreeRunResiduals, end: Minimum
-) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]] | None:
-    """Return problem and end with logs weighed by their scatter, and what is found of it.
+def weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Finding, ...]] | None:
+    """Return the end with logs weighed by their scatter, and what is found of it.
 
     It takes one step from the least squares, to where every log is simulated with friction and gain
     of its own, which tells the scatter better; the step from there is taken on trust. Few logs do
@@ -38,14 +36,14 @@ def weighed(
     if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
         return None
     names = tuple(name for name, _ in problem.keys)
-    prior = problem.prior and problem.prior.of_variance(1.0)
+    prior = end.at.known and end.at.known[0].weighed(1.0)
     logs, spread = _rows(end.at), spread_of(names, end.point)
     scatter = Likelihood(logs, spread, prior, end.point).best()
     step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
     there = problem.equations(point, apart)
-    if not there.cost <= _WORSE * end.at.cost:
+    if not there.cost <= _WORSE * replace(end.at, known=None).cost:
         return None
     logs, spread = _rows(there).moved(-apart), spread_of(names, point)
     likelihood = Likelihood(logs, spread, prior, point)
@@ -58,7 +56,7 @@ def weighed(
         converged=end.converged,
         evaluations=end.evaluations + 1,
     )
-    return replace(problem, prior=prior), found, tuple(likelihood.findings(scatter, names))
+    return found, tuple(likelihood.findings(scatter, names))
 
 
 def _rows(at: Equations) -> LogRows:
