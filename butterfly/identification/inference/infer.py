@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,11 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
@@ -69,7 +74,13 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
-    carried = [masses[number] for number in cells.log] if masses else []
+    about = unweighted or equations
+    contrasts, limits_of_conditions = (
+        ((), ()) if conditions is None else disagreements_of(about, conditions)
+    )
+    moved = equations.values - about.values
+    share = weighed_within(contrasts)
+    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
@@ -83,11 +94,6 @@ def infer(
     if left_out is None:
         left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
         apart += few
-    about = unweighted or equations
-    contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(about, conditions)
-    )
-    moved = equations.values - about.values
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
@@ -128,6 +134,11 @@ def infer(
         freedom=freedom[own],
         ratios=ratios,
     )
+
+
+def _weighed(mass: AddedMass, share: float) -> AddedMass:
+    """Return a mass that is weighed within a share of it, if no better."""
+    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
 
 
 def without_each_mass(
