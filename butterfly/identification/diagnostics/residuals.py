@@ -422,10 +422,12 @@ def _reduced(
     logs: Sequence[_Linearised], directions: Samples, errors: Sequence[Samples]
 ) -> list[Samples]:
     """Take from each log's (m, k) errors what a change of what the model has explains, jointly."""
-    pairs = list(zip(logs, errors, strict=True))
-    pulls = sum(each.unit**2 * each.known.T @ own for each, own in pairs)
+    pulls = np.zeros((directions.shape[0], max(own.shape[1] for own in errors)))
+    for each, own in zip(logs, errors, strict=True):
+        pulls[:, : own.shape[1]] += each.unit**2 * each.known.T @ own
     change = directions @ (directions.T @ pulls)
-    return [own - each.known @ change for each, own in pairs]
+    pairs = zip(logs, errors, strict=True)
+    return [own - each.known @ change[:, : own.shape[1]] for each, own in pairs]
 
 
 def _missing_terms(
