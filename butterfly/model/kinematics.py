@@ -41,6 +41,7 @@ class Motion(NamedTuple):
     weight: Any  # Added weight on the bearing in N, where it is not in T_c already
     periods: float  # Of cogging in a turn
     stribeck_velocity: float  # In rad/s
+    carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
 
     @classmethod
     def of(
@@ -51,6 +52,7 @@ class Motion(NamedTuple):
         *,
         input: Any = 0.0,  # noqa: A002, ANN401 - the log's name for it
         weight: Any = 0.0,  # noqa: ANN401
+        carried: Any = 0.0,  # noqa: ANN401
     ) -> Motion:
         """Return a motion of a joint."""
         return cls(
@@ -61,6 +63,7 @@ class Motion(NamedTuple):
             weight=weight,
             periods=settings.cogging_periods,
             stribeck_velocity=settings.stribeck_velocity,
+            carried=carried,
         )
 
 
@@ -85,6 +88,8 @@ class Term:
     # Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and the
     # `Motion` that holds weight and settings
     describing: Callable[[_Array, _Array, Motion], Any] | None = None
+    # Fundamental of its slope of what the drive delivers, from the phasor of a sine command
+    of_command: Callable[[NDArray[np.complex128]], NDArray[np.complex128]] | None = None
     # Whether it holds the joint at rest: a friction level times the sign of the velocity
     dry: bool = False
     of_gain: bool = False  # Whether what enters the equation is p4 times the parameter

@@ -152,7 +152,7 @@ def _averaged(log: Log, setting: Setting, slow: float) -> _Averaged:
     half_width = _half_width(log, loaded)
     sought = parameters if parameters.stribeck else replace(parameters, stribeck_velocity=slow)
     signals = Averaging(log, setting.zero, half_width, sought).signals(
-        _AVERAGED, delay=parameters.delay, compression=parameters.compression
+        _AVERAGED, delay=parameters.delay, drive=parameters.drive
     )
     return _Averaged(log, setting, loaded, signals, half_width)
 
