@@ -131,8 +131,10 @@ def predict(
     )
     if whole is not None:
         counted = whole.counted
-        fits = np.array([predictions[k].run.fit for k in counted])
-        estimate = judged_on(estimate, fits, [logs[k].name for k in counted])
+        fits, followed = np.array(
+            [(predictions[k].run.fit, predictions[k].run.followed) for k in counted]
+        ).T
+        estimate = judged_on(estimate, followed, [logs[k].name for k in counted])
         estimate = estimate.with_findings(*outdone(whole, estimate, fits, counted))
     return Predicted.of(
         source.name, predictions, sentences, estimate, drawn=drawn, measured=whole is not None

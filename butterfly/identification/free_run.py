@@ -17,6 +17,10 @@ from butterfly.identification.segments import Segments, is_segmented, simulation
 from butterfly.identification.simulation import Simulation, grid_step
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.polynomials import slope
+from butterfly.signals.spectrum import resample, uniform_grid
+
+_WINDOW = 0.0625  # s to either side, as wide as the velocity's in `test_functions`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,6 +46,27 @@ class FreeRun:
         with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
             error = float(np.sum((self.simulated - self.log.angle) ** 2))
         return fit_of(error, _spread(self.log))
+
+    @cached_property
+    def velocity_fit(self) -> float:
+        """FIT in per cent of the velocity, the from slopes of local parabolas.
+
+        The angle of a joint that goes on and on has a FIT near 100 for any inertia.
+        """
+        grid = uniform_grid(self.log.time)
+        step = float(grid[1] - grid[0])
+        reach = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
+        angles = (self.log.angle, self.simulated - self.log.angle)
+        with np.errstate(over="ignore", invalid="ignore"):
+            measured, error = (
+                slope(resample(self.log.time, each, grid), reach, 2, step) for each in angles
+            )
+            return fit_of(float(error @ error), float(np.sum((measured - measured.mean()) ** 2)))
+
+    @property
+    def followed(self) -> float:
+        """How well the log is followed: the lower FIT in per cent, of angle or velocity."""
+        return min(self.fit, self.velocity_fit)
 
     @property
     def rms(self) -> float:
@@ -120,6 +145,7 @@ class Simulations:
         self._latest: dict[int, tuple[tuple[float, float | None], Simulation | Segments]] = {}
         self._horizons: dict[LumpedParameters, float] = {}
         self._fits: dict[tuple[int, Setting], float] = {}
+        self._followed: dict[tuple[int, Setting], float] = {}
         self._spreads = [_spread(log) for log in logs]
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -165,7 +191,16 @@ class Simulations:
         """Simulate one log, by its number, with the recorded input."""
         run = setting.run(self.simulation(number, setting))
         self._fits.setdefault((number, setting), run.fit)
+        self._followed[number, setting] = run.followed
         return run
+
+    def followed(self, estimate: Estimate, numbers: Iterable[int]) -> NDArray[np.float64]:
+        """(n,) how well some logs are followed with an estimate (see `FreeRun.followed`)."""
+        keys = [(number, self.setting(number, estimate)) for number in numbers]
+        for key in keys:
+            if key not in self._followed:
+                self.run_with(*key)
+        return np.array([self._followed[key] for key in keys])
 
     def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""

@@ -45,7 +45,9 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.report.parameter_table import Separated
 
-_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%", "against.fit": "%"}
+_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+    ("fit", "fits", "velocity_fits", "held_out", "against.fit"), "%"
+)
 _SAVED = ("summary", "chosen", "against", "misfit")
 _LARGEST = 1e60  # of any number: squares of such are numbers too
 
@@ -69,8 +71,11 @@ class Identification(Result):
     fits: dict[str, float]
     """FIT in per cent of the free run of each log, by its name."""
 
+    velocity_fits: dict[str, float] = field(default_factory=dict)
+    """The same of its velocity; the lower of the two says how well a log is followed."""
+
     held_out: dict[str, float] = field(default_factory=dict)
-    """The same of each that was held out."""
+    """FIT in per cent of each that was held out."""
 
     logs: DataSet | None = None
     """The data set; None for a result that was loaded, whose logs are read again by `data`."""
@@ -107,6 +112,7 @@ class Identification(Result):
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
             fits=fits,
+            velocity_fits=_fits(content.get("velocity_fits", {})),
             held_out=_fits(content.get("held_out", {})),
             saved={key: content[key] for key in _SAVED if key in content},
         )
@@ -134,6 +140,7 @@ class Identification(Result):
                 **numbers.estimate_numbers(estimate, truth),
                 "fit": self.fit.numbers(),
                 "fits": self.fits,
+                "velocity_fits": self.velocity_fits,
                 "held_out": self.held_out,
                 "physical": physical_numbers(self.separated()),
                 "chosen": basis["chosen"],
@@ -304,6 +311,11 @@ class Identification(Result):
     def fit(self) -> FitSummary:
         """Median, mean and worst FIT in per cent."""
         return FitSummary.of(self.fit_of_logs, self.estimate.horizon)
+
+    @property
+    def velocity_fit(self) -> FitSummary:
+        """The same of the velocity."""
+        return FitSummary.of(np.array([*self.velocity_fits.values()] or [np.nan]))
 
     @property
     def fit_of_logs(self) -> NDArray[np.float64]:

@@ -61,8 +61,8 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
     if data.test_logs is None:
         return {}
-    fits, names = _named_fits(data.test_logs, estimate, range(len(data.test_logs.logs)))
-    return dict(zip(names, fits.tolist(), strict=True))
+    fits = data.test_logs.simulations.fits(estimate)
+    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
@@ -79,11 +79,11 @@ def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
-    fits, names = _named_fits(data, found, counted)
+    fits, names = _followed(data, found, counted)
     of_test = []
     if data.test_logs is not None:
         of_test = judge_held_out(
-            *_named_fits(data.test_logs, found, data.test_logs.counted), seen=fits
+            *_followed(data.test_logs, found, data.test_logs.counted), seen=fits
         )
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
@@ -95,10 +95,10 @@ def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
 
 
-def _named_fits(
+def _followed(
     data: DataSet, found: Estimate, counted: Sequence[int]
 ) -> tuple[NDArray[np.float64], list[str]]:
-    return data.simulations.fits(found, counted), [data.logs[k].name for k in counted]
+    return data.simulations.followed(found, counted), [data.logs[k].name for k in counted]
 
 
 @_UNWARNED
@@ -151,6 +151,7 @@ def simulated(
         estimator=estimate.method,
         origin=about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")},
         fits={run.log.name: run.fit for run in runs},
+        velocity_fits={run.log.name: run.velocity_fit for run in runs},
         held_out={run.log.name: run.fit for run in held},
         logs=data,
         runs=runs,

@@ -122,8 +122,8 @@ def _poor_fit(finding: Finding, _: Values) -> str:
     if not math.isfinite(_number(finding)):
         return f"Simulated with these values, the model runs away. {cure}"
     return (
-        f"The model follows the logs with a median FIT of {fit_text(_number(finding))} % only: it "
-        f"moves otherwise than this robot. {cure}"
+        f"The model follows the logs, their velocity too, with a median FIT of "
+        f"{fit_text(_number(finding))} % only: it moves otherwise than this robot. {cure}"
     )
 
 

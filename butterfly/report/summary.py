@@ -40,8 +40,9 @@ def summary(identification: Identification) -> list[str]:
         f"method: {estimate.method}.",
         f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit_text(fit.median)} % (mean "
-        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %); 100 % is perfect, 0 % no better "
-        "than a constant.",
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %), and its velocity with "
+        f"{fit_text(identification.velocity_fit.median)} %; 100 % is perfect, 0 % no better than a "
+        "constant.",
         *held_out_sentences(identification.held_out),
         *_thinned(data),
         *([f"Known beforehand: {known}."] if known else []),

@@ -75,6 +75,16 @@ def test_fit_is_the_published_percentage_and_does_not_mind_where_zero_is(data):
     assert FitSummary.of(np.array([90.0, 50.0, 97.0])) == FitSummary(90.0, 79.0, 50.0)
 
 
+def test_a_joint_that_goes_on_and_on_is_followed_as_far_as_its_velocity_is(sine_log):
+    time = sine_log.time
+    log = replace(sine_log, angle=5 * time + 0.1 * np.sin(3 * time))
+    for share in (0.0, 0.5, 1.0, 2.0):
+        run = FreeRun(log=log, simulated=5 * time + 0.1 * share * np.sin(3 * time) + 0.2)
+        assert run.fit > 99
+        assert run.velocity_fit == pytest.approx(100 * (1 - abs(share - 1)), abs=0.1)
+        assert run.followed == min(run.fit, run.velocity_fit)
+
+
 def test_a_run_begins_with_the_velocity_it_is_told(data):
     told = Setting(parameters=ROBOT, zero=ZERO, velocity=SPEED)
     assert FreeRun.of(data.logs[1], told).fit > 99.9
