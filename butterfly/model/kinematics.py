@@ -88,8 +88,6 @@ class Term:
     # Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and the
     # `Motion` that holds weight and settings
     describing: Callable[[_Array, _Array, Motion], Any] | None = None
-    # Fundamental of its slope of what the drive delivers, from the phasor of a sine command
-    of_command: Callable[[NDArray[np.complex128]], NDArray[np.complex128]] | None = None
     # Whether it holds the joint at rest: a friction level times the sign of the velocity
     dry: bool = False
     of_gain: bool = False  # Whether what enters the equation is p4 times the parameter

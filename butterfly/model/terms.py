@@ -111,6 +111,21 @@ class DriveTerms:
         weaker = (1 + self.compression * abs(left)) ** 2
         return {"dead_zone": -np.sign(left) / weaker, "compression": -left * abs(left) / weaker}
 
+    def of_sines(
+        self, commands: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], dict[str, NDArray[np.complex128]]]:
+        """Return the fundamentals of what is delivered of (n,) sines, and of its `slopes`."""
+        sines = np.asarray(np.outer(np.abs(commands), _COSINE), dtype=np.float64)
+        unit = np.exp(1j * np.angle(commands))
+
+        def fundamental(values: NDArray[np.float64]) -> NDArray[np.complex128]:
+            return np.asarray(unit * 2 * (values * _COSINE).mean(axis=1))
+
+        slopes = {name: fundamental(each) for name, each in self.slopes(sines).items()}
+        return fundamental(self.delivered(sines)), slopes
+
+
+_COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
 IDEAL = DriveTerms()
 """A drive that yields its command."""
@@ -343,7 +358,6 @@ _ROWS = (
         meaning="command that the drive needs before it yields anything",
         lower=0.0,
         basis=lambda m: np.sign(m.input),
-        of_command=lambda u: -4 / np.pi * np.exp(1j * np.angle(u)),
         of_gain=True,
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
     ),
@@ -354,7 +368,6 @@ _ROWS = (
         meaning="c of a drive that saturates: it yields v/(1 + c |v|)",
         lower=0.0,
         basis=lambda m: m.input * abs(m.input),
-        of_command=lambda u: -8 / (3 * np.pi) * abs(u) * u,
         of_gain=True,
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
     ),

@@ -65,7 +65,7 @@ def test_the_response_is_that_of_the_small_motion_about_rest():
     """By hand, with offset and cogging, delay, and back EMF behind the armature's lag."""
     p = replace(WHOLE, p2=2e-3, back_emf=1.5e-3, time_constant=0.08, delay=0.03)
     lag = 1 / (1 + 1j * OMEGA * 0.08)
-    spring = p.p3 - p.cogging * 3
+    spring = p.p3 - p.cogging * 3 + p.spring
     below = spring - p.p1 * OMEGA**2 + 1j * OMEGA * (p.p2 - 1.5e-3 + 1.5e-3 * lag)
     undelayed = p.p4 * lag / below
     response = frequency_response(p, OMEGA)

@@ -138,15 +138,18 @@ def _mujoco_torque(robot, added, angle, velocity):
 
 
 @pytest.mark.parametrize("size", [0.3, 2.0])
-@pytest.mark.parametrize("name", DRIVE)
-def test_a_drive_s_slope_on_a_sine_is_the_fourier_integral_of_its_derivative(name, size):
-    def slope(t):
-        return float(DriveTerms().slopes(np.array([size * math.cos(t)]))[name][0])
-
-    quarters = [math.pi / 2, 3 * math.pi / 2]
-    real, _ = quad(lambda t: slope(t) * math.cos(t), 0, 2 * math.pi, points=quarters)
-    found = TERMS[name].of_command(np.array([size * 1j]))
-    assert complex(found[0]) == pytest.approx(1j * real / math.pi, rel=1e-7)
+def test_a_drive_s_fundamental_on_a_sine_is_the_describing_function(size):
+    """Of a dead zone in closed form; that it falls with compression from its slope."""
+    share = 0.1 / size
+    gain = 1 - 2 / math.pi * (math.asin(share) + share * math.sqrt(1 - share**2))
+    delivered, slopes = DriveTerms(dead_zone=0.1).of_sines(np.array([size * 1j]))
+    assert complex(delivered[0]) == pytest.approx(1j * size * gain, rel=1e-4)
+    lost = -4 / math.pi * math.sqrt(1 - share**2)
+    assert complex(slopes["dead_zone"][0]) == pytest.approx(1j * lost, rel=1e-2)
+    _, slopes = DriveTerms().of_sines(np.array([size * 1j]))
+    assert complex(slopes["compression"][0]) == pytest.approx(
+        -8j / (3 * math.pi) * size**2, rel=1e-4
+    )
 
 
 def test_a_drive_loses_its_dead_zone_and_then_saturates():
