@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
 from tests.independent.robots import FAMILIES, draw
 from tests.independent.scores import METHODS, Score, score
 
@@ -99,6 +100,11 @@ def report(scores: list[Score]) -> str:
             "{:.2g}",
         ),
         _table(
+            "median half-width in % (delay ms)",
+            {key: _cells(rows, median_half_width) for key, rows in groups.items()},
+            "{:.2g}",
+        ),
+        _table(
             "median half-width over median error",
             {key: _cells(rows, _sharpness) for key, rows in groups.items()},
             "{:.1f}",
@@ -129,9 +135,13 @@ def _median_error(readings):
     return np.median([abs(each.error) for each in readings]) if readings else np.nan
 
 
+def median_half_width(readings):
+    """Median half-width of intervals; NaN of none."""
+    return np.median([each.half_width for each in readings]) if readings else np.nan
+
+
 def _sharpness(readings):
-    half_widths = [each.half_width for each in readings]
-    return np.median(half_widths) / _median_error(readings) if readings else np.nan
+    return median_half_width(readings) / _median_error(readings)
 
 
 def _table(title, rows, form):
@@ -145,7 +155,7 @@ def _table(title, rows, form):
 def _endings(groups):
     heads = (
         *("robots", "FIT", "condition", "claims", "missed", "false", "local minima", "refused"),
-        *("s each", "endings, verdicts"),
+        *("flagged", "s each", "endings, verdicts"),
     )
     lines = [f"\n| what was said | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for (family, method), rows in groups.items():
@@ -162,6 +172,7 @@ def _endings(groups):
             sum(each.false_claim for each in claims),
             sum(each.local_minimum for each in found),
             len(rows) - len(found),
+            sum(each.verdict != Level.GOOD.verdict for each in found),
             f"{np.mean([each.seconds for each in rows]):.2f}",
             ", ".join(f"{word} {count}" for word, count in said.items()),
         )

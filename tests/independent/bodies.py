@@ -130,7 +130,7 @@ def hinge(rng, masses: int, *, balance: bool = False, upright: bool = False) -> 
     pace = log_uniform(rng, 1.0, 9.0)
     arm = rng.uniform(0.08, 0.4)
     shares = [0.0, rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2)][:masses]
-    return _damped(
+    return damped(
         rng,
         Body(
             joint=Joint(
@@ -154,10 +154,11 @@ def slide(rng, masses: int) -> Body:
     carried = tuple(Mass(inertia * share) for share in shares)
     reach = float(log_uniform(rng, 0.03, 0.3))
     body = Body(joint=joint, masses=carried, pace=float(pace), reach=reach, slides=True)
-    return _damped(rng, replace(body, gravity=0.0))
+    return damped(rng, replace(body, gravity=0.0))
 
 
-def _damped(rng, body: Body) -> Body:
+def damped(rng, body: Body) -> Body:
+    """Draw viscous friction and a delay."""
     inertia = body.carrying(body.masses[-1]).inertia
     delay = rng.uniform(0.0, 0.01) if rng.integers(3) else rng.uniform(0.0, 0.5e-3)
     viscous = 2.0 * log_uniform(rng, 0.005, 0.1) * inertia * body.pace_of(body.masses[-1])
@@ -175,14 +176,36 @@ def dry(rng, body: Body, sizes) -> Body:
     )
 
 
-def record(rng, body: Body, run: Run, encoder: Encoder, *, ticks, duration) -> Recording:
-    """Return what is seen of a run; ``ticks`` are mean cycle in s and its relative spread."""
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """What is not as one believes: of a log's joint, drive, encoder, notes, and clock."""
+
+    # of the joint, its mass, and the log's end in s
+    joint: Callable[[Joint, Mass, float], Joint] = lambda joint, *_: joint
+    # of (n,) stamps in s and inputs
+    drive: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]] = (
+        lambda _, inputs: inputs
+    )
+    encoder: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda angle: angle
+    notes: Callable[[Recording], Recording] = lambda log: log
+    rates: tuple[float, ...] = (1.0,)  # mean sampling steps of the logs in turn, over the first
+
+
+def record(
+    rng, body: Body, run: Run, encoder: Encoder, *, ticks, duration, bench: Bench | None = None
+) -> Recording:
+    """Return what is seen of a run; ``ticks`` are mean cycle in s and its relative spread.
+
+    A law knows no ``bench``.
+    """
     stamps, joint = clock(rng, duration, *ticks), body.carrying(run.mass)
     offsets = encoder.zero + encoder.spread * rng.standard_normal(stamps.size)
     if run.plan is None:
-        inputs = run.torque(stamps) / joint.gain
-        angle, _ = motion(joint, stamps, inputs, run.start)
-        readings = encoder.count * np.rint((angle + offsets) / encoder.count)
+        inputs, bench = run.torque(stamps) / joint.gain, bench or Bench()
+        real = bench.joint(joint, run.mass, stamps[-1])
+        rest = real.spring * real.spring_rest / (real.spring + real.gravity or 1.0)
+        angle, _ = motion(real, stamps, bench.drive(stamps, inputs), run.start + rest)
+        readings = encoder.count * np.rint((bench.encoder(angle) + offsets) / encoder.count)
     else:
         wanted, rates, pumps = run.plan(stamps)
         plan = (stamps, wanted + encoder.zero, rates, pumps / joint.gain, offsets)

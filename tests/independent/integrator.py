@@ -1,10 +1,13 @@
 """A joint that shares no code with the program: RK4 between events, stick and slip found exactly.
 
     inertia thdd + (viscous + drag |thd|) thd + gravity sin th + gravity_beside cos th + friction
-        = gain u(t - delay) + bias
+        + spring (th - spring_rest) + imbalance cos th xdd = gain u(t - delay) + bias
+    base xdd + base_viscous xd + base_spring x + imbalance (cos th thdd - sin th thd^2) = 0
 
 Friction is coulomb + excess exp(-(thd/excess_velocity)^2) against the motion; at rest it holds up
-to coulomb + excess. The input is held from stamp to stamp, 0 before the first. A step ends where a
+to coulomb + excess. All that damps the joint changes by a share ``wear`` a second. The base is one
+that moves sideways by x where it has a mass, at rest in the beginning; ``imbalance`` is the joint's
+first moment in kg m. The input is held from stamp to stamp, 0 before the first. A step ends where a
 stamp, a change of the input or a zero of the velocity is: the torque is constant within it, so that
 a joint at rest slips at the beginning of a step or not at all. The input is given, or a law makes
 it at every stamp of what an encoder reads there.
@@ -38,6 +41,13 @@ class Joint(NamedTuple):
     excess: float = 0.0
     excess_velocity: float = 1.0
     delay: float = 0.0
+    wear: float = 0.0
+    spring: float = 0.0
+    spring_rest: float = 0.0
+    base: float = 0.0
+    base_viscous: float = 0.0
+    base_spring: float = 0.0
+    imbalance: float = 0.0
 
 
 class Law(NamedTuple):
@@ -56,7 +66,8 @@ class Law(NamedTuple):
 
 def motion(joint, stamps, inputs, angle=0.0, velocity=0.0, *, step=STEP):
     """Return (n,) angles in rad and velocities in rad/s at (n,) stamps in s, for (n,) inputs."""
-    return _motion(joint, np.asarray(stamps), np.asarray(inputs), (angle, velocity), step)
+    start = (angle, velocity, 0.0, 0.0)
+    return _motion(joint, np.asarray(stamps), np.asarray(inputs), start, step)
 
 
 def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
@@ -66,17 +77,17 @@ def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
     of input that act along the readings' slope, and what the encoder adds to the angle in rad.
     """
     columns = tuple(np.asarray(column, dtype=np.float64) for column in plan)
-    return _tracking(joint, law, columns, (angle, velocity), step)
+    return _tracking(joint, law, columns, (angle, velocity, 0.0, 0.0), step)
 
 
 @numba.njit(cache=True)
 def _motion(joint, stamps, inputs, start, step):
     state, latest = start, -1
     angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
-    angles[0], velocities[0] = state
+    angles[0], velocities[0] = state[:2]
     for k in range(stamps.size - 1):
         state, latest = _to_next_stamp(joint, (stamps, inputs, k), (state, latest), step)
-        angles[k + 1], velocities[k + 1] = state
+        angles[k + 1], velocities[k + 1] = state[:2]
     return angles, velocities
 
 
@@ -92,9 +103,10 @@ def _to_next_stamp(joint, driven, now_and_latest, step):
         if latest + 1 < stamps.size:
             stop = min(end, stamps[latest + 1] + joint.delay)
         torque = joint.bias + (joint.gain * inputs[latest] if latest >= 0 else 0.0)
+        load = torque, 1.0 + joint.wear * (0.5 * (now + stop) - stamps[0])
         count = math.ceil((stop - now) / step)
         for _ in range(count):
-            state = _advance(joint, state, torque, (stop - now) / count)
+            state = _advance(joint, state, load, (stop - now) / count)
         now = stop
     return state, latest
 
@@ -106,7 +118,7 @@ def _tracking(joint, law, plan, start, step):
     angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
     inputs, readings = np.empty(stamps.size), np.empty(stamps.size)
     for k in range(stamps.size):
-        angles[k], velocities[k] = state
+        angles[k], velocities[k] = state[:2]
         readings[k] = law.count * np.rint((state[0] + offsets[k]) / law.count)
         if k > 0:
             raw = (readings[k] - readings[k - 1]) / (stamps[k] - stamps[k - 1])
@@ -120,64 +132,96 @@ def _tracking(joint, law, plan, start, step):
 
 
 @numba.njit(cache=True)
-def _advance(joint, state, torque, h):
-    """Return angle and velocity h s later, under a constant torque."""
-    x, v = state
-    while True:
-        direction = np.sign(v)
-        if v == 0.0:
-            free = torque + _gravity(joint, x)
-            if abs(free) <= joint.coulomb + joint.excess:
-                return x, 0.0
-            direction = np.sign(free)
-        there, speed = _runge_kutta(joint, (x, v), (direction, torque), h)
-        if speed * direction >= 0.0:
-            return there, speed
-        if v == 0.0:
-            return x, 0.0  # it would have turned back before it moved
+def _advance(joint, state, load, h):
+    """Return the state h s later, under a torque and a share of friction that are constant."""
+    while h > 0.0:
+        direction = np.sign(state[1])
+        if direction == 0.0:
+            free = _free_torque(joint, state, load)
+            if abs(free) > load[1] * (joint.coulomb + joint.excess):
+                direction = np.sign(free)
+        later = _runge_kutta(joint, state, (direction, load), h)
+        if direction == 0.0 or later[1] * direction >= 0.0:
+            return later
+        if state[1] == 0.0:  # it would have turned back before it moved
+            return _runge_kutta(joint, state, (0.0, load), h)
         early, late = 0.0, h
         for _ in range(_HALVINGS):
             middle = 0.5 * (early + late)
-            _, speed = _runge_kutta(joint, (x, v), (direction, torque), middle)
+            speed = _runge_kutta(joint, state, (direction, load), middle)[1]
             if speed * direction > 0.0:
                 early = middle
             else:
                 late = middle
-        x, _ = _runge_kutta(joint, (x, v), (direction, torque), late)
-        v = 0.0
+        x, _, b, w = _runge_kutta(joint, state, (direction, load), late)
+        state = (x, 0.0, b, w)
         h -= late
-        if h <= 0.0:
-            return x, v
+    return state
 
 
 @numba.njit(cache=True)
-def _runge_kutta(joint, state, load, h):
-    (x, v), (direction, torque) = state, load
-    a1 = _acceleration(joint, x, v, direction, torque)
-    v2 = v + 0.5 * h * a1
-    a2 = _acceleration(joint, x + 0.5 * h * v, v2, direction, torque)
-    v3 = v + 0.5 * h * a2
-    a3 = _acceleration(joint, x + 0.5 * h * v2, v3, direction, torque)
-    v4 = v + h * a3
-    a4 = _acceleration(joint, x + h * v3, v4, direction, torque)
+def _runge_kutta(joint, state, acting, h):
+    k1 = _rates(joint, state, acting)
+    k2 = _rates(joint, _along(state, k1, 0.5 * h), acting)
+    k3 = _rates(joint, _along(state, k2, 0.5 * h), acting)
+    k4 = _rates(joint, _along(state, k3, h), acting)
+    mean = _along(_along(_along(k1, k2, 2.0), k3, 2.0), k4, 1.0)
+    return _along(state, mean, h / 6.0)
+
+
+@numba.njit(cache=True)
+def _along(state, rates, h):
     return (
-        x + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
-        v + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        state[0] + h * rates[0],
+        state[1] + h * rates[1],
+        state[2] + h * rates[2],
+        state[3] + h * rates[3],
     )
 
 
 @numba.njit(cache=True)
-def _acceleration(joint, x, v, direction, torque):
+def _rates(joint, state, acting):
+    """Return the derivative of angle, velocity, and the base's place and velocity."""
+    (x, v, _, w), (direction, load) = state, acting
+    if direction == 0.0:  # friction holds it
+        return 0.0, 0.0, w, _base_force(joint, state) / max(joint.base, 1e-300)
     friction = joint.coulomb
     if joint.excess > 0.0:
         friction += joint.excess * math.exp(-((v / joint.excess_velocity) ** 2))
     braking = (joint.viscous + joint.drag * abs(v)) * v + direction * friction
-    return (torque + _gravity(joint, x) - braking) / joint.inertia
+    torque = load[0] + _gravity(joint, x) - load[1] * braking
+    if joint.base == 0.0:
+        return v, torque / joint.inertia, 0.0, 0.0
+    arm, force = joint.imbalance * math.cos(x), _base_force(joint, state)
+    whole = joint.inertia * joint.base - arm**2
+    return (
+        v,
+        (joint.base * torque - arm * force) / whole,
+        w,
+        (joint.inertia * force - arm * torque) / whole,
+    )
+
+
+@numba.njit(cache=True)
+def _free_torque(joint, state, load):
+    """Return what friction has to hold of a joint at rest, on a base that moves."""
+    torque = load[0] + _gravity(joint, state[0])
+    if joint.base == 0.0:
+        return torque
+    push = _base_force(joint, state) / joint.base
+    return torque - joint.imbalance * math.cos(state[0]) * push
+
+
+@numba.njit(cache=True)
+def _base_force(joint, state):
+    x, v, b, w = state
+    turning = joint.imbalance * math.sin(x) * v**2
+    return turning - joint.base_viscous * w - joint.base_spring * b
 
 
 @numba.njit(cache=True)
 def _gravity(joint, x):
-    torque = -joint.gravity * math.sin(x)
+    torque = -joint.gravity * math.sin(x) - joint.spring * (x - joint.spring_rest)
     if joint.gravity_beside != 0.0:
         torque -= joint.gravity_beside * math.cos(x)
     return torque

@@ -129,7 +129,7 @@ def _told(kind, number, seed, drawn):
 # What several kinds have in common
 
 
-def _gain_of(rng, body, sizes):
+def with_gain(rng, body, sizes):
     """Choose p4 such that inputs lie between 0.05 and 5, as far as they can."""
     least, most = max(sizes) / 5.0, min(sizes) / 0.05
     gain = math.sqrt(least * most) if least > most else log_uniform(rng, least, most)
@@ -140,7 +140,7 @@ def _known_gain(rng, body, sizes, number):
     """Tell the gain: 1 of half the robots, else any number, of which one in four is uncertain."""
     if number % 2 == 0:
         return body, {"p4": 1.0}
-    body = _gain_of(rng, body, sizes)
+    body = with_gain(rng, body, sizes)
     if number % 4 == 1:
         return body, {"p4": body.joint.gain}
     share = rng.uniform(0.01, 0.03)
@@ -163,7 +163,7 @@ def _somewhere(rng, joint):
     return math.asin(0.7 * rng.uniform(-1.0, 1.0) * min(joint.coulomb / joint.gravity, 1.0))
 
 
-def _driven(rng, body, inputs, each):
+def driven(rng, body, inputs, each):
     """``each`` runs of every mass, by inputs in turn."""
     sizes = _sizes(rng, body)
     body = dry(rng, body, sizes)
@@ -178,7 +178,7 @@ def _driven(rng, body, inputs, each):
     return body, runs, [run.size for run in runs]
 
 
-def _sines(rng, body, each):
+def sines(rng, body, each):
     """``each`` sines of every mass."""
     aims = [
         (mass, body.pace_of(mass) * tone, rng.uniform(0.1, 0.5))
@@ -200,10 +200,10 @@ def _sine(size, omega):
 def _moved(rng, body, number, each):
     """Sines of one robot in five, else inputs of two kinds."""
     if number % 5 == 4:
-        return _sines(rng, body, max(each, 4))
+        return sines(rng, body, max(each, 4))
     pool = [multisine, chirp, steps]
     first = int(rng.integers(3))
-    return _driven(rng, body, [pool[first], pool[(first + 1) % 3]], each)
+    return driven(rng, body, [pool[first], pool[(first + 1) % 3]], each)
 
 
 def _recorded(rng, body, runs, encoder):
@@ -246,7 +246,7 @@ def _balanced(rng, number):
 def _vertical(rng, number):
     body = hinge(rng, 2 + number % 2, upright=True)
     body, runs, sizes = _moved(rng, body, number, int(rng.integers(2, 4)))
-    return _plain(rng, _gain_of(rng, body, sizes), runs, _TRAVEL, gravity=0)
+    return _plain(rng, with_gain(rng, body, sizes), runs, _TRAVEL, gravity=0)
 
 
 def _slide(rng, number):
@@ -254,7 +254,7 @@ def _slide(rng, number):
     body = slide(rng, 2 + number % 2 if weighed else 1)
     body, runs, sizes = _moved(rng, body, number, int(rng.integers(2, 5)))
     if weighed:
-        return _plain(rng, _gain_of(rng, body, sizes), runs, _TRAVEL, joint="slide")
+        return _plain(rng, with_gain(rng, body, sizes), runs, _TRAVEL, joint="slide")
     body, known = _known_gain(rng, body, sizes, number)
     return _plain(rng, body, runs, _TRAVEL, joint="slide", known=known)
 
@@ -263,12 +263,12 @@ def _pieces(rng, number):
     """One long log of a mass, of which pieces are files, parts of a file, or restarts in it."""
     masses = 3 if number % 2 else 1
     body = hinge(rng, masses)
-    body, runs, sizes = _driven(rng, body, [[multisine, stairs][int(rng.integers(2))]], 1)
+    body, runs, sizes = driven(rng, body, [[multisine, stairs][int(rng.integers(2))]], 1)
     known = {}
     if masses == 1:
         body, known = _known_gain(rng, body, sizes, 2 * number // 4)
     else:
-        body = _gain_of(rng, body, sizes)
+        body = with_gain(rng, body, sizes)
     encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
     ticks = float(log_uniform(rng, 2e-3, 8e-3)), rng.uniform(0.0, 0.3)
     whole = [
@@ -420,7 +420,7 @@ def _units(rng, number):
         unit, known = "mV", {}
     else:
         body = hinge(rng, 1)
-        body, runs, _ = _driven(rng, body, [steps, multisine], 4)
+        body, runs, _ = driven(rng, body, [steps, multisine], 4)
         encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
         unit, known = "mNm", {"known": {"p4": 1.0}}
     recordings = _recorded(rng, body, runs, encoder)
@@ -455,10 +455,10 @@ def _three_masses(rng, number, zero, *, swings):
     pool = [stairs, chirp, multisine, steps, still]
     first = number % 3
     inputs = [pool[first], pool[(first + 1) % 4], pool[int(rng.integers(5))]]
-    body, runs, sizes = _driven(rng, body, inputs, 3)
+    body, runs, sizes = driven(rng, body, inputs, 3)
     if swings:
         runs[2::3] = [_swing_up(rng, body, run) for run in runs[2::3]]
-    body = _gain_of(rng, body, sizes)
+    body = with_gain(rng, body, sizes)
     return body, runs, Encoder.drawn(rng, rng.uniform(-zero, zero))
 
 

@@ -63,6 +63,8 @@ class Score:
     ending: str = ""
     verdict: str = ""
     excess: float = float("nan")  # cost over that of a fit begun at the truth, if there is one
+    misfit: float = float("nan")  # what is left over what sensors explain, where it was asked for
+    text: str = ""  # the answer in words, the same
     seconds: float = 0.0  # that the identification took
 
     @property
@@ -86,14 +88,17 @@ def score(robot, method):
         lambda: identify(robot.data, estimator),
         truth,
         heaviest,
-        lambda estimate: _excess(robot, estimator, estimate),
+        lambda found: {"excess": _excess(robot, estimator, found.estimate)},
         method=method,
         **named,
     )
 
 
-def scored(identified, truth, heaviest, excess=lambda _: float("nan"), **named):
-    """Return the score of what is identified; a refusal or a crash is a score too."""
+def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
+    """Return the score of what is identified; a refusal or a crash is a score too.
+
+    ``besides`` says further fields of what was found.
+    """
     began = time.perf_counter()
     try:
         found = identified()
@@ -105,8 +110,8 @@ def scored(identified, truth, heaviest, excess=lambda _: float("nan"), **named):
             condition=estimate.condition,
             ending=str(estimate.ending),
             verdict=str(found.standing),
-            excess=excess(estimate),
             seconds=seconds,
+            **besides(found),
         )
     except ButterflyError as refusal:
         said = str(refusal)

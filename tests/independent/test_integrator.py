@@ -19,6 +19,15 @@ JOINT = Joint(
     gravity_beside=2e-3,
     delay=3.3e-3,
 )
+SHAKEN = JOINT._replace(
+    base=0.5,
+    base_viscous=0.4,
+    base_spring=300.0,
+    imbalance=0.01,
+    spring=0.01,
+    spring_rest=0.2,
+    wear=-0.1,
+)
 DRY = JOINT._replace(gain=1e-2, coulomb=4e-3, excess=1e-3, excess_velocity=0.1)
 
 
@@ -33,16 +42,23 @@ def _by_scipy(joint, stamps, inputs, angle):
     """Angles at the stamps, the equation without dry friction solved between all changes."""
     edges = np.unique(np.concatenate([stamps, stamps + joint.delay]))
     edges = edges[edges <= stamps[-1]]
-    state, found = np.array([angle, 0.0]), {0.0: angle}
+    state, found = np.array([angle, 0.0, 0.0, 0.0]), {0.0: angle}
     for begin, end in itertools.pairwise(edges):
         latest = np.searchsorted(stamps + joint.delay, begin, "right") - 1
         drive = joint.gain * inputs[latest] if latest >= 0 else 0.0
+        share = 1.0 + joint.wear * (begin + end) / 2.0
 
-        def rates(_, now, drive=drive):
-            x, v = now
+        def rates(_, now, drive=drive, share=share):
+            x, v, b, w = now
             torque = drive + joint.bias - joint.gravity * math.sin(x)
-            torque -= joint.gravity_beside * math.cos(x)
-            return [v, (torque - (joint.viscous + joint.drag * abs(v)) * v) / joint.inertia]
+            torque -= joint.gravity_beside * math.cos(x) + joint.spring * (x - joint.spring_rest)
+            torque -= share * (joint.viscous + joint.drag * abs(v)) * v
+            force = joint.imbalance * math.sin(x) * v**2
+            force -= joint.base_viscous * w + joint.base_spring * b
+            coupled = joint.imbalance * math.cos(x)
+            inertias = [[joint.inertia, coupled], [coupled, joint.base or 1.0]]
+            a, c = np.linalg.solve(inertias, [torque, force])
+            return [v, a, w, c]
 
         solved = solve_ivp(rates, (begin, end), state, "DOP853", rtol=1e-12, atol=1e-14)
         state = solved.y[:, -1]
@@ -50,10 +66,11 @@ def _by_scipy(joint, stamps, inputs, angle):
     return np.array([found[stamp] for stamp in stamps])
 
 
-def test_without_dry_friction_it_moves_as_dop853_does():
+@pytest.mark.parametrize("joint", [JOINT, SHAKEN])
+def test_without_dry_friction_it_moves_as_dop853_does(joint):
     stamps, inputs = _driven(2.0, 4e-3)
-    ours, _ = motion(JOINT, stamps, inputs, 0.3)
-    np.testing.assert_allclose(ours, _by_scipy(JOINT, stamps, inputs, 0.3), atol=1e-11)
+    ours, _ = motion(joint, stamps, inputs, 0.3)
+    np.testing.assert_allclose(ours, _by_scipy(joint, stamps, inputs, 0.3), atol=1e-11)
 
 
 def test_a_decay_by_coulomb_friction_alone_loses_the_same_at_every_turn_and_stops():
@@ -72,8 +89,9 @@ def test_a_decay_by_coulomb_friction_alone_loses_the_same_at_every_turn_and_stop
     assert velocity[-1] == 0.0
 
 
-def test_its_order_is_four_with_stick_and_slip():
-    joint = DRY._replace(delay=0.0)
+@pytest.mark.parametrize("base", [0.0, 0.5])
+def test_its_order_is_four_with_stick_and_slip(base):
+    joint = DRY._replace(delay=0.0, base=base, base_spring=40.0, base_viscous=0.4, imbalance=0.01)
     stamps, inputs = _driven(6.0, 0.04, 2.0)
     _, velocity = motion(joint, stamps, inputs, 0.3)
     assert np.sum(velocity == 0.0) > 10  # it rests at many stamps

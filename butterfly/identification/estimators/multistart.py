@@ -6,12 +6,13 @@ First guesses are closed forms' parameters, and rest angles of the encoder.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Minimum
@@ -75,7 +76,7 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    return Start(parameters=found.parameters, zeros=zeros)
+    return Start(parameters=_moving(found, data.masses), zeros=zeros)
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
@@ -89,13 +90,23 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted, check=False)
-    found = closed_form(replace(data, known=usable(closed_form.method, data.known))).parameters
+    estimate = closed_form(replace(data, known=usable(closed_form.method, data.known)))
+    found = _moving(estimate, data.masses)
     if not open_:
         return Start(parameters=found, zeros=zeros)
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
     return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
+
+
+def _moving(found: Estimate, masses: Iterable[AddedMass]) -> LumpedParameters:
+    """Return an estimate's parameters; an inertia below 0 that may be above is half of the most."""
+    parameters, least = found.parameters, min(mass.inertia for mass in masses)
+    most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0)
+    if parameters.p1 + least > 0 or not most + least > 0:
+        return parameters
+    return replace(parameters, p1=(most - least) / 2)
 
 
 def _of_ratios(data: DataSet) -> Start | None:

@@ -1,0 +1,146 @@
+"""Identify random robots on defective benches, and tell what holds and what is named of each row.
+
+python -m tests.independent.bench --robots 20 --seed 1 --out FILE.json
+python -m tests.independent.bench --rows base clock --method output-error --against FILE.json
+
+A cause is asked for where the parameters that the defect moves are off by more than `MOVED` in the
+answers of ``--against``, or in these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+import butterfly as bf
+from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
+from tests.benchmarks.coverage import median_half_width
+from tests.independent.defects import ROWS, draw
+from tests.independent.scores import Reading, Score, scored
+
+MOVED = 2.0
+"""Error in % of a parameter that a defect has moved."""
+
+_KEY = ("p1", "p4")  # what *good* vouches for
+
+
+def main(arguments=None):
+    """Score, write and print what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", nargs="*", choices=ROWS, default=list(ROWS))
+    parser.add_argument("--method", default="auto")
+    parser.add_argument("--robots", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="file for all scores")
+    parser.add_argument("--against", type=Path, help="such a file of another version, same seed")
+    parser.add_argument("--table", type=Path, help="make the table of such a file, score nothing")
+    asked = parser.parse_args(arguments)
+    scores = read(asked.table) if asked.table else []
+    jobs = [] if asked.table else product(asked.rows, range(asked.robots))
+    for row, number in jobs:
+        scores.append(score(row, number, asked.method, asked.seed))
+        print(f"\r{row} {number}  ", end="", file=sys.stderr, flush=True)
+        if asked.out:
+            asked.out.write_text(json.dumps([asdict(each) for each in scores], indent=1))
+    print(table(scores, read(asked.against) if asked.against else []))
+
+
+def score(row, number, method, seed):
+    """Identify a robot of a row."""
+    robot = draw(row, number, seed)
+    return scored(
+        lambda: bf.identify(robot.logs, method),
+        robot.truth,
+        robot.heaviest,
+        lambda found: {"misfit": found.misfit.times, "text": "\n".join(found.paragraphs())},
+        family=row,
+        number=number,
+        repeat=0,
+        method=method,
+    )
+
+
+def read(path):
+    """Scores of a file."""
+    rows = json.loads(path.read_text(encoding="utf-8"))
+    return [
+        Score(**row | {"readings": {k: Reading(**each) for k, each in row["readings"].items()}})
+        for row in rows
+    ]
+
+
+def table(scores: list[Score], against: list[Score] = ()) -> str:
+    """Return a line for each row; the widths are over those of another version, if it is given."""
+    others = {(each.family, each.number): each for each in against}
+    heads = (
+        *("bench", "robots", "refused", *PARAMETERS, "width p1", "p4", "width over"),
+        *("misfit", "FIT", "good", "good with p1 or p4 outside", "named", "s"),
+    )
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for row in dict.fromkeys(each.family for each in scores):
+        asked = [each for each in scores if each.family == row]
+        lines.append(f"| {' | '.join(map(str, _cells(row, asked, others)))} |")
+    return "\n".join(lines)
+
+
+def _cells(row, asked, others):
+    found = [each for each in asked if not each.refused]
+    yield from (row, len(asked), len(asked) - len(found))
+    for name in PARAMETERS:
+        covered = [each.readings[name].covered for each in found if name in each.readings]
+        yield f"{100 * np.mean(covered):.0f}" if covered else ""
+    for name in _KEY:
+        width = median_half_width([each.readings[name] for each in found if name in each.readings])
+        yield f"{width:.2g} %"
+    pairs = [(each, others.get((row, each.number))) for each in found]
+    ratios = [
+        np.median(
+            [now.readings[name].half_width / then.readings[name].half_width for now, then in both]
+        )
+        for name in PARAMETERS
+        if (both := [pair for pair in pairs if pair[1] and _wide(pair, name)])
+    ]
+    yield " ".join(f"{each:.2f}" for each in ratios)
+    yield f"{np.median([each.misfit for each in found]):.3g}" if found else ""
+    yield f"{np.median([each.fit for each in found]):.2f}" if found else ""
+    good = [each for each in found if each.verdict == Level.GOOD.verdict]
+    outside = [worst for each in good if (worst := _outside(each))]
+    yield f"{len(good)}/{len(found)}"
+    yield f"{len(outside)}" + (f", up to {max(outside):.2g} %" if outside else "")
+    named = [names_cause(each) for each, then in pairs if moved(each) or (then and moved(then))]
+    yield f"{sum(named)}/{len(named)}" if ROWS[row].words else ""
+    yield f"{np.median([each.seconds for each in asked]):.2f}"
+
+
+def _wide(pair, name):
+    """Whether both of two answers have an interval of a parameter."""
+    return all(name in each.readings and each.readings[name].half_width for each in pair)
+
+
+def _outside(each):
+    """Largest error in % of what *good* vouches for and an interval does not hold; else 0."""
+    readings = [each.readings[name] for name in _KEY if name in each.readings]
+    return max((abs(one.error) for one in readings if not one.covered), default=0.0)
+
+
+def moved(each):
+    """Whether a defect has moved what it moves."""
+    names = (name for name in ROWS[each.family].moved if name in each.readings)
+    return any(abs(each.readings[name].error) > MOVED for name in names)
+
+
+def names_cause(each):
+    """Whether the words of an answer name the cause, or an alias of it."""
+    return bool(re.search(ROWS[each.family].words, each.text, re.IGNORECASE))
+
+
+if __name__ == "__main__":
+    main()
