@@ -43,13 +43,16 @@ from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
+from butterfly.model.terms import DRIVE, DriveTerms
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
 _ROUNDS = 8  # about the delay
-_SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
+_BY_MASS = "mass_inertia"
 _LATEST = 0.25  # of the shortest log, for a delay
+_UNMOVED = 1e-3  # of a term of the drive
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -66,9 +69,7 @@ class Windows(NamedTuple):
     def equations(
         self,
         names: tuple[str, ...],
-        delay: float,
-        slow: float,
-        known: Mapping[str, float],
+        about: About,
         use: NDArray[np.bool_] | None = None,
     ) -> tuple[Samples, Samples]:
         """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
@@ -76,11 +77,18 @@ class Windows(NamedTuple):
         Of the test functions in which the joint moves, or of those that are to be used; what is
         known exactly goes to the targets.
         """
+        known = about.known.fixed
         told = {name: known[name] for name in known if name not in _SETTINGS}
         every = (*names, *told, "p1", "p3")
-        signals = self.averaging.signals(every, delay=delay, stribeck_velocity=slow)
+        signals = self.averaging.signals(
+            [name for name in every if name != _BY_MASS],
+            delay=about.delay,
+            drive=about.drive,
+            stribeck_velocity=about.slow,
+        )
         used = signals.moving if use is None else use
-        mean = {name: signals.mean[name][used] for name in every}
+        mean = {name: each[used] for name, each in signals.mean.items()}
+        mean[_BY_MASS] = self.added.swung * mean["p1"]
         inertia, gravity = mean["p1"], mean["p3"]
         size = float(np.linalg.norm(inertia)) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
@@ -97,6 +105,7 @@ class About:
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
     delay: float  # from input to torque, in s
+    drive: DriveTerms  # what becomes of the input
     gain: float  # p4, as far as it is known
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
@@ -105,17 +114,14 @@ class About:
     ) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
         pairs = zip(windows, use or [None] * len(windows), strict=True)
-        exact = self.known.fixed
-        equations = [
-            each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
-        ]
+        equations = [each.equations(self.names, self, used) for each, used in pairs]
         rows, targets = zip(*equations, strict=True)
         return Regression(
             names=self.names,
             rows=np.concatenate(rows),
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
-            about={"delay": self.delay},
+            about={"delay": self.delay, **vars(self.drive)},
             gain=self.gain,
             prior=Penalty.of(self.names, self.known.parameters, self.variance),
         )
@@ -123,7 +129,14 @@ class About:
     def moved(self, values: Samples) -> About:
         """Return what equations about (n,) values of the names are about."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
-        return replace(self, delay=found["delay"], gain=found["p4"])
+        drive = DriveTerms(**{name: found[name] for name in DRIVE if name in found})
+        return replace(self, delay=found["delay"], gain=found["p4"], drive=drive)
+
+    def near(self, other: About) -> bool:
+        """Whether delay and drive are where others are."""
+        mine, theirs = vars(self.drive), vars(other.drive)
+        still = all(abs(mine[n] - theirs[n]) <= _UNMOVED * mine[n] for n in DRIVE)
+        return still and abs(self.delay - other.delay) < _SETTLED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,6 +168,7 @@ class WeakFit:
             slow=slow,
             delay=exact.get("delay", delay),
             gain=exact.get("p4", 0.0),
+            drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
         if not known.uncertain:
             return cls._solved(windows, about)
@@ -169,7 +183,7 @@ class WeakFit:
             solution = regression.solve()
             before, about = about, about.moved(solution.values)
             _refuse_late(about.delay, windows)
-            settled = bool(abs(about.delay - before.delay) < _SETTLED)
+            settled = about.near(before)
             if settled:
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
