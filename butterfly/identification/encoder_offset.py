@@ -25,12 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.inference.covariance import (
-    blocks_of,
-    cluster_covariance,
-    compress_all,
-    split,
-)
+from butterfly.identification.equations import compressed, cut, independent_cells_of
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
@@ -130,7 +126,13 @@ def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> NDArray[n
 
 
 def _told(log: Log) -> EncoderOffset | None:
-    return None if log.zero is None else EncoderOffset(**vars(log.zero), kind=OffsetKind.TOLD)
+    return (
+        None
+        if log.zero is None
+        else EncoderOffset(
+            value=log.zero.value, uncertainty=log.zero.uncertainty, kind=OffsetKind.TOLD
+        )
+    )
 
 
 def _turns(log: Log) -> bool:
@@ -265,9 +267,8 @@ def _solved(
     values = scaled_least_squares(rows, target)
     left = rows @ values - target
     logs = int(cluster[-1]) + 1
-    cluster = split(cluster, blocks_of(logs, len(names)))
-    parts = [cluster == number for number in np.unique(cluster)]
-    covariance, _ = cluster_covariance(*compress_all((rows[part], left[part]) for part in parts))
+    cells = independent_cells_of(logs, len(names))
+    covariance, _ = cluster_covariance(*compressed(cut(rows, left, cluster, cells)))
     sine, cosine = (names.index(name) for name in _GRAVITY)
     a, b = float(values[sine]), float(values[cosine])
     gravity = math.hypot(a, b)

@@ -12,20 +12,9 @@ from numpy.typing import NDArray
 
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
-from butterfly.identification.inference.consistency import (
-    Correction,
-    corrections,
-    disagreements,
-    moved_by_masses,
-    scale_apart,
-)
-from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
-from butterfly.identification.inference.identifiability import (
-    Conditioning,
-    precision,
-    sort_by_precision,
-)
-from butterfly.identification.normal_equations import SolvedEquations, pulled_below
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.consistency import Correction
+from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -62,7 +51,10 @@ class Estimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     # what added masses would have to be for the logs to agree better, the best explained first
     corrections: tuple[Correction, ...] = ()
-    # (n,) fits with other terms that predict as well, which the intervals hold too
+    # what follows a condition though it should be the same in all, the most telling first
+    agreement: tuple[Contrast, ...] = ()
+    # (n,) fits with other terms that predict as well, and what would hold at the limits of
+    # conditions that disagree: the intervals hold these too
     rivals: tuple[NDArray[np.float64], ...] = ()
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.prediction_horizon`)
@@ -73,86 +65,6 @@ class Estimate:
     ratios: bool = False  # whether the values are ratios to p1, gains excepted
     input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
     joint: JointKind = JointKind.HINGE
-
-    @classmethod
-    def from_rows(
-        cls,
-        solved: SolvedEquations,
-        *,
-        method: str,
-        left_out: Mapping[Hashable, NDArray[np.float64]],
-        rivals: Sequence[NDArray[np.float64]] = (),
-        shared: int | None = None,
-        findings: Sequence[Finding] = (),
-        fixed: dict[str, float] | None = None,
-        local: dict[AddedMass | str | None, dict[str, float]] | None = None,
-        masses: Sequence[AddedMass] = (),
-        horizon: float | None = None,
-        blocks: int = 1,
-        known: Prior = NO_PRIOR,
-        besides: NDArray[np.float64] | None = None,
-        ratios: bool = False,
-    ) -> Estimate:
-        """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
-
-        ``left_out`` (from parts of the data) and ``rivals`` (other fits that predict as well)
-        widen the intervals; the first ``shared`` values are the robot's; ``masses`` is what each
-        log carried, of which each has ``blocks`` clusters; ``besides`` is an (n, n) covariance of
-        what was taken as given, added to that of the equations. IdentifiabilityError says that
-        these are singular for every practical purpose.
-        """
-        rows, residuals = solved.by_cluster()
-        whole, left = solved.with_prior(rows, residuals)
-        active = None if solved.prior is None else solved.prior.active
-        conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names, active)
-        conditioning.refuse_singular()
-        numbers = np.unique(solved.cluster).tolist() if masses else []
-        carried = {number: masses[number // blocks] for number in numbers}
-        considered = moved_by_masses(rows, solved.names, carried)
-        covariance, freedom = cluster_covariance(rows, residuals, solved.prior, considered)
-        if solved.bread is not None:
-            covariance = robust(covariance, whole.T @ whole, solved.bread)
-        if besides is not None:
-            covariance = covariance + besides
-        apart = [
-            *disagreements(solved.prior, solved.names, solved.values, covariance, whole),
-            *scale_apart(solved, rows, residuals, known, carried),
-        ]
-        own = slice(shared)
-        names, values = solved.names[own], solved.values[own]
-        scatter = covariance[own, own]
-        limits = honest_limits(values, scatter, freedom[own], left_out.values(), rivals)
-        lower = np.maximum(limits[0], solved.lower[own])
-        on_bound = tuple(np.array(names)[solved.on_bound[own]].tolist())
-        pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
-        return cls(
-            method=method,
-            names=names,
-            values=values,
-            covariance=scatter,
-            lower=lower,
-            upper=limits[1],
-            left_out=left_out,
-            condition=conditioning.number,
-            on_bound=on_bound,
-            ending=solved.ending,
-            findings=(
-                *sort_by_precision(values, lower, limits[1], names),
-                *conditioning.findings,
-                *solved.findings,
-                *_of_bounds_and_signs(names, on_bound, pulled),
-                *apart,
-                *findings,
-            ),
-            fixed=known.fixed | (fixed or {}),
-            local=local or {},
-            corrections=corrections(rows, residuals, solved.names, carried if blocks == 1 else {}),
-            known=known,
-            rivals=tuple(rivals),
-            horizon=horizon,
-            freedom=freedom[own],
-            ratios=ratios,
-        )
 
     @property
     def parameters(self) -> LumpedParameters:
@@ -232,6 +144,7 @@ class Estimate:
             "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
             "left_out": left_out_content(self.names, self.left_out),
             "rivals": [each.tolist() for each in self.rivals],
+            "agreement": [asdict(each) for each in self.agreement],
             "freedom": None if self.freedom is None else self.freedom.tolist(),
             "condition": self.condition,
             "findings": [asdict(finding) for finding in self.findings],
@@ -274,6 +187,7 @@ class Estimate:
             upper=_array(limits[1]),
             left_out=left_out,
             rivals=tuple(_array(each) for each in content.get("rivals", ())),
+            agreement=tuple(map(Contrast.from_dict, content.get("agreement", ()))),
             freedom=None if freedom is None else _array(freedom),
             condition=float(_array(content["condition"])),
             on_bound=tuple(content["on_bound"]),
@@ -356,18 +270,6 @@ class Estimate:
             return self
         rest = (each for each in self.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
         return replace(self, findings=(*slips, *rest))
-
-
-def _of_bounds_and_signs(
-    names: Sequence[str], on_bound: Sequence[str], pulled: set[str]
-) -> list[Finding]:
-    """Say what a bound holds, with care where the data would go far beyond; and unseen signs."""
-    groups = (
-        (FindingKind.ON_BOUND, Level.CARE, [name for name in on_bound if name in pulled]),
-        (FindingKind.ON_BOUND, Level.NOTE, [name for name in on_bound if name not in pulled]),
-        (FindingKind.SIGN_UNKNOWN, Level.CARE, [n for n in names if not TERMS[n].sign_observable]),
-    )
-    return [Finding(kind, tuple(own), severity=level) for kind, level, own in groups if own]
 
 
 def left_out_content(

@@ -1,8 +1,8 @@
-"""Bounded linear least squares, its columns scaled, and the equations about a solution."""
+"""Bounded linear least squares, its columns scaled."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Ending, Finding
-from butterfly.identification.inference.covariance import cluster_covariance, compress_all
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 
-_TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
 _WELL = 3.0  # standard errors
 
 
@@ -32,7 +29,7 @@ class Regression:
     """Equations that are linear in the parameters: ``rows`` times the unknowns is ``target``.
 
     The unknowns are the parameters themselves, but for those that enter as a product with p4
-    (delay, compression): of these, p4 (parameter - ``about``).
+    (delay, terms of the drive): of these, p4 (parameter - ``about``).
     """
 
     names: tuple[str, ...]  # of the n parameters
@@ -61,7 +58,11 @@ class Regression:
         scale[scale == 0] = 1.0  # a column of zeros stays without effect
         moved = self._products & (self._shift != 0)
         lowest = np.where(moved, -np.inf, self.lower)  # of p4 (x - about), whose bound moves too
-        fit = lsq_linear(rows / scale, target, (lowest, np.inf), method="bvls", tol=1e-14)
+        highest = np.full(scale.size, np.inf)
+        if self.gain < 0:  # products turn their bounds round
+            turned = self._products & ~moved
+            lowest[turned], highest[turned] = -np.inf, -self.lower[turned]
+        fit = lsq_linear(rows / scale, target, (lowest, highest), method="bvls", tol=1e-14)
         unknowns = fit.x / scale
         values = self.values(unknowns)
         on_bound = (fit.active_mask != 0) | (values < self.lower)
@@ -121,97 +122,6 @@ class Regression:
         return np.where(self._products, gain, 1.0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SolvedEquations:
-    """A solver's end: n values that m equations determine, and the equations about them."""
-
-    names: tuple[str, ...]  # of the n values; those that all logs share come first
-    values: NDArray[np.float64]  # (n,)
-    # jacobian, residuals: (m, n) derivatives by the values, and (m,) residuals, weighted as the
-    # solver weighs them
-    jacobian: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    # (m,) numbers of the logs, or stretches, between which errors are independent
-    cluster: NDArray[np.intp]
-    on_bound: NDArray[np.bool_]  # (n,) whether a bound holds the value
-    lower: NDArray[np.float64]  # (n,) least values
-    ending: Ending = Ending.CONVERGED  # how the solver ended
-    findings: tuple[Finding, ...] = ()  # what it has to say besides
-    # (n, n) derivatives of the gradient, where the weights depend on the residuals
-    bread: NDArray[np.float64] | None = None
-    prior: Penalty | None = None  # what was known of the values with an uncertainty
-
-    @classmethod
-    def of(
-        cls, regression: Regression, solution: Solution, *, unsettled: Finding | None = None
-    ) -> SolvedEquations:
-        """Take a regression and its solution; ``unsettled`` says how an iteration was stopped."""
-        return cls(
-            names=regression.names,
-            values=solution.values,
-            jacobian=regression.jacobian(solution.values),
-            residuals=regression.residuals(solution.values),
-            cluster=regression.cluster,
-            on_bound=solution.on_bound,
-            lower=regression.lower,
-            ending=Ending.STOPPED if unsettled else Ending.CONVERGED,
-            findings=(unsettled,) if unsettled else (),
-            prior=regression.prior,
-        )
-
-    def beside(self, other: SolvedEquations) -> SolvedEquations:
-        """Return these equations and others of other values, of the same clusters, as one."""
-        (mine, own), (theirs, further) = self.jacobian.shape, other.jacobian.shape
-        jacobian = np.zeros((mine + theirs, own + further))
-        jacobian[:mine, :own] = self.jacobian
-        jacobian[mine:, own:] = other.jacobian
-        return replace(
-            self,
-            names=(*self.names, *other.names),
-            values=np.append(self.values, other.values),
-            jacobian=jacobian,
-            residuals=np.append(self.residuals, other.residuals),
-            cluster=np.append(self.cluster, other.cluster),
-            on_bound=np.append(self.on_bound, other.on_bound),
-            lower=np.append(self.lower, other.lower),
-            prior=None if self.prior is None else self.prior.padded(further),
-        )
-
-    @property
-    def realised_variance(self) -> float:
-        """Variance of a row as the scatter of the clusters realises it: 1 per parameter if right.
-
-        Of independent equal errors it is theirs; errors that are alike within a cluster count for
-        fewer rows, which is a larger variance of each.
-        """
-        rows, residuals = self.by_cluster()
-        flat = rows.reshape(-1, rows.shape[2])
-        size = np.linalg.norm(flat, axis=0)
-        basis, singular, _ = np.linalg.svd(
-            flat / np.where(size > 0, size, 1.0), full_matrices=False
-        )
-        told = basis[:, singular > _TOLD * singular[0]]
-        covariance, _ = cluster_covariance(told.reshape(*rows.shape[:2], -1), residuals)
-        return float(np.mean(np.diag(covariance)))
-
-    def with_prior(
-        self, rows: NDArray[np.float64], residuals: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (m, n) rows and (m,) residuals of all clusters, and of what was known besides."""
-        flat, left = rows.reshape(-1, rows.shape[2]), residuals.reshape(-1)
-        if self.prior is None:
-            return flat, left
-        more, target = self.prior.rows()
-        return np.concatenate([flat, more]), np.append(left, more @ self.values - target)
-
-    def by_cluster(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (k, n, n) rows and (k, n) residuals that say of k clusters what these do."""
-        order = np.argsort(self.cluster, kind="stable")
-        starts = np.flatnonzero(np.diff(self.cluster[order])) + 1
-        parts = np.split(order, starts)
-        return compress_all((self.jacobian[part], self.residuals[part]) for part in parts)
-
-
 def pulled_below(
     rows: NDArray[np.float64], residuals: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
@@ -231,5 +141,6 @@ def scaled_least_squares(
     Each column of the rows is scaled to be of length 1, so that its unit does not count.
     """
     scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
     values = np.linalg.lstsq(rows / scale, target, rcond=None)[0]
     return np.asarray((values.T / scale).T)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.equations import CellEquations
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
@@ -51,26 +51,27 @@ class ScaleParameter:
             return values
         return np.insert(values, self._place(names), self.known.parameters[self.name].value)
 
-    def whole(self, solved: SolvedEquations) -> SolvedEquations:
+    def whole(self, solved: CellEquations) -> CellEquations:
         """Return the end of a fit that held the reference, with it and its uncertainty."""
         if self.name is None:
             return solved
         values, at = self.grown(solved.values, solved.names), self._place(solved.names)
         names = (*solved.names[:at], self.name, *solved.names[at:])
         turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
-        jacobian = solved.jacobian @ turned
+        rows = solved.rows @ turned
         lower = np.insert(solved.lower, at, TERMS[self.name].lower)
-        prior = Penalty.of(names, self.known.parameters, solved.realised_variance)
+        about = dict(zip(names, values.tolist(), strict=True))
+        prior = Penalty.of(names, self.known.parameters, solved.realised_variance, about)
         assert prior is not None  # noqa: S101 - the reference is uncertain
         moved = values
         if prior.active.sum() > 1:
-            moved = np.maximum(values + _step(jacobian, solved.residuals, prior, values), lower)
+            moved = np.maximum(values + _step(rows, solved.residuals, prior, values), lower)
         return replace(
             solved,
             names=names,
             values=moved,
-            jacobian=jacobian,
-            residuals=solved.residuals + jacobian @ (moved - values),
+            rows=rows,
+            residuals=solved.residuals + rows @ (moved - values),
             on_bound=np.insert(solved.on_bound, at, [False]),
             lower=lower,
             bread=None if solved.bread is None else self._bread(solved, turned) + prior.curvature,
@@ -81,7 +82,7 @@ class ScaleParameter:
         assert self.name is not None  # noqa: S101 - asked of a reference only
         return sum(each in names for each in PARAMETERS[: PARAMETERS.index(self.name)])
 
-    def _shares(self, solved: SolvedEquations) -> Samples:
+    def _shares(self, solved: CellEquations) -> Samples:
         """(n,) changes of the others that do to residuals what one of the reference does.
 
         Residuals do not change if all torques grow alike.
@@ -94,16 +95,16 @@ class ScaleParameter:
         return -np.array(grown) / own
 
     @staticmethod
-    def _bread(solved: SolvedEquations, turned: Samples) -> Samples:
+    def _bread(solved: CellEquations, turned: Samples) -> Samples:
         """Return the derivatives of the gradient of the logs alone, by the reference as well."""
         assert solved.bread is not None  # noqa: S101 - asked where there is one
         of_logs = solved.bread if solved.prior is None else solved.bread - solved.prior.curvature
         return np.asarray(turned.T @ of_logs @ turned)
 
 
-def _step(jacobian: Samples, residuals: Samples, prior: Penalty, values: Samples) -> Samples:
+def _step(rows: Samples, residuals: Samples, prior: Penalty, values: Samples) -> Samples:
     """Return the step to where rows and prior agree best."""
-    curvature = jacobian.T @ jacobian + prior.curvature
-    pull = jacobian.T @ residuals + prior.gradient(values)
+    curvature = np.einsum("kmi,kmj->ij", rows, rows) + prior.curvature
+    pull = np.einsum("kmn,km->n", rows, residuals) + prior.gradient(values)
     scale = np.sqrt(np.diag(curvature))
     return np.asarray(-np.linalg.solve(curvature / np.outer(scale, scale), pull / scale) / scale)

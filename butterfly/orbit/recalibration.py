@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
+from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.submodels import without_logs
+from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -197,14 +200,14 @@ def estimate_of(
     Their (m,) rows are of the given runs, without each of which is estimated again where enough are
     left. An IdentifiabilityError if they are singular for every practical purpose.
     """
-    solved = SolvedEquations.of(regression, solution)
+    solved = CellEquations.of(regression, solution)
     left_out: dict[Hashable, NDArray[np.float64]] = {}
     runs = np.unique(run)
     for number in runs.tolist() if runs.size >= _FEWEST_RUNS else []:
-        kept = run != number
-        if Conditioning.of(regression.rows[kept], regression.names).number < SINGULAR_CONDITION:
-            left_out[f"run {number}"] = regression.solve(kept).values
-    return Estimate.from_rows(
+        values = without_logs(solved, np.unique(regression.cluster[run == number]).tolist())
+        if np.isfinite(values).all():
+            left_out[f"run {number}"] = values
+    return infer(
         solved,
         method=method,
         left_out=left_out,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.equations import compressed
 from butterfly.identification.estimators import OutputError
 from butterfly.logs.log import Intersample, Sine
 from butterfly.model.parameters import LumpedParameters
@@ -93,23 +94,14 @@ def test_what_belongs_to_one_log_or_mass_moves_no_other(problem, equations):
 def test_compressed_equations_say_the_same(equations):
     for log in equations.logs:
         weights = np.linspace(0.5, 2.0, log.residuals.size)
-        rows, residuals = log.weighted(weights).compressed()
+        weighted = log.weighted(weights)
+        (factor,), (residuals,) = compressed([(weighted.rows, weighted.residuals)])
+        rows = factor @ weighted.mixture
         jacobian = log.jacobian
         normal = jacobian.T @ (weights[:, None] * jacobian)
         np.testing.assert_allclose(rows.T @ rows, normal, atol=1e-10 * np.abs(normal).max())
         pull = jacobian.T @ (weights * log.residuals)
         np.testing.assert_allclose(rows.T @ residuals, pull, atol=1e-10 * np.abs(pull).max())
-
-
-def test_a_part_has_the_equations_of_its_logs(problem, equations):
-    part, kept = problem.part([2, 3])
-    own, taken = part.equations(part.initial), equations.part([2, 3], kept)
-    assert own.cost == taken.cost
-    np.testing.assert_array_equal(own.gradient, taken.gradient)
-    np.testing.assert_array_equal(own.curvature, taken.curvature)
-    names = {name for name, whose in part.keys if whose is not None}
-    assert names == {"zero", "velocity"}
-    assert len(part.keys) == len(problem.keys) - 3  # one zero and two velocities less
 
 
 def test_equations_predict_residuals_nearby(problem, equations):

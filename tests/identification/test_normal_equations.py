@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import nnls
 
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.normal_equations import Regression, SolvedEquations
+from butterfly.identification.equations import CellEquations, compressed, cut
+from butterfly.identification.inference.infer import infer
+from butterfly.identification.normal_equations import Regression
 from butterfly.model.prior import Penalty
 
 NAMES = ("p3", "p4", "compression")
@@ -76,17 +77,18 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     rng = np.random.default_rng(1)
     jacobian = rng.standard_normal((60, 3))
     residuals = rng.standard_normal(60)
-    solved = SolvedEquations(
+    rows, left = compressed(cut(jacobian, residuals, np.arange(60) % 12, 1))
+    solved = CellEquations(
         names=("p1", "coulomb", "zero"),
         values=np.array([3.0, 0.05, 1.0]),
-        jacobian=jacobian,
-        residuals=residuals,
-        cluster=np.arange(60) % 12,
+        rows=rows,
+        residuals=left,
+        log=np.arange(12),
         on_bound=np.array([False, True, True]),
         lower=np.array([-np.inf, 0.0, -np.inf]),
     )
     left_out = {"heavy": np.array([9.0, 0.1])}
-    found = Estimate.from_rows(solved, method="any", left_out=left_out, shared=2)
+    found = infer(solved, method="any", left_out=left_out, shared=2)
     assert found.names == ("p1", "coulomb")
     assert found.covariance.shape == (2, 2)
     assert found.lower[1] == 0.0

@@ -62,7 +62,6 @@ def test_bias_and_zero_are_read_off_the_middles_of_swings_whole_turns_off_too(bi
     rest, turned = (_rest(_points(bias, turns=turns), asked=None) for turns in (0, 1))
     assert rest.bias == pytest.approx(bias, rel=2e-3)
     np.testing.assert_allclose(rest.zeros, ZERO, atol=2e-4)
-    assert rest.of_part(np.arange(12) >= 4) == pytest.approx(bias, rel=5e-3)
     assert turned.bias == pytest.approx(rest.bias, rel=1e-9)
     assert _rest(_points(bias), asked=False).bias is None
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
     MOST,
     Equations,
@@ -26,20 +27,16 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
-    NEGLIGIBLE,
     SCANNED,
-    SLACK_OF_STRETCHES,
     TermChoice,
     choose_terms,
-    folds_of,
-    stretches_of,
+    submodels_of,
 )
-from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -59,6 +56,7 @@ TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
+_ROUNDS = 5  # in which what is uncertain is weighed
 _STILL = 1e-9  # rad, finer than which no encoder reads
 _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
 
@@ -76,7 +74,7 @@ class FreeRunResiduals:
     initial: Samples
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Penalty | None  # what is known of the scaled parameters with an uncertainty
+    known: Mapping[Key, Known]  # what is known of parameters and zeros
     simulations: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
@@ -97,7 +95,6 @@ class FreeRunResiduals:
         workers: int,
         loss: Loss,
         known: Prior,
-        variance: float,
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
 
@@ -105,7 +102,7 @@ class FreeRunResiduals:
         the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
         rad of the hand at rest, per added mass; ``shared``: the parameters of all logs that are
         fitted, the encoder's zero aside; ``horizon``: longest stretch in s that is simulated at a
-        time; ``variance``: of a residual, beside which uncertain knowledge is weighed.
+        time.
         """
         start = replace(start, **known.fixed)
         first = [first_counted(log, window) for log in logs]
@@ -128,18 +125,19 @@ class FreeRunResiduals:
         keys = (*((name, None) for name in shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
+        names = [name for name, _ in keys]
+        least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
-        prior = Penalty.of(keys, {**told, **known_zeros(keys, logs)}, variance)
         return cls(
             start=start,
             keys=keys,
             shared=len(shared),
             scale=scale,
-            lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
+            lower=np.array([least[name] for name, _ in keys]) / scale,
             initial=np.array(guesses) / scale,
             zeros=zeros,
-            prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
+            known={**told, **known_zeros(keys, logs)},
             simulations=simulations,
             motion=motion,
             workers=workers,
@@ -154,21 +152,28 @@ class FreeRunResiduals:
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = scaled * self.scale
-        known = None if self.prior is None else (self.prior, scaled)
         numbers = range(len(self.motion))
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in numbers), known=known)
+            return Equations(logs=tuple(self._of_log(k, values) for k in numbers))
         with ThreadPoolExecutor(self.workers) as pool:
-            work = pool.map(lambda k: self._of_log(k, values), numbers)
-            return Equations(logs=tuple(work), known=known)
+            return Equations(logs=tuple(pool.map(lambda k: self._of_log(k, values), numbers)))
 
-    def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
-        """Return the residuals of some logs, and the numbers of the parameters they depend on."""
-        chosen = [self.simulations[k] for k in numbers]
-        concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
-        kept = np.array(sorted(concerned))
-        motion = tuple(self.motion[k] for k in numbers)
-        return replace(self._take(kept), simulations=tuple(chosen), motion=motion), kept
+    def weighed(self, at: Equations, point: Samples) -> Equations:
+        """Return equations about (n,) scaled values beside what is known of these.
+
+        That weighs as the scatter of the residuals says that a step to their least would leave.
+        """
+        values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
+        prior = Penalty.of(self.keys, self.known, values=values)
+        if prior is None or not at.is_finite:
+            return at
+        prior = prior.turned(1 / self.scale, np.zeros(point.size))
+        cells = independent_cells_of(len(at.logs), len(self.keys))
+        about = self._equations(point, replace(at, known=(prior, point)), cells)
+        rows = about.rows.reshape(-1, point.size)
+        left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
+        free = replace(about, residuals=left.reshape(about.residuals.shape))
+        return replace(at, known=(prior.weighed(free.realised_variance), point))
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
@@ -195,16 +200,26 @@ class FreeRunResiduals:
             scale=self.scale[kept],
             lower=self.lower[kept],
             initial=self.initial[kept],
-            prior=None if self.prior is None else self.prior.take(kept),
         )
 
     def descend(
         self, initial: Samples, known: Equations | None = None, most: int = MOST
     ) -> Minimum:
-        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`)."""
-        return minimise_robustly(
-            self.equations, initial, self.lower, self.loss, known=known, most=most
-        )
+        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`).
+
+        What is uncertain is weighed where it begins, and again where it ended (see `weighed`).
+        """
+        at, evaluations = (self.equations(initial), 1) if known is None else (known, 0)
+        for _ in range(_ROUNDS):
+            at = self.weighed(at, initial)
+            end = minimise_robustly(
+                self.equations, initial, self.lower, self.loss, known=at, most=most - evaluations
+            )
+            evaluations += end.evaluations
+            initial, before, at = end.point, at, end.at
+            if not end.converged or self.weighed(at, initial).weigh_as(before):
+                break
+        return replace(end, evaluations=evaluations)
 
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out.
@@ -214,28 +229,16 @@ class FreeRunResiduals:
         """
         optional = {name for name in TRIED if name not in always}
         masses = [each.log.added_mass for each in self.simulations]
-        stretches = stretches_of(len(masses))
-        at = at if stretches == 1 else at.cut(stretches)
-        nested = Nested(
-            names=self.labels,
-            values=point,
-            lower=self.lower,
-            curvature=at.curvatures,
-            gradient=at.gradients,
-            cost=at.squares,
-            folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
-            negligible=NEGLIGIBLE,
-            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
-            prior=self.prior,
-        )
+        cells = independent_cells_of(len(masses), len(self.keys))
+        nested = submodels_of(self._equations(point, at, cells), masses)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
-        rows = np.concatenate([rows for rows, _ in at.compressed()])
+        rows = np.concatenate(at.compressed(1)[0])
         names = tuple(name for name, _ in self.keys)
-        told = None if self.prior is None else self.prior.active
+        told = None if at.known is None else at.known[0].active
         conditioning = Conditioning.of(rows, names, told)
         doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
@@ -246,29 +249,41 @@ class FreeRunResiduals:
             n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
         )
 
-    def solved(self, end: Minimum) -> SolvedEquations:
-        """Return the end of a descent with its equations, those of few logs in blocks of time."""
-        blocks = blocks_of(len(self.simulations), len(self.keys))
-        parts = end.at.compressed(blocks)
-        rows, residuals = zip(*parts, strict=True)
-        scale = self.scale
+    def solved(self, end: Minimum) -> CellEquations:
+        """Return the equations about the end of a descent, in the parameters themselves."""
+        cells = cells_of(len(self.simulations), len(self.keys))
+        scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(
             FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )
-        return SolvedEquations(
+        prior = scaled.prior
+        return replace(
+            scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
-            jacobian=np.concatenate(rows) / scale,
-            residuals=np.concatenate(residuals),
-            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
-            on_bound=end.point <= self.lower,
+            rows=scaled.rows / scale,
             lower=self.lower * scale,
+            prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
-            prior=None if self.prior is None else self.prior.turned(scale, np.zeros(scale.size)),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
+        )
+
+    def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
+        """Return the equations about (n,) scaled values, each log cut into some cells."""
+        logs = len(at.logs)
+        rows, residuals = at.compressed(cells)
+        return CellEquations(
+            names=self.labels,
+            values=point,
+            lower=self.lower,
+            on_bound=point <= self.lower,
+            rows=rows,
+            residuals=residuals,
+            log=np.repeat(np.arange(logs), cells),
+            prior=None if at.known is None else at.known[0],
         )
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread

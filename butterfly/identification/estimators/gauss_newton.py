@@ -9,7 +9,7 @@ the cost two to ten times as often: it takes no last step on trust.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.equations import compressed
 from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
@@ -34,6 +35,8 @@ _SMALLEST_STEP = 1e-6  # of scaled parameters
 _FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 _INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
+
+_WEIGHED = 0.2  # share of the weight of what is uncertain, that scatter hardly tells better
 
 MOST = 60
 """How often a cost is expanded at most."""
@@ -109,13 +112,6 @@ class LogEquations:
         )
         return [replace(self, residuals=residuals, rows=rows) for residuals, rows in pairs]
 
-    def compressed(self) -> tuple[Samples, Samples]:
-        """Return (p, n) rows and (p,) residuals that say of the log what its own ones do."""
-        both = np.column_stack([self.rows, self.residuals])
-        triangle = np.asarray(np.linalg.qr(both, mode="r"))
-        count = self.rows.shape[1]
-        return triangle[:count, :count] @ self.mixture, triangle[:count, count]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Equations:
@@ -127,25 +123,19 @@ class Equations:
     # what is known of the parameters besides, and the (n,) values that these equations are about
     known: tuple[Penalty, Samples] | None = None
 
-    def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
-        """Return the equations of some logs in some of the parameters."""
-        logs = [self.logs[k] for k in numbers]
-        known = None if self.known is None else (self.known[0].take(kept), self.known[1][kept])
-        mixed = tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs)
-        return replace(self, logs=mixed, known=known)
-
-    def cut(self, stretches: int) -> Equations:
-        """Return the equations of some stretches of time of each log, as if they were logs."""
-        return replace(
-            self, logs=tuple(part for log in self.logs for part in log.blocks(stretches))
-        )
-
     def counting(self, loss: Loss) -> Equations:
         """Return equations whose residuals count as a loss says, by their own scatter."""
         if loss is Loss.LINEAR:
             return self
         residuals = np.concatenate([log.residuals for log in self.logs])
         return replace(self, loss=loss, scale=outlying(residuals))
+
+    def weigh_as(self, other: Equations) -> bool:
+        """Whether what is known besides weighs about as much as beside other equations."""
+        if self.known is None or other.known is None:
+            return True
+        mine, theirs = self.known[0].weight, other.known[0].weight
+        return bool((abs(mine - theirs) <= _WEIGHED * theirs).all())
 
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
@@ -163,6 +153,11 @@ class Equations:
             counted = [self.loss.values(log.residuals, self.scale) for log in self.logs]
             of_logs = 0.5 * float(sum(np.sum(each) for each in counted))
         return of_logs if self.known is None else of_logs + self.known[0].cost(self.known[1])
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether no simulation diverged, nor what it changes by."""
+        return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
 
     @property
     def gradient(self) -> Samples:
@@ -187,14 +182,15 @@ class Equations:
             [log.mixture.T @ (log.rows.T @ log.rows) @ log.mixture for log in self._weighted]
         )
 
-    @property
-    def squares(self) -> Samples:
-        """(k,) squared residuals of each log, weighted as its loss says."""
-        return np.array([float(log.residuals @ log.residuals) for log in self._weighted])
+    def compressed(self, cells: int) -> tuple[Samples, Samples]:
+        """Return (k, p, n) rows and (k, p) residuals of the cells of each log, as its loss weighs.
 
-    def compressed(self, blocks: int = 1) -> list[tuple[Samples, Samples]]:
-        """Return for each log, or block, what it comes down to, weighted as its loss says."""
-        return [part.compressed() for log in self._weighted for part in log.blocks(blocks)]
+        They are factors of what the simulation knows, times what the parameters make of it.
+        """
+        parts = [part for log in self._weighted for part in log.blocks(cells)]
+        rows, residuals = compressed((part.rows, part.residuals) for part in parts)
+        mixtures = np.array([part.mixture for part in parts])
+        return rows @ mixtures, residuals
 
     @property
     def bread(self) -> Samples:
@@ -244,12 +240,12 @@ def minimise(
 
     ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
     ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
-    ``known``: the cost about the beginning, if it is known already; ``most``: how often the cost
-    may be expanded.
+    ``known``: the cost about the beginning, if it is known already, and what is known besides;
+    ``most``: how often the cost may be expanded.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
-    if not _is_finite(at):
+    if not at.is_finite:
         raise IdentifiabilityError(
             "the model diverges with the parameters from which the fit would start: they are not "
             "those of a joint (see what a closed form says of these logs, such as the weak form)"
@@ -270,9 +266,9 @@ def minimise(
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         elif reach < _SMALLEST_STEP:
             break
-        tried = expand(there)
+        tried = replace(expand(there), known=at.known and (at.known[0], there))
         evaluations += 1
-        kept = (at.cost - tried.cost) / predicted if _is_finite(tried) else -np.inf
+        kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
         elif kept > _GOOD and longest > _INSIDE * reach:
@@ -311,10 +307,6 @@ def minimise_robustly(
 def _decrease(at: Equations, step: Samples) -> float:
     """Return what a step takes off the cost, by its derivatives."""
     return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
-
-
-def _is_finite(at: Equations) -> bool:
-    return bool(np.isfinite(at.cost) and np.isfinite(at.gradient).all())
 
 
 def _step(at: Equations, lowest: Samples, reach: float) -> Samples:

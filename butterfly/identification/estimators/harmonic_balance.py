@@ -44,23 +44,20 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.identifiability import (
-    refuse_without_scale,
-    without_each_mass,
-)
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.identifiability import refuse_without_scale
+from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     SCANNED,
     ScannedTerms,
     candidates,
-    folds_of,
     missing_terms,
     requested_terms,
     stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
-from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.frequency_response import ResponsePoint
@@ -129,7 +126,7 @@ class _Balances:
 
     def __init__(self, fit: HarmonicBalanceFit) -> None:
         self.always = fit.phasors.names
-        self._fit, self._folds = fit, folds_of(fit.phasors.masses)
+        self._fit = fit
 
     @property
     def speeds(self) -> list[float]:
@@ -137,11 +134,11 @@ class _Balances:
         fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
         return stribeck_velocities(fastest, phasors.known)
 
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         phasors = replace(self._fit.phasors, names=(*self.always, *terms))
         if speed is not None:
             phasors = replace(phasors, stribeck_velocity=speed)
-        return self._fit.nested(phasors, self._folds)
+        return self._fit.nested(phasors)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,8 +188,17 @@ class HarmonicBalance(Estimator):
             chosen = chosen.without(idle)
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
         known = robot.rest if robot.rest.bias is not None else None
+        conditions = Conditions.of([data.logs[k] for k in numbers], cells=1)
         return _judged(
-            points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
+            points,
+            fit,
+            _NAME,
+            said,
+            reference,
+            chosen=chosen,
+            rest=known,
+            check=self.check,
+            conditions=conditions,
         )
 
     def roughly(self, data: DataSet) -> Estimate:
@@ -264,33 +270,25 @@ def _judged(
     chosen: HarmonicBalanceTerms | None = None,
     rest: RestAngles | None = None,
     check: bool,
+    conditions: Conditions | None = None,
 ) -> Estimate:
     """Judge a fit, and the bias that the rest angles tell."""
-    masses = [point.added_mass for point in points]
     solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
     more = solved.values[fit.solved.values.size :]
-
-    def without(mass: AddedMass) -> NDArray[np.float64]:
-        kept = np.array([each != mass for each in masses])
-        rest_of_points = [point for point in points if point.added_mass != mass]
-        _refuse_too_few(rest_of_points, fit.phasors.names, fit.phasors.known)
-        values = HarmonicBalanceFit.of(fit.phasors.take(kept)).solved.values
-        return values if rest is None else np.append(values, rest.of_part(kept))
-
-    left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)
     rivals = (np.append(each, more) for each in (chosen.rivals if chosen else ()))
     whole = reference.whole(solved)
     besides = np.zeros((len(whole.names), len(whole.names)))
     if rest is not None:
         besides[-1, -1] = rest.variance_by_zeros
-    found = Estimate.from_rows(
+    found = infer(
         whole,
         method=method,
-        left_out=left_out,
+        check=check,
         rivals=tuple(reference.grown(each, solved.names) for each in rivals),
-        findings=[*few, *said],
+        findings=said,
         fixed=chosen.fixed if chosen else None,
-        masses=masses,
+        masses=[point.added_mass for point in points],
+        conditions=conditions,
         known=reference.known,
         local=None if rest is None else rest.shared_zero,
         besides=besides,

@@ -15,9 +15,10 @@ from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.inference.submodels import Nested
-from butterfly.identification.inference.term_choice import NEGLIGIBLE
-from butterfly.identification.normal_equations import Regression, SolvedEquations
+from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.inference.term_choice import NEGLIGIBLE, submodels_of
+from butterfly.identification.normal_equations import Regression
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
@@ -189,7 +190,7 @@ class HarmonicBalanceFit:
     phasors: Phasors  # what was balanced
     weights: NDArray[np.float64]  # (n,) of the n logs
     regression: Regression  # regression, solved: the equations about the solution, and the solution
-    solved: SolvedEquations
+    solved: CellEquations
 
     @classmethod
     @np.errstate(divide="ignore", over="ignore", invalid="ignore")
@@ -219,7 +220,7 @@ class HarmonicBalanceFit:
             if settled:
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
-        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
+        solved = CellEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 
     @property
@@ -241,7 +242,7 @@ class HarmonicBalanceFit:
         left = float(np.linalg.norm(self.solved.residuals))
         return float(np.linalg.norm(self.regression.rows @ (there - here))) / left if left else 0.0
 
-    def nested(self, phasors: Phasors, folds: NDArray[np.intp]) -> Nested:
+    def nested(self, phasors: Phasors) -> Submodels:
         """Return the equations of a balance with more terms, as this one weighs them.
 
         Their unknowns are the parameters, but for what p4 multiplies: p4 (delay - this one's).
@@ -250,23 +251,24 @@ class HarmonicBalanceFit:
         balance = phasors.equations(self.parameters)
         regression = _regression(phasors, balance, self.weights, self.parameters)
         unknowns = np.array([0.0 if TERMS[n].of_gain else known.get(n, 0.0) for n in phasors.names])
-        residuals = regression.rows @ unknowns - regression.target
+        left = regression.rows @ unknowns - regression.target
         count = phasors.omega.size
         slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
-        nested = Nested.of(
-            regression.rows.reshape(2, count, -1).swapaxes(0, 1),
-            residuals.reshape(2, count).T,
+        rows, residuals = compressed(
+            (regression.rows[k::count], left[k::count]) for k in range(count)
+        )
+        equations = CellEquations(
             names=phasors.names,
             values=unknowns,
             lower=lower_bounds(phasors.names),
-            folds=folds,
+            on_bound=np.zeros(unknowns.size, dtype=bool),
+            rows=rows,
+            residuals=residuals,
+            log=np.arange(count),
+            prior=regression.turned_prior,
         )
-        prior = regression.turned_prior
-        return replace(
-            nested,
-            prior=prior,
-            negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)),
-        )
+        negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
+        return submodels_of(equations, phasors.masses, negligible)
 
     def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
         """Return the values of parameters from unknowns of `nested`; 0 if there is none."""

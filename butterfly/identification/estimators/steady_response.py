@@ -18,13 +18,12 @@ from scipy.special import j0
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.harmonic_balance_regression import (
     HarmonicBalanceFit,
     Phasors,
 )
-from butterfly.identification.inference.submodels import Nested
-from butterfly.identification.inference.term_choice import choose_terms, folds_of
-from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.inference.term_choice import choose_terms, submodels_of
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
@@ -133,10 +132,6 @@ class RestAngles:
         moved = self.compliance * (self.bias - other.bias) + self.zeros - other.zeros
         return bool(np.abs(moved).max() <= max(_SETTLED * float(np.std(self.left)), _NEGLIGIBLE))
 
-    def of_part(self, kept: NDArray[np.bool_]) -> float:
-        """Return the bias that some logs tell, by a mask."""
-        return self._known + float(_solved(self._rows[kept], self.left[kept])[1])
-
     @property
     def shared_zero(self) -> dict[AddedMass | str | None, dict[str, float]]:
         """The encoder's zero in rad that was found beside a bias, as an estimate holds it."""
@@ -150,19 +145,19 @@ class RestAngles:
         return float(moved @ moved)
 
     @property
-    def solved(self) -> SolvedEquations:
+    def solved(self) -> CellEquations:
         """The bias, with the zero eliminated, and the equations about it."""
         freedom = max(self.left.size - len(self._names), 1)
         scale = float(np.sqrt(np.sum(self.left**2) / freedom)) or 1.0
         open_ = ~self.told
         middle = self.compliance[open_].mean() if open_.any() else 0.0
         row = self.compliance - middle * open_
-        return SolvedEquations(
+        return CellEquations(
             names=("bias",),
             values=np.array([self._known]),
-            jacobian=row[:, None] / scale,
-            residuals=-self.left / scale,
-            cluster=np.arange(self.left.size),
+            rows=row[:, None, None] / scale,
+            residuals=-self.left[:, None] / scale,
+            log=np.arange(self.left.size),
             on_bound=np.zeros(1, dtype=bool),
             lower=np.full(1, -np.inf),
         )
@@ -187,15 +182,16 @@ class RestAngles:
         values = _solved(rows, target)
         count = self.zeros.size
         kept = [_NAMES.index(name) for name in self._names]
-        nested = Nested.of(
-            rows[:, kept].reshape(count, 1, len(kept)),
-            (rows @ values - target).reshape(count, 1),
+        equations = CellEquations(
             names=self._names,
             values=values[kept],
             lower=np.full(len(kept), -np.inf),
-            folds=folds_of(self.masses),
+            on_bound=np.zeros(len(kept), dtype=bool),
+            rows=rows[:, None, kept],
+            residuals=(rows @ values - target)[:, None],
+            log=np.arange(count),
         )
-        nested = replace(nested, negligible=_NEGLIGIBLE)
+        nested = submodels_of(equations, self.masses, _NEGLIGIBLE)
         always = self._names[:-1]
         chosen = choose_terms([nested], always=always, demanded=("bias",) if asked else ())
         if "bias" not in chosen.terms:

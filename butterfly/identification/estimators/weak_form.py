@@ -26,6 +26,7 @@ from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
+from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.weak_regression import (
@@ -35,20 +36,15 @@ from butterfly.identification.estimators.weak_regression import (
     refined,
     seen,
 )
-from butterfly.identification.inference.covariance import blocks_of, split
-from butterfly.identification.inference.identifiability import (
-    is_driven,
-    of_few_logs,
-    refuse_without_scale,
-    without_each_mass,
-)
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
+from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
     SCANNED,
     ScannedTerms,
     candidates,
-    folds_of,
     missing_terms,
     requested_terms,
     stribeck_velocities,
@@ -81,7 +77,9 @@ def fitted_terms(
     equations = _Averages(first, windows, always)
     found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
     slow = found.chosen.settings.get("stribeck_velocity", usual)
-    return WeakFit.of(windows, found.chosen.names, slow, known, first.about.delay), found
+    return WeakFit.settled(
+        windows, replace(first.about, names=found.chosen.names, slow=slow)
+    ), found
 
 
 class _Averages:
@@ -90,16 +88,15 @@ class _Averages:
     def __init__(self, fit: WeakFit, windows: Sequence[Windows], always: tuple[str, ...]) -> None:
         self.always = always
         self._fit, self._windows = fit, windows
-        self._folds = folds_of([each.added for each in windows])
 
     @property
     def speeds(self) -> list[float]:
         fastest = max(each.averaging.fastest for each in self._windows)
         return stribeck_velocities(fastest, self._fit.about.known)
 
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         slow = self._fit.about.slow if speed is None else speed
-        return self._fit.nested(self._windows, (*self.always, *terms), slow, self._folds)
+        return self._fit.nested(self._windows, (*self.always, *terms), slow)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +169,8 @@ class WeakForm(Estimator):
         require_usable(self.method, known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
-        reference = ScaleParameter.of(masses, known, driven=driven)
+        step = float(np.median([log.mean_step for log in logs]))
+        reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
@@ -182,27 +180,20 @@ class WeakForm(Estimator):
         pairs = seen(logs, windows, parameters, zeros, window)
         fit = refined(plain, pairs)
 
-        def without(mass: AddedMass) -> NDArray[np.float64]:
-            rest = [each for each in pairs if each.windows.added != mass]
-            return refined(plain, rest).solved.values
-
-        left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
-        blocks = blocks_of(len(logs), len(fit.solved.names))
-        solved = replace(fit.solved, cluster=split(fit.solved.cluster, blocks))
-        rivals = [
-            each + fit.solved.values - plain.solved.values for each in terms.chosen.rival_values
-        ]
+        solved = fit.solved
+        rivals = [each + solved.values - plain.solved.values for each in terms.chosen.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
-        found = Estimate.from_rows(
+        found = infer(
             whole,
             method="weak form",
-            left_out=left_out,
+            check=self.check,
+            driven=driven,
+            conditions=Conditions.of(logs, cells_of(len(logs), len(solved.names))),
             rivals=[reference.grown(each, solved.names) for each in rivals],
-            findings=[*few, *of_few_logs(len(logs)), *terms.chosen.findings],
+            findings=terms.chosen.findings,
             fixed=fixed,
             masses=masses,
-            blocks=blocks,
             known=known,
             besides=doubt,
         )

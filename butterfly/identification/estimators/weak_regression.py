@@ -14,6 +14,7 @@ Sequential Estimation, 1977, chapter VIII).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -22,37 +23,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.covariance import split
-from butterfly.identification.inference.submodels import Nested
-from butterfly.identification.inference.term_choice import (
-    NEGLIGIBLE,
-    SLACK_OF_STRETCHES,
-    stretches_of,
-)
-from butterfly.identification.normal_equations import (
-    Regression,
-    Solution,
-    SolvedEquations,
-    scaled_least_squares,
-)
+from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.inference.term_choice import submodels_of
+from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, DriveTerms
+from butterfly.model.terms import DRIVE, TERMS, DriveTerms
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-_ROUNDS = 8  # about the delay
+_ROUNDS = 20  # about delay and scatter
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
-_LATEST = 0.25  # of the shortest log, for a delay
 _UNMOVED = 1e-3  # of a term of the drive
+_LATEST = 0.25  # of the shortest log, for a delay
+_SCATTERED = 0.05  # share of the scatter, by which it may be another in the end
+_LEAST = np.finfo(float).tiny
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -115,22 +109,29 @@ class About:
         """Put the windows of all logs together, each log weighing the same."""
         pairs = zip(windows, use or [None] * len(windows), strict=True)
         equations = [each.equations(self.names, self, used) for each, used in pairs]
-        rows, targets = zip(*equations, strict=True)
+        parts, targets = zip(*equations, strict=True)
+        rows = np.concatenate(parts)
+        if not self.gain:  # p4 is found first
+            rows[:, [TERMS[name].of_gain for name in self.names]] = 0.0
         return Regression(
             names=self.names,
-            rows=np.concatenate(rows),
+            rows=rows,
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
             about={"delay": self.delay, **vars(self.drive)},
+            least=self.known.lower,
             gain=self.gain,
-            prior=Penalty.of(self.names, self.known.parameters, self.variance),
+            prior=Penalty.of(
+                self.names, self.known.parameters, self.variance, {"delay": self.delay}
+            ),
         )
 
-    def moved(self, values: Samples) -> About:
-        """Return what equations about (n,) values of the names are about."""
+    def moved(self, values: Samples, latest: float, variance: float) -> About:
+        """Return what equations about (n,) values of the names are about, no delay too late."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
         drive = DriveTerms(**{name: found[name] for name in DRIVE if name in found})
-        return replace(self, delay=found["delay"], gain=found["p4"], drive=drive)
+        delay = min(max(found["delay"], -latest), latest)
+        return replace(self, delay=delay, gain=found["p4"], drive=drive, variance=variance)
 
     def near(self, other: About) -> bool:
         """Whether delay and drive are where others are."""
@@ -145,50 +146,70 @@ class WeakFit:
 
     about: About  # what the equations are about
     regression: Regression  # regression, solved: the equations, and the solution
-    solved: SolvedEquations
+    solved: CellEquations
 
     @classmethod
     def of(
-        cls,
-        windows: Sequence[Windows],
-        names: tuple[str, ...],
-        slow: float,
-        known: Prior,
-        delay: float = 0.0,
+        cls, windows: Sequence[Windows], names: tuple[str, ...], slow: float, known: Prior
     ) -> WeakFit:
-        """Solve about a delay, and about the delay found, until it no longer moves.
+        """Solve from two ends, what is uncertain being held or free; return the likelier fit.
 
-        What is known with an uncertainty is first left aside, so that the scatter of the rows
-        tells how much it weighs beside them.
+        Where the logs tell a delay badly, or not, equations about a free one end anywhere.
         """
         exact = known.fixed
         about = About(
             names=names,
             known=known,
             slow=slow,
-            delay=exact.get("delay", delay),
+            delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
             drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
+        held = cls.settled(windows, about)
         if not known.uncertain:
-            return cls._solved(windows, about)
-        rough = cls._solved(windows, replace(about, variance=0.0))
-        return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
+            return held
+        free = cls.settled(windows, replace(about, variance=0.0))
+        if not 0 <= free.about.delay < _latest(windows):
+            return held
+        found = cls.settled(windows, replace(free.about, variance=free.solved.realised_variance))
+        rows = found.cost / found.about.variance  # that are worth as many independent ones
+        return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
 
     @classmethod
-    def _solved(cls, windows: Sequence[Windows], about: About) -> WeakFit:
-        settled = False
+    def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+        """Solve, and again about what was found, until delay, drive and scatter no longer move.
+
+        The scatter of the rows tells how much what is uncertain weighs beside them; nothing, where
+        their variance is 0 from the first.
+        """
+        weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
+        cells, settled = independent_cells_of(len(windows), len(about.names)), False
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
-            before, about = about, about.moved(solution.values)
-            _refuse_late(about.delay, windows)
-            settled = about.near(before)
-            if settled:
+            solved = CellEquations.of(regression, solution, cells=cells)
+            variance = solved.realised_variance if weighs else about.variance
+            before, about = about, about.moved(solution.values, latest, variance)
+            settled = bool(
+                about.near(before) and abs(variance - before.variance) <= _SCATTERED * variance
+            )
+            if settled or abs(about.delay) == latest:
+                about = replace(about, variance=before.variance)
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
-        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
+        if not settled:
+            solved = replace(solved, ending=Ending.STOPPED, findings=(rounds,))
         return cls(about=about, regression=regression, solved=solved)
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squared residuals."""
+        return float(np.sum(self.solved.residuals**2))
+
+    @property
+    def penalty(self) -> float:
+        """What the values count by what is uncertain of them (see `Known.penalty`)."""
+        return sum(each.penalty(self.values[n]) for n, each in self.about.known.uncertain.items())
 
     @property
     def values(self) -> dict[str, float]:
@@ -196,43 +217,19 @@ class WeakFit:
         found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
         return self.about.known.fixed | found
 
-    def nested(
-        self,
-        windows: Sequence[Windows],
-        names: tuple[str, ...],
-        slow: float,
-        folds: NDArray[np.intp],
-    ) -> Nested:
+    def nested(self, windows: Sequence[Windows], names: tuple[str, ...], slow: float) -> Submodels:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
         regression = replace(self.about, names=names, slow=slow).regression(windows)
-        stretches = stretches_of(len(windows))
-        cluster = split(regression.cluster, stretches)
         values = np.array([self.values.get(name, 0.0) for name in names])
-        jacobian, residuals = regression.jacobian(values), regression.residuals(values)
-        ends = np.cumsum(np.bincount(cluster, minlength=len(windows) * stretches))[:-1]
-        parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
-        return Nested(
-            names=names,
-            values=values,
-            lower=regression.lower,
-            curvature=np.array([rows.T @ rows for rows, _ in parts]),
-            gradient=np.array([rows.T @ left for rows, left in parts]),
-            cost=np.array([float(left @ left) for _, left in parts]),
-            folds=folds if stretches == 1 else np.arange(len(parts)),
-            negligible=NEGLIGIBLE,
-            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
-            prior=regression.prior,
-        )
+        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
+        cells = independent_cells_of(len(windows), len(names))
+        equations = CellEquations.of(regression, solution, cells=cells)
+        return submodels_of(equations, [each.added for each in windows])
 
 
-def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
-    """Refuse a delay of which a log would hardly see the end."""
-    shortest = min(each.averaging.duration for each in windows)
-    if not abs(delay) < _LATEST * shortest:
-        raise IdentifiabilityError(
-            f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
-            "check signs and units, and what is said to be known"
-        )
+def _latest(windows: Sequence[Windows]) -> float:
+    """Return the delay in s of which the shortest log would hardly see the end."""
+    return _LATEST * min(each.averaging.duration for each in windows)
 
 
 class Seen(NamedTuple):
@@ -288,9 +285,9 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
             break
         free, held = free & ~low, held | low
     solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
+    cells = cells_of(len(pairs), len(names))
     solved = replace(
-        SolvedEquations.of(regression, solution),
-        jacobian=through.jacobian(values),
+        CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
         ending=fit.solved.ending,
         findings=fit.solved.findings,
     )
@@ -342,8 +339,10 @@ def offset_covariance(
         ]
     )
     free = ~fit.solved.on_bound
-    rows, _ = fit.solved.with_prior(fit.solved.jacobian[:, None], fit.solved.residuals)
-    rows = rows[:, free]
+    more, _ = (
+        (np.empty((0, free.size)), None) if fit.solved.prior is None else fit.solved.prior.rows()
+    )
+    rows = np.concatenate([fit.regression.jacobian(fit.solved.values), more])[:, free]
     errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
     moved = -scaled_least_squares(rows, errors)
     found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)

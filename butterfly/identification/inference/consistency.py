@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,9 @@ from scipy.special import stdtrit
 
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
-from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
@@ -57,23 +57,19 @@ class Correction:
         return self.evidence > (_MISTAKEN if self.mistaken else _OF_A_LOG)
 
 
-def corrections(
-    rows: Samples,
-    residuals: Samples,
-    names: Sequence[str],
-    carried: Mapping[int, AddedMass],
-) -> tuple[Correction, ...]:
+def corrections(equations: CellEquations, carried: Sequence[AddedMass]) -> tuple[Correction, ...]:
     """Return what each added mass, and each log alone, would have to be; the best explained first.
 
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, r_1 and r_3
-    being their derivatives by p1 and p3. The change that explains most of the (k, m) residuals,
-    once the parameters follow by the (k, m, n) rows, is a regression on one column more. Without p1
-    and p3, or what was carried by number of the log, there is nothing to tell.
+    being their derivatives by p1 and p3. The change that explains most of the residuals of k logs,
+    once the parameters follow, is a regression on one column more. Without p1 and p3 there is
+    nothing to tell. ``carried``: what each log did, by its number.
     """
-    if not carried or not {"p1", "p3"} <= set(names):
+    names, rows, residuals = equations.names, equations.rows, equations.residuals
+    if not {"p1", "p3"} <= {*names}:
         return ()
     inertia, gravity = (rows[:, :, names.index(name)] for name in ("p1", "p3"))
-    masses, numbers = list(carried.values()), np.array(list(carried))
+    masses, numbers = [carried[number] for number in equations.log], equations.log
     farthest = max(mass.arm for mass in masses)  # where a bare hand would carry what it was not to
     arms = np.array([[mass.arm or farthest] for mass in masses])
     columns = arms**2 * inertia + masses[0].gravity * arms * gravity
@@ -128,9 +124,9 @@ def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, .
 
 
 def moved_by_masses(
-    rows: Samples, names: Sequence[str], carried: Mapping[int, AddedMass]
+    rows: Samples, names: Sequence[str], carried: Sequence[AddedMass]
 ) -> Samples | None:
-    """Return what uncertain added masses, and their arms, do to the residuals of the logs.
+    """Return what uncertain added masses, and their arms, do to the residuals of k cells.
 
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, an arm that
     is off by dl adds dl m (2 l r_1 + g r_3), with r_1 and r_3 their derivatives by p1 and p3. Equal
@@ -142,7 +138,7 @@ def moved_by_masses(
     """
     moves: dict[tuple[str, float], list[tuple[float, float]]] = {}
     zero = (0.0, 0.0)
-    for position, added in enumerate(carried.values()):
+    for position, added in enumerate(carried):
         for key, by_inertia, by_gravity in _moves(added):
             own = moves.setdefault(key, [zero] * len(carried))
             own[position] = (by_inertia, by_gravity)
@@ -203,28 +199,22 @@ def disagreements(
     return findings
 
 
-def scale_apart(
-    solved: SolvedEquations,
-    rows: Samples,
-    residuals: Samples,
-    known: Prior,
-    carried: Mapping[int, AddedMass],
-) -> list[Finding]:
+def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]) -> list[Finding]:
     """Tell whether the added masses contradict parameters that are known exactly.
 
     Residuals do not change if all torques grow alike, those of the masses among them; so their
     derivative by the known ones' common factor is that of all others, with the sign turned. One
-    parameter more, and its step to where the logs would have it, by the (k, m, n) rows and (k, m)
-    residuals of k logs that carried these masses, in order.
+    parameter more, and its step to where the logs would have it, by the equations
+    of k cells that carried these masses.
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
-    masses = list(carried.values())
-    names = list(solved.names)
+    masses, names = list(carried), list(cells.names)
+    rows, residuals = cells.rows, cells.residuals
     loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}
     lost = any(any(load) and name not in names for name, load in loads.items())
     if not fixed or lost or len({mass.inertia_and_moment for mass in masses}) <= 1:
         return []
-    grown = np.tile(np.where([n in GROWING for n in names], solved.values, 0.0), (len(masses), 1))
+    grown = np.tile(np.where([n in GROWING for n in names], cells.values, 0.0), (len(masses), 1))
     for name in set(loads) & set(names):
         grown[:, names.index(name)] += loads[name]
     column = -np.einsum("kmn,kn->km", rows, grown)

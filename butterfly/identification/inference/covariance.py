@@ -23,22 +23,6 @@ _LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves n
 FEW = 3
 """Clusters, up to which their scatter tells nothing of that between others."""
 
-_PER_PARAMETER = 2  # clusters, of blocks of time
-
-
-def blocks_of(clusters: int, parameters: int) -> int:
-    """Return into how many blocks of time each cluster is split where there are few."""
-    return -(-_PER_PARAMETER * parameters // clusters) if clusters <= FEW else 1
-
-
-def split(cluster: NDArray[np.intp], blocks: int) -> NDArray[np.intp]:
-    """(m,) clusters of m equations in the order of time, each cluster split into blocks."""
-    result = np.empty_like(cluster)
-    for number in np.unique(cluster):
-        rows = np.flatnonzero(cluster == number)
-        result[rows] = number * blocks + np.arange(rows.size) * blocks // rows.size
-    return result
-
 
 def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
     """Return the covariance of an M-estimate from that of its weighted least squares.
@@ -51,21 +35,6 @@ def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
         return covariance
     change = np.linalg.solve(bread, weighted)
     return np.asarray(change @ covariance @ change.T)
-
-
-def compress_all(clusters: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
-    """Reduce n clusters of any number of equations in p parameters to p that say the same.
-
-    Of the (m, p) Jacobian Q R and the (m,) residuals r of each stay the triangular factor R and
-    Q^T r: (n, p, p) rows and (n, p) residuals.
-    """
-    rows, residuals = [], []
-    for jacobian, own in clusters:
-        basis, triangle = np.linalg.qr(jacobian)
-        missing = jacobian.shape[1] - triangle.shape[0]
-        rows.append(np.pad(triangle, ((0, missing), (0, 0))))
-        residuals.append(np.pad(basis.T @ own, (0, missing)))
-    return np.array(rows), np.array(residuals)
 
 
 def cluster_covariance(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -154,36 +154,6 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
         )
     remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
     return remedies
-
-
-def without_each_mass(
-    masses: Iterable[AddedMass],
-    refit: Callable[[AddedMass], Samples],
-    known: Prior,
-    *,
-    asked: bool,
-    driven: bool = True,
-) -> tuple[dict[Hashable, Samples], list[Finding]]:
-    """Estimate again without each added mass, but where the rest cannot determine the parameters.
-
-    ``refit`` returns the (n,) estimates from all logs but those of one added mass. If what is known
-    of the robot is exact, even one mass may be enough; a scale that rests on what is uncertain
-    would tell of that alone. Returns the estimates, and what is to be said if there are none.
-    """
-    different = sorted(set(masses))
-    if not asked:
-        return {}, [Finding(FindingKind.UNCHECKED)]
-    left_out: dict[Hashable, Samples] = {}
-    sure = known.within(known.fixed)
-    for mass in different if len(different) > 1 else ():
-        rest = [other for other in different if other != mass]
-        try:
-            refuse_without_scale(rest, sure, driven=driven)
-            left_out[mass] = refit(mass)
-        except IdentifiabilityError:
-            continue
-    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
-    return left_out, [] if left_out or known.scale(different[0]) else [few]
 
 
 def of_few_logs(count: int) -> list[Finding]:

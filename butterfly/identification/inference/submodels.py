@@ -1,19 +1,21 @@
 """One fit with every term, and what its equations say of fits with fewer.
 
 About a fit with all terms the equations are linear. Those of a fit without some of them are the
-same ones, the values of what is left out set to 0; so a fit with fewer terms, and what it predicts
-of data that it has not seen, costs the solution of a few equations and no simulation.
+same ones, the values of what is left out set to 0; so a fit with fewer terms, or to fewer logs, and
+what it predicts of data that it has not seen, costs the solution of a few equations and no
+simulation.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.model.prior import Penalty
+from butterfly.identification.equations import CellEquations
 from butterfly.model.terms import COMPANIONS
 
 Samples = NDArray[np.float64]
@@ -23,82 +25,50 @@ _LEAST_FOLDS = 2  # parts of the data: one to predict, one to fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Nested:
-    """The equations of k logs about a fit with n parameters."""
+class Submodels:
+    """All fits that have some of the n parameters of equations in k cells."""
 
-    names: tuple[str, ...]
-    values: Samples  # (n,) values, and the least ones
-    lower: Samples
-    curvature: Samples  # (k, n, n), (k, n) and (k,): J^T J, J^T r and r^T r of each log
-    gradient: Samples
-    cost: Samples
+    equations: CellEquations
     # (k,) numbers of the parts of the data that are left out together, one after the other
     folds: NDArray[np.intp]
     # values of what is no parameter here, but was set
     settings: dict[str, float] = field(default_factory=dict)
     demanded: tuple[str, ...] = ()  # parameters without which these equations are not asked
     negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
-    prior: Penalty | None = None  # what is known besides, in every part of the data
     slack: float = 1.0  # standard errors by which a fit with fewer parameters may predict worse
 
-    @cached_property
-    def _total(self) -> tuple[Samples, Samples]:
-        """(n, n) and (n,) sums over the logs, and what is known besides."""
-        curvature, gradient = self.curvature.sum(axis=0), self.gradient.sum(axis=0)
-        if self.prior is None:
-            return curvature, gradient
-        return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the n parameters."""
+        return self.equations.names
 
     @cached_property
     def _mute(self) -> NDArray[np.bool_]:
         """(n,) which say nothing without another one, and stay as they are when absent."""
         return np.array([name in COMPANIONS.values() for name in self.names])
 
-    @classmethod
-    def of(
-        cls,
-        rows: Samples,
-        residuals: Samples,
-        *,
-        names: tuple[str, ...],
-        values: Samples,
-        lower: Samples,
-        folds: NDArray[np.intp],
-    ) -> Nested:
-        """Take (k, m, n) rows and (k, m) residuals of k logs."""
-        turned = np.swapaxes(rows, 1, 2)
-        return cls(
-            names=names,
-            values=values,
-            lower=lower,
-            curvature=turned @ rows,
-            gradient=np.einsum("knm,km->kn", turned, residuals),
-            cost=np.sum(residuals**2, axis=1),
-            folds=folds,
-        )
-
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
         """Return the (t, n) values of t fits with the parameters in (t, n) ``kept``, all at once.
 
         They are nan where the data do not determine what a fit has.
         """
-        return self._fitted(*self._total, kept)
+        return self._fitted(*self.equations.total, kept)
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples:
-        """(t, k) squared errors of each log, as fits to the other parts predict it.
+        """(t, k) squared errors of each cell, as fits to the other parts predict it.
 
         They are nan where the rest does not determine the parameters, or there are no two parts
         (see `fitted`), and infinite where simulations ran away.
         """
         parts = np.unique(self.folds)
-        errors = np.empty((len(kept), self.cost.size))
+        errors = np.empty((len(kept), self.folds.size))
         lost = np.full(len(kept), parts.size < _LEAST_FOLDS)
-        curvature, gradient = self._total
+        curvature, gradient = self.equations.total
         for part in parts:
             mine = self.folds == part
             values = self._fitted(
-                curvature - self.curvature[mine].sum(axis=0),
-                gradient - self.gradient[mine].sum(axis=0),
+                curvature - self.equations.curvature[mine].sum(axis=0),
+                gradient - self.equations.gradient[mine].sum(axis=0),
                 kept,
             )
             lost |= np.isnan(values).any(axis=1)
@@ -106,25 +76,51 @@ class Nested:
         return np.where(lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf))
 
     def costs(self, values: Samples) -> Samples:
-        """(t, k) squared errors of the logs with (t, n) values."""
-        steps = values - self.values
-        bent = np.einsum("tn,knt->tk", steps, self.curvature @ steps.T)
-        return np.asarray(np.maximum(self.cost + 2 * steps @ self.gradient.T + bent, 0.0))
+        """(t, k) squared errors of the cells with (t, n) values."""
+        steps, own = values - self.equations.values, self.equations
+        bent = np.einsum("tn,knt->tk", steps, own.curvature @ steps.T)
+        return np.asarray(np.maximum(own.cost + 2 * steps @ own.gradient.T + bent, 0.0))
 
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
-        absent = np.where(self._mute, self.values, 0.0)
-        values = np.where(kept, np.maximum(self.values, self.lower), absent)
-        free = kept.copy()
-        rows = np.flatnonzero(free.any(axis=1))
-        while rows.size:
-            pull = gradient + (values[rows] - self.values) @ curvature
-            reached = values[rows] + _solved(curvature, -pull, free[rows])
-            low = free[rows] & (reached < self.lower)
-            values[rows] = np.where(free[rows], np.maximum(reached, self.lower), values[rows])
-            free[rows] &= ~low
-            rows = rows[low.any(axis=1) & free[rows].any(axis=1)]
-        return values
+        absent = np.where(self._mute, self.equations.values, 0.0)
+        return _bounded(self.equations, (curvature, gradient), kept, absent)
+
+
+def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
+    """Return the (n,) values that all logs but some lead to, to first order; nan if they do not.
+
+    The linear jackknife: equations about the optimum of all logs, less those of some.
+    """
+    rest = equations.without(logs)
+    every = np.ones((1, len(equations.names)), dtype=bool)
+    return np.asarray(_bounded(equations, rest.total, every, equations.values)[0])
+
+
+def _bounded(
+    about: CellEquations,
+    total: tuple[Samples, Samples],
+    kept: NDArray[np.bool_],
+    absent: Samples,
+) -> Samples:
+    """(t, n) values that solve total equations about others for what is kept, within bounds.
+
+    What the data do not determine is nan, but on a bound, where it stays if nothing moves it.
+    """
+    (curvature, gradient), at, lower = total, about.values, about.lower
+    held = np.maximum(at, lower)
+    values = np.where(kept, held, absent)
+    idle = ~(np.diag(curvature) > 0) & (held <= lower)
+    free = kept & ~idle
+    rows = np.flatnonzero(free.any(axis=1))
+    while rows.size:
+        pull = gradient + (values[rows] - at) @ curvature
+        reached = values[rows] + _solved(curvature, -pull, free[rows])
+        low = free[rows] & (reached < lower)
+        values[rows] = np.where(free[rows], np.maximum(reached, lower), values[rows])
+        free[rows] &= ~low
+        rows = rows[low.any(axis=1) & free[rows].any(axis=1)]
+    return values
 
 
 def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Samples:

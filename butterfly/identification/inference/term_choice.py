@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS
@@ -39,7 +40,6 @@ _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarke
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
-_STRETCHES = 6  # of time in all, into which too few logs are cut
 
 SLACK_OF_STRETCHES = 2.0
 """Standard errors where stretches of time are predicted, whose errors are alike."""
@@ -55,7 +55,7 @@ class TermChoice:
     names: tuple[str, ...]  # of the parameters, the terms last
     terms: tuple[str, ...]  # chosen
     values: dict[str, float]  # of the parameters, by name, as the nested fit has them
-    settings: dict[str, float]  # see `Nested`
+    settings: dict[str, float]  # see `Submodels`
     # values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
     not_helping: tuple[str, ...]  # terms that were offered and not chosen
@@ -120,12 +120,19 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
 
 
-def stretches_of(logs: int) -> int:
-    """Return into how many stretches of time each log is cut, where there are too few to leave out.
+def submodels_of(
+    equations: CellEquations, parts: Sequence[Hashable], negligible: float = NEGLIGIBLE
+) -> Submodels:
+    """Return the fits with fewer terms, which predict one part of the data after the other.
 
-    What is left out together is then a stretch.
+    ``parts``: of each log. Where there are too few parts each log is one, and where there are too
+    few logs each stretch of time.
     """
-    return 1 if logs >= _LEAST_FOLDS else -(-_STRETCHES // logs)
+    cells = equations.independent
+    few = cells.log.size > np.unique(cells.log).size
+    folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
+    slack = SLACK_OF_STRETCHES if few else 1.0
+    return Submodels(equations=cells, folds=folds, negligible=negligible, slack=slack)
 
 
 def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
@@ -137,7 +144,7 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 
 
 def choose_terms(
-    fits: Sequence[Nested], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
+    fits: Sequence[Submodels], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
 ) -> TermChoice:
     """Choose from the terms of fits that have them all, about one or more settings.
 
@@ -175,7 +182,7 @@ class _Trial(NamedTuple):
     """A set of terms, where it was fitted, what to, and (k,) errors of logs not seen before."""
 
     terms: tuple[str, ...]
-    nested: Nested
+    nested: Submodels
     fitted: Samples
     errors: Samples
 
@@ -190,10 +197,10 @@ class _Trial(NamedTuple):
 
 
 def _all_trials(
-    fits: Sequence[Nested], always: tuple[str, ...], demanded: tuple[str, ...]
+    fits: Sequence[Submodels], always: tuple[str, ...], demanded: tuple[str, ...]
 ) -> list[_Trial]:
     """Try all that can be tried: of the parts of the data, or else of single logs."""
-    by_log = [replace(nested, folds=np.arange(nested.cost.size)) for nested in fits]
+    by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
             if found := [each for nested in split for each in _trials(nested, always, wanted)]:
@@ -203,11 +210,11 @@ def _all_trials(
     raise IdentifiabilityError(f"these logs do not determine {', '.join(always)}: {OTHER_LOGS}")
 
 
-def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
     """Try all sets of terms that one fit has, and that have what is demanded."""
     must = {*nested.demanded, *demanded}
     followers = COMPANIONS.values()
-    tells = np.einsum("kii->i", nested.curvature) > 0
+    tells = np.einsum("kii->i", nested.equations.curvature) > 0
     felt = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
     free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
     sets: list[tuple[str, ...]] = []
@@ -225,7 +232,9 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
             yield trial
 
 
-def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+def _unforeseen(
+    nested: Submodels, always: Sequence[str], demanded: Sequence[str]
+) -> Iterator[_Trial]:
     """Try what is demanded, and no more, on the logs themselves: none can be left out."""
     if nested.demanded and not demanded:
         return
@@ -252,7 +261,7 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
 
 
 def _kept(
-    nested: Nested, always: Sequence[str], sets: Sequence[Sequence[str]]
+    nested: Submodels, always: Sequence[str], sets: Sequence[Sequence[str]]
 ) -> NDArray[np.bool_]:
     """(t, n) which of the names of a fit each of t sets of terms has."""
     return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
@@ -297,7 +306,7 @@ class TermEquations(Protocol):
     def speeds(self) -> Sequence[float]:
         """Stribeck velocities in rad/s to try; none where that friction is known."""
 
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         """Return the equations with terms besides what is always fitted.
 
         The Stribeck velocity in rad/s is None where no term needs it.
@@ -342,7 +351,7 @@ class ScannedTerms:
 
 def _fits(
     equations: TermEquations, names: tuple[str, ...], *, plain: bool = True, scanned: bool = True
-) -> Iterator[Nested]:
+) -> Iterator[Submodels]:
     """Yield the equations without Stribeck friction, and with it at one velocity after another."""
     if plain:
         yield equations.with_terms(names, None)

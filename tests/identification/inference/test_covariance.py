@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import t as student
 
 from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
     honest_limits,
     robust,
 )
-from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.inference.infer import infer
 from butterfly.model.parameters import AddedMass
 
 
@@ -118,12 +118,12 @@ def test_what_is_uncertain_besides_widens_the_covariance_by_what_it_moves_the_es
 
 
 def _solved(jacobian, residuals, bread=None):
-    return SolvedEquations(
+    return CellEquations(
         names=("p1", "p3")[: jacobian.shape[1]],
         values=np.array([0.01, 0.1])[: jacobian.shape[1]],
-        jacobian=jacobian,
-        residuals=residuals,
-        cluster=np.arange(residuals.size),
+        rows=jacobian[:, None],
+        residuals=residuals[:, None],
+        log=np.arange(residuals.size),
         on_bound=np.zeros(jacobian.shape[1], dtype=bool),
         lower=np.full(jacobian.shape[1], -np.inf),
         ending=Ending.CONVERGED,
@@ -138,7 +138,7 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
     exact = AddedMass(mass=0.05, arm=arm)
     unsure = AddedMass(mass=0.05, arm=arm, mass_uncertainty=uncertainty)
     alone, wider = (
-        Estimate.from_rows(
+        infer(
             _solved(jacobian, residuals), method="test", left_out={}, masses=[mass] * 40
         ).covariance
         for mass in (exact, unsure)
@@ -160,7 +160,7 @@ def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
     expected = np.sqrt(np.sum(psi**2)) / np.count_nonzero(inside)
     root = np.sqrt(weight)
     found = {
-        bread: Estimate.from_rows(
+        bread: infer(
             _solved(root[:, None], root * (centre - values), bread and np.array([[bread]])),
             method="test",
             left_out={},

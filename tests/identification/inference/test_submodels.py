@@ -8,12 +8,25 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.submodels import Submodels, without_logs
 
 LOGS, ROWS = 6, 5
 NAMES = ("p1", "p3", "coulomb", "drag")
 UNITS = np.array([1e-3, 1.0, 1e3, 1e-2])
 FREE = np.full(4, -np.inf)
+
+
+def _equations(rows, residuals, about, lower=FREE):
+    return CellEquations(
+        names=NAMES,
+        values=about,
+        lower=lower,
+        on_bound=np.zeros(4, dtype=bool),
+        rows=rows,
+        residuals=residuals,
+        log=np.arange(LOGS),
+    )
 
 
 def _problem(*, lower=FREE, folds=None, seed=0):
@@ -23,12 +36,8 @@ def _problem(*, lower=FREE, folds=None, seed=0):
     truth = UNITS * np.array([1.0, 2.0, 0.2, -0.5])
     target = rows @ truth + 0.3 * rng.standard_normal((LOGS, ROWS))
     about = np.maximum(truth + UNITS * rng.standard_normal(4), lower)
-    nested = Nested.of(
-        rows,
-        rows @ about - target,
-        names=NAMES,
-        values=about,
-        lower=lower,
+    nested = Submodels(
+        equations=_equations(rows, rows @ about - target, about, lower),
         folds=np.arange(LOGS) if folds is None else folds,
     )
     return rows, target, nested
@@ -78,9 +87,8 @@ def test_errors_of_what_was_left_out_are_those_of_fits_to_the_rest(folds):
 def test_what_the_data_do_not_determine_has_no_fit():
     rows, target, _ = _problem()
     rows[..., 3] = rows[..., 2]
-    nested = Nested.of(
-        rows, -target, names=NAMES, values=np.zeros(4), lower=FREE, folds=np.arange(LOGS)
-    )
+    equations = _equations(rows, -target, np.zeros(4))
+    nested = Submodels(equations=equations, folds=np.arange(LOGS))
     sets = np.array([[True, True, True, True], [True, True, True, False]])
     for found in (nested.fitted(sets), nested.held_out(sets)):
         assert np.isnan(found[0]).any()
@@ -94,13 +102,38 @@ def test_one_part_foretells_nothing():
 
 def test_what_ran_away_is_no_lack_of_data():
     _, _, nested = _problem()
-    away = replace(nested, cost=np.full(LOGS, np.nan))
-    assert np.isposinf(away.held_out(EVERYTHING)).all()
+    equations = nested.equations
+    rows, residuals = equations.rows.copy(), equations.residuals.copy()
+    rows[:, -1], residuals[:, -1] = 0.0, 1e200
+    away = replace(nested, equations=replace(equations, rows=rows, residuals=residuals))
+    with np.errstate(over="ignore"):
+        assert np.isposinf(away.held_out(EVERYTHING)).all()
 
 
 def test_a_companion_that_is_absent_keeps_its_value_and_other_terms_are_nothing():
     _, _, nested = _problem()
-    nested = replace(nested, names=("p1", "p3", "stribeck", "stribeck_velocity"))
+    names = ("p1", "p3", "stribeck", "stribeck_velocity")
+    nested = replace(nested, equations=replace(nested.equations, names=names))
     (found,) = nested.fitted(np.array([[True, True, False, False]]))
     assert found[2] == 0.0
-    assert found[3] == nested.values[3]
+    assert found[3] == nested.equations.values[3]
+
+
+@pytest.mark.parametrize("lost", [[0], [1, 4]])
+def test_the_estimate_without_some_logs_is_that_of_the_rest(lost):
+    rows, target, nested = _problem()
+    kept = [k for k in range(LOGS) if k not in lost]
+    expected = _anew(rows[kept], target[kept], np.ones(4, dtype=bool))
+    found = without_logs(nested.equations, lost)
+    np.testing.assert_allclose(found / UNITS, expected / UNITS, atol=1e-9)
+
+
+def test_a_parameter_on_its_bound_that_moves_nothing_stays_there():
+    """Coulomb friction of a joint without any: its derivative is 0 where it is 0."""
+    rows, target, _ = _problem(lower=BOUNDED)
+    rows[..., 2] = 0.0
+    equations = _equations(rows, -target, np.zeros(4), BOUNDED)
+    (found,) = Submodels(equations=equations, folds=np.arange(LOGS)).fitted(EVERYTHING)
+    assert found[2] == 0.0
+    expected = _anew(rows, target, np.array([True, True, False, True]), BOUNDED)
+    np.testing.assert_allclose(found / UNITS, expected / UNITS, atol=1e-7)

@@ -11,8 +11,9 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     candidates,
     choose_terms,
@@ -40,14 +41,16 @@ def _nested(*, truth, noise=0.1, seed=0, names=NAMES, twins=()):
     target = rows @ np.array([truth.get(name, 0.0) for name in names])
     target += noise * rng.standard_normal(target.shape)
     nothing = np.zeros(len(names))
-    return Nested.of(
-        rows,
-        -target,
+    equations = CellEquations(
         names=names,
         values=nothing,
         lower=np.full(len(names), -np.inf),
-        folds=np.arange(LOGS) % 4,
+        on_bound=np.zeros(len(names), dtype=bool),
+        rows=rows,
+        residuals=-target,
+        log=np.arange(LOGS),
     )
+    return Submodels(equations=equations, folds=np.arange(LOGS) % 4)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,0 +1,175 @@
+"""From the equations of a fit to its estimate: covariance, intervals, agreement, findings."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.consistency import (
+    corrections,
+    disagreements,
+    moved_by_masses,
+    scale_apart,
+)
+from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
+from butterfly.identification.inference.identifiability import (
+    Conditioning,
+    of_few_logs,
+    refuse_without_scale,
+    sort_by_precision,
+)
+from butterfly.identification.inference.submodels import without_logs
+from butterfly.identification.normal_equations import pulled_below
+from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.terms import TERMS
+from butterfly.verdict import Level
+
+Samples = NDArray[np.float64]
+
+
+def infer(
+    equations: CellEquations,
+    *,
+    method: str,
+    masses: Sequence[AddedMass] = (),
+    conditions: Conditions | None = None,
+    left_out: Mapping[Hashable, Samples] | None = None,
+    check: bool = True,
+    driven: bool = True,
+    rivals: Sequence[Samples] = (),
+    shared: int | None = None,
+    findings: Sequence[Finding] = (),
+    fixed: dict[str, float] | None = None,
+    local: dict[AddedMass | str | None, dict[str, float]] | None = None,
+    horizon: float | None = None,
+    known: Prior = NO_PRIOR,
+    besides: Samples | None = None,
+    ratios: bool = False,
+) -> Estimate:
+    """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
+
+    ``masses``: what each log carried; ``conditions``: under which the cells were recorded;
+    ``left_out``: estimates from parts of the data, those without one added mass if not given, which
+    ``check`` asks for; ``rivals``: other fits that predict as well; both widen the intervals. The
+    first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken
+    as given, added to that of the equations. IdentifiabilityError says that these are singular for
+    every practical purpose.
+    """
+    cells = equations.independent
+    whole, left = cells.with_prior
+    active = None if equations.prior is None else equations.prior.active
+    flat = cells.rows.reshape(-1, len(cells.names))
+    conditioning = Conditioning.of(flat, equations.names, active)
+    conditioning.refuse_singular()
+    carried = [masses[number] for number in cells.log] if masses else []
+    considered = moved_by_masses(cells.rows, cells.names, carried)
+    covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
+    if equations.bread is not None:
+        covariance = robust(covariance, whole.T @ whole, equations.bread)
+    if besides is not None:
+        covariance = covariance + besides
+    apart = [
+        *disagreements(cells.prior, cells.names, cells.values, covariance, whole),
+        *scale_apart(cells, known, carried),
+    ]
+    if left_out is None:
+        left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
+        apart += few
+    contrasts, limits_of_conditions = (
+        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+    )
+    own = slice(shared)
+    names, values = equations.names[own], equations.values[own]
+    scatter = covariance[own, own]
+    others = [*rivals, *(each[own] for each in limits_of_conditions)]
+    partial = {key: each[own] for key, each in left_out.items()}
+    limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
+    lower = np.maximum(limits[0], equations.lower[own])
+    on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
+    pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
+    logs = equations.of_logs
+    enough = masses and cells.log.size == logs.log.size
+    return Estimate(
+        method=method,
+        names=names,
+        values=values,
+        covariance=scatter,
+        lower=lower,
+        upper=limits[1],
+        left_out=partial,
+        condition=conditioning.number,
+        on_bound=on_bound,
+        ending=equations.ending,
+        findings=(
+            *sort_by_precision(values, lower, limits[1], names),
+            *conditioning.findings,
+            *equations.findings,
+            *_of_bounds_and_signs(names, on_bound, pulled),
+            *apart,
+            *(of_few_logs(logs.log.size) if masses else ()),
+            *findings,
+        ),
+        fixed=known.fixed | (fixed or {}),
+        local=local or {},
+        corrections=corrections(logs, masses) if enough else (),
+        agreement=contrasts,
+        known=known,
+        rivals=tuple(others),
+        horizon=horizon,
+        freedom=freedom[own],
+        ratios=ratios,
+    )
+
+
+def without_each_mass(
+    equations: CellEquations,
+    masses: Sequence[AddedMass],
+    known: Prior,
+    *,
+    asked: bool,
+    driven: bool = True,
+) -> tuple[dict[Hashable, Samples], list[Finding]]:
+    """Estimate again without each added mass, but where the rest cannot determine the parameters.
+
+    If what is known of the robot is exact, even one mass may be enough; a scale that rests on what
+    is uncertain would tell of that alone. Returns the estimates, to first order, and what is to be
+    said if there are none.
+    """
+    different = sorted({masses[number] for number in np.unique(equations.log)}) if masses else []
+    if not asked:
+        return {}, [Finding(FindingKind.UNCHECKED)]
+    left_out: dict[Hashable, Samples] = {}
+    sure = known.within(known.fixed)
+    for mass in different if len(different) > 1 else ():
+        try:
+            refuse_without_scale(
+                [other for other in different if other != mass], sure, driven=driven
+            )
+        except IdentifiabilityError:
+            continue
+        lost = [number for number, own in enumerate(masses) if own == mass]
+        values = without_logs(equations, lost)
+        if np.isfinite(values).all():
+            left_out[mass] = values
+    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
+    return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
+
+
+def _of_bounds_and_signs(
+    names: Sequence[str], on_bound: Sequence[str], pulled: set[str]
+) -> list[Finding]:
+    """Say what a bound holds, with care where the data would go far beyond; and unseen signs."""
+    groups = (
+        (FindingKind.ON_BOUND, Level.CARE, [name for name in on_bound if name in pulled]),
+        (FindingKind.ON_BOUND, Level.NOTE, [name for name in on_bound if name not in pulled]),
+        (FindingKind.SIGN_UNKNOWN, Level.CARE, [n for n in names if not TERMS[n].sign_observable]),
+    )
+    return [Finding(kind, tuple(own), severity=level) for kind, level, own in groups if own]
