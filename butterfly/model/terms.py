@@ -227,6 +227,7 @@ _ROWS = (
         lower=0.0,
         describing=lambda w, _a, m: -(w**2) * m.carried,
         size=lambda _speed, _rate: 0.1,
+        looks_like="an inertia of the added masses' own",
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
     ),
     Term(
@@ -359,6 +360,7 @@ _ROWS = (
         lower=0.0,
         basis=lambda m: np.sign(m.input),
         of_gain=True,
+        looks_like="a dead zone of the drive",
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
     ),
     Term(
@@ -369,6 +371,7 @@ _ROWS = (
         lower=0.0,
         basis=lambda m: m.input * abs(m.input),
         of_gain=True,
+        looks_like="a drive that saturates",
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
     ),
 )
