@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.plausibility import (
+    judge_basis,
     judge_fit,
-    judge_held_out,
     judge_input,
     judge_knowledge,
     judge_physics,
 )
+from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors,
     find_unit_errors_of_clock,
@@ -53,8 +53,11 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (sure,) = [judge(data, estimator, each) for each in track([run.estimate], "Judging")]
-    return replace(run, estimate=sure, made_by=estimator, estimator=estimator.label)
+    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], "Judging")]
+    sure = judge(data, estimator, run.estimate, left)
+    return replace(
+        run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
+    )
 
 
 def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
@@ -73,32 +76,23 @@ def judged(data: DataSet, estimator: Estimator) -> Estimate:
 
 
 @_UNWARNED
-def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
+def judge(
+    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals | None = None
+) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
-    fits, names = _followed(data, found, counted)
-    of_test = []
-    if data.test_logs is not None:
-        of_test = judge_held_out(
-            *_followed(data.test_logs, found, data.test_logs.counted), seen=fits
-        )
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(fits, names),
-        *of_test,
+        *judge_fit(data.simulations.followed(found, counted)),
+        *(residuals or residuals_of(data, found)).findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
+        *judge_basis(found, data),
     )
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
-
-
-def _followed(
-    data: DataSet, found: Estimate, counted: Sequence[int]
-) -> tuple[NDArray[np.float64], list[str]]:
-    return data.simulations.followed(found, counted), [data.logs[k].name for k in counted]
 
 
 @_UNWARNED

@@ -43,10 +43,10 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
     SCANNED,
-    ScannedTerms,
+    TermChoice,
     candidates,
-    missing_terms,
     requested_terms,
+    scanned_terms,
     stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
@@ -55,18 +55,16 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms, offered
-from butterfly.verdict import Level
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
 
 def fitted_terms(
-    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior, *, check: bool
-) -> tuple[WeakFit, ScannedTerms]:
+    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior
+) -> tuple[WeakFit, TermChoice]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them.
 
-    ``terms``: told, or None; ``check``: whether to say which terms would help that were not told;
-    Stribeck friction is not looked for then, since its scan costs more than the fit.
+    ``terms``: told, or None.
     """
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always = known.fitted(PARAMETERS)
@@ -75,11 +73,9 @@ def fitted_terms(
     told = None if terms is None else requested_terms(terms, known.parameters)
     first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
     equations = _Averages(first, windows, always)
-    found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
-    slow = found.chosen.settings.get("stribeck_velocity", usual)
-    return WeakFit.settled(
-        windows, replace(first.about, names=found.chosen.names, slow=slow)
-    ), found
+    found = scanned_terms(equations, tried, told)
+    slow = found.settings.get("stribeck_velocity", usual)
+    return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
 
 
 class _Averages:
@@ -141,14 +137,14 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
-            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
+            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed)
             found = found.with_findings(care)
         if not data.unread:
             return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
-        care = Finding(FindingKind.REST_APART, number=apart, severity=Level.CARE)
+        care = Finding(FindingKind.REST_APART, number=apart)
         return found.with_findings(care)
 
     def of_logs(
@@ -174,31 +170,29 @@ class WeakForm(Estimator):
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
-        plain, terms = fitted_terms(windows, self.terms, reference.fixed, check=self.check)
-        fixed = terms.chosen.settings | {"cogging_periods": periods}
+        plain, terms = fitted_terms(windows, self.terms, reference.fixed)
+        fixed = terms.settings | {"cogging_periods": periods}
         parameters = LumpedParameters(**fixed | plain.values)
         pairs = seen(logs, windows, parameters, zeros, window)
         fit = refined(plain, pairs)
 
         solved = fit.solved
-        rivals = [each + solved.values - plain.solved.values for each in terms.chosen.rival_values]
+        rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
-        found = infer(
+        return infer(
             whole,
             method="weak form",
             check=self.check,
             driven=driven,
             conditions=Conditions.of(logs, cells_of(len(logs), len(solved.names))),
             rivals=[reference.grown(each, solved.names) for each in rivals],
-            findings=terms.chosen.findings,
+            findings=terms.findings,
             fixed=fixed,
             masses=masses,
             known=known,
             besides=doubt,
         )
-        best = terms.free.best if terms.free else {}
-        return found.with_findings(*missing_terms(found, best))
 
     def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
