@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
@@ -31,6 +36,8 @@ from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
 Samples = NDArray[np.float64]
+
+_SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
 
 
 def infer(
@@ -67,7 +74,11 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
-    carried = [masses[number] for number in cells.log] if masses else []
+    contrasts, limits_of_conditions = (
+        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+    )
+    share = weighed_within(contrasts)
+    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
@@ -81,9 +92,6 @@ def infer(
     if left_out is None:
         left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
         apart += few
-    contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
-    )
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
@@ -93,6 +101,9 @@ def infer(
     lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
+    ending, moved = equations.ending, equations.unsettled
+    if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
+        ending = Ending.CONVERGED
     logs = equations.of_logs
     enough = masses and cells.log.size == logs.log.size
     return Estimate(
@@ -105,7 +116,7 @@ def infer(
         left_out=partial,
         condition=conditioning.number,
         on_bound=on_bound,
-        ending=equations.ending,
+        ending=ending,
         findings=(
             *conditioning.findings,
             *equations.findings,
@@ -124,6 +135,11 @@ def infer(
         freedom=freedom[own],
         ratios=ratios,
     )
+
+
+def _weighed(mass: AddedMass, share: float) -> AddedMass:
+    """Return a mass that is weighed within a share of it, if no better."""
+    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
 
 
 def without_each_mass(
