@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
@@ -259,17 +259,17 @@ class FreeRunResiduals:
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
-        return replace(
+        found = replace(
             scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,
             prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
-            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
+        return found if end.converged else found.stopped(found.next_step, took)
 
     def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""
@@ -356,7 +356,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = Motion.of(start, angle, velocity, weight=weight)
+    motion = Motion.of(start, angle, velocity, weight=weight, input=command * np.sin(_PHASES))
     sizes = {
         "p1": inertia,
         "p3": torque / swing,
@@ -367,6 +367,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     for row in TERMS.values():
         if row.size is not None:
             sizes.setdefault(row.name, row.size(speed, rate))
-        elif row.basis is not None and not row.of_gain and row.name not in sizes:
-            sizes[row.name] = 0.1 * torque / float(np.abs(row.basis(motion)).max())
+        elif row.basis is not None and row.name not in sizes:
+            whole = command if row.of_gain else torque
+            sizes[row.name] = 0.1 * whole / float(np.abs(row.basis(motion)).max())
     return sizes
