@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding
 from butterfly.identification.inference.covariance import FEW, cluster_covariance
 from butterfly.identification.normal_equations import (
@@ -177,6 +178,8 @@ class CellEquations:
             flat / np.where(size > 0, size, 1.0), full_matrices=False
         )
         told = basis[:, singular > _TOLD * singular[0]]
+        if not told.size:
+            raise IdentifiabilityError("these logs do not move any parameter")
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
         found = float(np.mean(np.diag(covariance)))
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):

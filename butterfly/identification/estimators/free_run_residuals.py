@@ -38,7 +38,7 @@ from butterfly.identification.inference.term_choice import (
 )
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
-from butterfly.identification.simulation import Simulation
+from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
@@ -126,6 +126,7 @@ class FreeRunResiduals:
         scale = np.array([sizes[name] for name, _ in keys])
         names = [name for name, _ in keys]
         least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
+        least["p1"] = _least_inertia(logs, start)
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
         return cls(
@@ -304,6 +305,13 @@ def _impossible(count: int) -> LogEquations:
     """Return the equations of a joint without inertia, from which a descent steps back."""
     none = np.zeros((1, 1))
     return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
+
+
+def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
+    """Return the least p1: the speed settles in a hundredth of a clock's step, which none shows."""
+    carried = min(log.added_mass.inertia for log in logs)
+    settled = start.p2 * min(log.mean_step for log in logs) / FINEST
+    return max(settled, np.finfo(float).eps ** 0.5 * (start.p1 + carried)) - carried
 
 
 def _rms_motion(log: Log, first: int) -> float:
