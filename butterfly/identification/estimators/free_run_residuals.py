@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
@@ -255,17 +255,17 @@ class FreeRunResiduals:
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
-        return replace(
+        found = replace(
             scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,
             prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
-            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
+        return found if end.converged else found.stopped(found.next_step, took)
 
     def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""
