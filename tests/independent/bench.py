@@ -60,7 +60,7 @@ def score(row, number, method, seed):
         lambda: bf.identify(robot.logs, method),
         robot.truth,
         robot.heaviest,
-        lambda found: {"misfit": found.misfit.times, "text": "\n".join(found.paragraphs())},
+        lambda found: {"misfit": found.residuals.times, "text": "\n".join(found.paragraphs())},
         family=row,
         number=number,
         repeat=0,
