@@ -80,7 +80,7 @@ def infer(
     contrasts, limits_of_conditions = (
         ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
-    moved = equations.values - about.values
+    shift = equations.values - about.values
     share = weighed_within(contrasts)
     carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
@@ -99,7 +99,7 @@ def infer(
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *((each + moved)[own] for each in limits_of_conditions)]
+    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
     limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
     lower = np.maximum(limits[0], equations.lower[own])
