@@ -60,7 +60,11 @@ def score(row, number, method, seed):
         lambda: bf.identify(robot.logs, method),
         robot.truth,
         robot.heaviest,
-        lambda found: {"misfit": found.misfit.times, "text": "\n".join(found.paragraphs())},
+        lambda found: {
+            "misfit": found.misfit.times,
+            "text": "\n".join(found.paragraphs()),
+            "follows": [f"{x.parameter} by {x.condition}" for x in found.estimate.agreement],
+        },
         family=row,
         number=number,
         repeat=0,
