@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from butterfly.identification.diagnostics.misfit import misfit_units
+from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.result import HEAD, document, json_text, write_document
@@ -32,8 +32,8 @@ def test_a_document_begins_alike_with_and_without_a_verdict():
 
 
 def test_what_a_slide_leaves_over_is_in_metres():
-    assert set(misfit_units(JointKind.SLIDE).values()) == {"m"}
-    assert set(misfit_units(JointKind.HINGE).values()) == {"rad"}
+    assert set(residual_units(JointKind.SLIDE).values()) == {"m"}
+    assert set(residual_units(JointKind.HINGE).values()) == {"rad"}
 
 
 def test_estimates_without_a_mass_or_a_log_say_without_what():

@@ -11,11 +11,11 @@ import numpy as np
 from butterfly.api.results import Tabulated, about_log
 from butterfly.comparison.leaderboard import Entry
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.misfit import Misfit, misfit_units
+from butterfly.identification.diagnostics.residuals import Residuals, residual_units
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.numbers import estimate_numbers, misfit_numbers, rests_on
+from butterfly.report.numbers import estimate_numbers, residual_numbers, rests_on
 from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 
@@ -35,21 +35,21 @@ class Compared(Tabulated):
         data: DataSet,
         estimator: Estimator | None,
         compared: Sequence[ThreeWay],
-        misfit: Misfit,
+        residuals: Residuals,
         found: Estimate,
     ) -> Compared:
-        """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
-        from butterfly.report.residual import misfit_sentences  # noqa: PLC0415 - slow to import
+        """Tabulate logs, each simulated twice with an estimate, and the residuals of all."""
+        from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
         from butterfly.report.three_way_page import three_way_page  # noqa: PLC0415 - slow to import
 
         verdict, way = estimate_verdict(found), data.joint.way
-        judged = {log.name: log for log in misfit.logs}
+        judged = {log.name: log for log in residuals.logs}
         result = cls(
             title=f"MuJoCo and grey box beside {data.name!r}",
             summary=(
                 verdict.sentence,
                 *_comparison_sentences(compared),
-                *misfit_sentences(misfit),
+                *residual_sentences(residuals),
             ),
             judged=verdict,
             content={
@@ -62,7 +62,8 @@ class Compared(Tabulated):
                         **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
                         "error in % of the motion": 100 * judged[each.log.name].relative,
                         "outside its bands": judged[each.log.name].outside,
-                        "left over looks like": judged[each.log.name].left_over.looks_like,
+                        "residual over sensors": judged[each.log.name].times,
+                        "missing terms explain in %": 100 * judged[each.log.name].share,
                     }
                     for each in compared
                 ],
@@ -75,20 +76,19 @@ class Compared(Tabulated):
                             name: [abs(gain), float(np.angle(gain))]
                             for name, gain in each.gains.items()
                         },
-                        "residual_torque": each.residual.left_over.numbers(),
                     }
                     for each in compared
                 ],
-                "misfit": misfit_numbers(misfit, found),
+                "residuals": residual_numbers(residuals, found),
             },
             units={
                 "logs.fit": "%",
                 "logs.largest_difference": way,
                 "logs.gain_ratio": "1, rad",
-                **misfit_units(data.joint),
+                **residual_units(data.joint),
             },
         )
-        return result.drawn_as(three_way_page(data, compared, misfit, result))
+        return result.drawn_as(three_way_page(data, compared, residuals, result))
 
 
 def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:

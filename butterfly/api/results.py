@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,8 +13,12 @@ from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
-from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
+from butterfly.identification.diagnostics.residuals import (
+    Residuals,
+    ResidualTorque,
+    residual_units,
+    residuals_of,
+)
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
@@ -23,10 +26,9 @@ from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
-from butterfly.model.terms import TERMS
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
-from butterfly.report.numbers import misfit_numbers, rests_on
+from butterfly.report.numbers import residual_numbers, rests_on
 from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
 from butterfly.result import Answer, TextTable
 
@@ -294,9 +296,8 @@ class Residual(Answer):
 
     data: DataSet
     estimate: Estimate
-    misfit: Misfit
+    residuals: Residuals
     chosen: tuple[int, ...]  # numbers of the logs that were asked for
-    with_torques: bool  # whether their residual torques are shown, too
 
     @classmethod
     def of(
@@ -305,42 +306,38 @@ class Residual(Answer):
         estimator: Estimator | None,
         found: Estimate,
         chosen: Sequence[int],
-        *,
-        with_torques: bool,
     ) -> Residual:
         """Judge what an estimate leaves over of the logs."""
-        from butterfly.report.residual import misfit_sentences  # noqa: PLC0415 - slow to import
+        from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
 
-        verdict, misfit = estimate_verdict(found), judge_misfit(data, found)
+        verdict, residuals = estimate_verdict(found), residuals_of(data, found)
         return cls(
             title=f"What {found.method} leaves over of {data.name!r}",
-            summary=(verdict.sentence, *misfit_sentences(misfit)),
+            summary=(verdict.sentence, *residual_sentences(residuals)),
             judged=verdict,
             content={
-                **misfit_numbers(misfit, found),
-                **rests_on(data, found, estimator, more=misfit.findings),
+                **residual_numbers(residuals, found),
+                **rests_on(data, found, estimator, more=residuals.findings),
             },
-            units=misfit_units(data.joint, ""),
+            units=residual_units(data.joint, ""),
             data=data,
             estimate=found,
-            misfit=misfit,
+            residuals=residuals,
             chosen=tuple(chosen),
-            with_torques=with_torques,
         )
 
     def tables(self) -> list[TextTable]:
         """Return the errors of the logs that were asked for, and what their torques look like."""
-        from butterfly.report.residual import HEADERS, misfit_table  # noqa: PLC0415 - slow to import
+        from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
 
-        rows = misfit_table(self.misfit.logs[k] for k in self.chosen).rows
+        rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
         title = f"{self.data.name}: what {self.estimate.method} leaves over"
-        own = [self.torques[k] for k in self.chosen] if self.with_torques else []
-        return [TextTable(title, HEADERS, rows), *map(_torque_table, own)]
+        return [TextTable(title, HEADERS, rows)]
 
-    @cached_property
-    def torques(self) -> Sequence[ResidualTorque]:
-        """Of each log of the data set."""
-        return residual_torques(self.data, self.estimate)
+    def torque(self, number: int) -> ResidualTorque:
+        """Return the residuals of a log, by its number, seen as torque."""
+        setting = self.data.simulations.setting(number, self.estimate)
+        return ResidualTorque.of(self.data.logs[number], setting)
 
     def plot(self, path: str | PathLike[str]) -> None:
         """Draw the residual torque and error of the log with the largest error to a page.
@@ -354,17 +351,12 @@ class Residual(Answer):
         from butterfly.report.residual import residual_page  # noqa: PLC0415 - slow to import
 
         assert self.judged is not None  # noqa: S101 - it rests on an estimate
-        worst = max(self.chosen, key=lambda k: self.misfit.logs[k].relative)
+        worst = max(self.chosen, key=lambda k: self.residuals.logs[k].relative)
         page = residual_page(
-            self.torques[worst], self.misfit.logs[worst], self.judged, joint=self.data.joint
+            self.torque(worst),
+            self.residuals.logs[worst],
+            self.judged,
+            self.summary[1:],
+            joint=self.data.joint,
         )
         write_html(page, Path(path))
-
-
-def _torque_table(torque: ResidualTorque) -> TextTable:
-    """Return what the residual torque of a log looks like, and the share of each missing term."""
-    rows = [("looks like", torque.left_over.words("the motor's torque"))] + [
-        (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")
-        for name, share in torque.left_over.shares.items()
-    ]
-    return TextTable(f"{torque.label}: the torque left over", (), rows)

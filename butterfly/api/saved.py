@@ -110,7 +110,7 @@ def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
             "horizon": "whole" if horizon == 0 else horizon,
             "input": content["data"]["input"],
             "joint": content["data"].get("joint", "hinge"),
-            "misfit": {**content["misfit"], "findings": list(findings)},
+            "residuals": {**content["misfit"], "findings": list(findings)},
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         expected = "a result as butterfly 0.2.0 saved it; identify its logs again"

@@ -15,7 +15,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
-from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import Identification
@@ -224,7 +224,7 @@ def residual(
     """
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
-    return Residual.of(whole, estimator, found, chosen, with_torques=logs is not None)
+    return Residual.of(whole, estimator, found, chosen)
 
 
 def compare(
@@ -266,7 +266,7 @@ def compare(
     require_possible(found)
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
     compared = compare_three(whole, found, numbers, mass=mass, track=track)
-    return Compared.of(whole, estimator, compared, judge_misfit(whole, found), found)
+    return Compared.of(whole, estimator, compared, residuals_of(whole, found), found)
 
 
 def design(

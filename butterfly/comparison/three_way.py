@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
+from butterfly.identification.diagnostics.residuals import ResidualTorque
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
 from butterfly.logs.log import Log
@@ -59,8 +59,7 @@ def compare_three(
     """
     predictor = data.simulations
     found = []
-    torques = residual_torques(data, estimate, numbers)
-    for number, residual in zip(track(numbers, "Simulating twice"), torques, strict=True):
+    for number in track(numbers, "Simulating twice"):
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
@@ -76,7 +75,7 @@ def compare_three(
                 parameters=parameters,
                 mujoco=mujoco,
                 greybox=greybox,
-                residual=residual,
+                residual=ResidualTorque.of(log, setting),
                 gains=_gains(log, {"MuJoCo": mujoco, "grey box": greybox}),
             )
         )

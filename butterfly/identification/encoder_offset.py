@@ -126,7 +126,13 @@ def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> NDArray[n
 
 
 def _told(log: Log) -> EncoderOffset | None:
-    return None if log.zero is None else EncoderOffset(**vars(log.zero), kind=OffsetKind.TOLD)
+    return (
+        None
+        if log.zero is None
+        else EncoderOffset(
+            value=log.zero.value, uncertainty=log.zero.uncertainty, kind=OffsetKind.TOLD
+        )
+    )
 
 
 def _turns(log: Log) -> bool:

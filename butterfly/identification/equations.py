@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 
 from butterfly.identification.diagnostics.findings import Ending, Finding
 from butterfly.identification.inference.covariance import FEW, cluster_covariance
-from butterfly.identification.normal_equations import Regression, Solution
+from butterfly.identification.normal_equations import (
+    Regression,
+    Solution,
+    scaled_least_squares,
+)
 from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
@@ -163,7 +167,8 @@ class CellEquations:
         """Variance of a row as the scatter of the cells realises it: 1 per parameter if right.
 
         Of independent equal errors it is theirs; errors that are alike within a cell count for
-        fewer rows, which is a larger variance of each.
+        fewer rows, which is a larger variance of each. It is no less than in the direction of each
+        parameter of which something is known besides, the others following.
         """
         cells = self.independent
         flat = cells.rows.reshape(-1, cells.rows.shape[2])
@@ -173,7 +178,14 @@ class CellEquations:
         )
         told = basis[:, singular > _TOLD * singular[0]]
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
-        return float(np.mean(np.diag(covariance)))
+        found = float(np.mean(np.diag(covariance)))
+        for k in () if self.prior is None else np.flatnonzero(self.prior.active):
+            others = np.delete(flat, k, axis=1)
+            own = flat[:, k] - others @ scaled_least_squares(others, flat[:, k])
+            if own @ own > _TOLD * (flat[:, k] @ flat[:, k]):
+                along = np.einsum("km,km->k", own.reshape(cells.residuals.shape), cells.residuals)
+                found = max(found, float(along @ along / (own @ own)))
+        return found
 
     @property
     def with_prior(self) -> tuple[Samples, Samples]:

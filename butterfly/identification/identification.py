@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
+from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
 from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _UNITS = {"fit.horizon": "s"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "against.fit"), "%"
 )
-_SAVED = ("summary", "chosen", "against", "misfit")
+_SAVED = ("summary", "chosen", "against", "residuals")
 _LARGEST = 1e60  # of any number: squares of such are numbers too
 
 
@@ -83,6 +83,9 @@ class Identification(Result):
     runs: tuple[FreeRun, ...] = ()
     """Free run of each log; those of a result that was loaded are simulated by `free_runs`."""
 
+    judged_residuals: Residuals | None = None
+    """What the free runs leave; that of a result that was loaded is found by `residuals`."""
+
     comparisons: tuple[OtherParameters, ...] = ()
     """Other parameters on the same logs."""
 
@@ -90,7 +93,7 @@ class Identification(Result):
     """The estimator; None for a result that was loaded."""
 
     saved: dict[str, Any] = field(default_factory=dict)
-    """What a file said that needs the logs: summary, options, other parameters, misfit."""
+    """What a file said that needs the logs: summary, options, other parameters, residuals."""
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Identification:
@@ -129,7 +132,7 @@ class Identification(Result):
         if self.logs is not None:
             of_logs = {
                 "against": [each.numbers(estimate) for each in self.comparisons],
-                "misfit": numbers.misfit_numbers(self.misfit, estimate),
+                "residuals": numbers.residual_numbers(self.residuals, estimate),
             }
         return document(
             self.kind,
@@ -148,7 +151,7 @@ class Identification(Result):
             },
             verdict=self.judged,
             summary=self.summary,
-            units=_UNITS | misfit_units(estimate.joint),
+            units=_UNITS | residual_units(estimate.joint),
         )
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -348,9 +351,9 @@ class Identification(Result):
         )
 
     @cached_property
-    def misfit(self) -> Misfit:
+    def residuals(self) -> Residuals:
         """What the free runs leave over, and whether the sensors explain it."""
-        return judge_misfit(self.data, self.estimate)
+        return self.judged_residuals or residuals_of(self.data, self.estimate, self.free_runs)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
         """Return the responses measured with an added mass, to stand beside `model.linearised`.

@@ -58,7 +58,11 @@ class Regression:
         scale[scale == 0] = 1.0  # a column of zeros stays without effect
         moved = self._products & (self._shift != 0)
         lowest = np.where(moved, -np.inf, self.lower)  # of p4 (x - about), whose bound moves too
-        fit = lsq_linear(rows / scale, target, (lowest, np.inf), method="bvls", tol=1e-14)
+        highest = np.full(scale.size, np.inf)
+        if self.gain < 0:  # products turn their bounds round
+            turned = self._products & ~moved
+            lowest[turned], highest[turned] = -np.inf, -self.lower[turned]
+        fit = lsq_linear(rows / scale, target, (lowest, highest), method="bvls", tol=1e-14)
         unknowns = fit.x / scale
         values = self.values(unknowns)
         on_bound = (fit.active_mask != 0) | (values < self.lower)
@@ -137,5 +141,6 @@ def scaled_least_squares(
     Each column of the rows is scaled to be of length 1, so that its unit does not count.
     """
     scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
     values = np.linalg.lstsq(rows / scale, target, rcond=None)[0]
     return np.asarray((values.T / scale).T)

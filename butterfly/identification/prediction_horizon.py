@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.residuals import encoder_step
+from butterfly.identification.diagnostics.sensor_errors import encoder_step
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.segments import simulation_of

@@ -60,7 +60,8 @@ class ScaleParameter:
         turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
         rows = solved.rows @ turned
         lower = np.insert(solved.lower, at, TERMS[self.name].lower)
-        prior = Penalty.of(names, self.known.parameters, solved.realised_variance)
+        about = dict(zip(names, values.tolist(), strict=True))
+        prior = Penalty.of(names, self.known.parameters, solved.realised_variance, about)
         assert prior is not None  # noqa: S101 - the reference is uncertain
         moved = values
         if prior.active.sum() > 1:

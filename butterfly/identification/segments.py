@@ -55,9 +55,7 @@ class Segments:
         ends = [*self._edges[1:], log.time.size]
         rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
         self._segments = [
-            _Segment(
-                log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1, warm=warm
-            )
+            _Segment(log.piece(begin, end), parameters, rate, warm=warm)
             for begin, end in zip(self._edges, ends, strict=True)
         ]
         self._counted = self._segments[len(before) :]
@@ -138,18 +136,16 @@ class _About(NamedTuple):
 class _Segment:
     """One segment, and where the search for its start begins.
 
-    Of a whole log that begins at rest only the angle there is sought: friction holds a joint at
-    rest, so that nothing can be differentiated by its velocity.
+    Of one that begins at rest only the angle there is sought: friction holds a joint at rest, so
+    that nothing can be differentiated by its velocity, and how it starts tells of its inertia.
     """
 
-    def __init__(
-        self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool, warm: bool
-    ) -> None:
+    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, warm: bool) -> None:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
         self._warm, self._near = warm, log.initial_state
         self._spread = float(np.var(log.angle))
-        self._sought = 1 if whole and log.initial_state.velocity == 0 else len(_START)
+        self._sought = 1 if log.initial_state.velocity == 0 else len(_START)
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float

@@ -336,35 +336,52 @@ def initial_state(time: Samples, angle: Samples, speed: float, *, cut: bool) -> 
 
     A piece of a longer recording (``cut``) begins in motion: angle and velocity are those of the
     cubic that fits its first samples best. A whole log begins at rest at its first sample, unless
-    these say otherwise: their velocity is no noise, and half of them give the same one. Of a joint
-    that starts from rest half as long a stretch gives a quarter, or half, of it. ``speed`` is the
-    rms velocity in rad/s.
+    these say otherwise (see `_moves`). ``speed`` is the rms velocity in rad/s.
     """
     rest = InitialState(float(angle[0]), 0.0)
     if not speed > 0:
         return rest
     span = _REACH * min(float(np.std(angle)), _WIDE) / speed
     count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
-    if not cut:
-        half_count = max(count // 2, _FEWEST)
-        moved = float(np.ptp(angle[:half_count]))
-        if moved < _NOTABLE * speed * (time[half_count - 1] - time[0]) / 2:
-            return rest
-        whole, _ = _fitted(time[:count], angle[:count], 2)
-        half, error = _fitted(time[:half_count], angle[:half_count], 2)
-        sure = abs(half.velocity) > max(_SURE * error, _NOTABLE * speed)
-        if not sure or abs(whole.velocity - half.velocity) > _SETTLED * abs(half.velocity):
-            return rest
+    if not cut and not _moves(time[:count], angle[:count], speed):
+        return rest
     return _fitted(time[:count], angle[:count], 3)[0]
 
 
-def _fitted(time: Samples, angle: Samples, order: int) -> tuple[InitialState, float]:
-    """Fit a polynomial to (n,) first samples; return its beginning, and its velocity's error."""
+def _moves(time: Samples, angle: Samples, speed: float) -> bool:
+    """Whether (n,) first samples move at once: ever fewer of them have one velocity, and no noise.
+
+    Of a joint that starts from rest half as long a stretch gives a quarter, or half, of it; if not
+    while it already runs evenly, then as soon as stretches are short beside its spin-up.
+    """
+    steps = np.abs(np.diff(angle))
+    finest = float(np.min(steps, where=steps > 0, initial=np.ptp(angle)))  # an encoder's step
+    before, moves = abs(_fitted(time, angle, 2)[0].velocity), False
+    while time.size > _FEWEST or not moves:
+        count = max(time.size // 2, _FEWEST)
+        time, angle = time[:count], angle[:count]
+        found, error = _fitted(time, angle, 2, finest)
+        if _SURE * error >= before:
+            break
+        velocity = abs(found.velocity)
+        if velocity < _NOTABLE * speed or abs(velocity - before) > _SETTLED * velocity:
+            return False
+        before, moves = velocity, True
+    return moves
+
+
+def _fitted(
+    time: Samples, angle: Samples, order: int, finest: float = 0.0
+) -> tuple[InitialState, float]:
+    """Fit a polynomial to (n,) first samples; return its beginning, and its velocity's error.
+
+    The error is no less than that of readings in steps as fine as the ``finest`` in rad.
+    """
     span = float(time[-1] - time[0])
     columns = polynomial.polyvander((time - time[0]) / span, order)
     coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)
     left = angle - columns @ coefficients
-    variance = float(left @ left) / max(angle.size - order - 1, 1)
+    variance = max(float(left @ left) / max(angle.size - order - 1, 1), finest**2 / 12)
     spread = np.linalg.inv(columns.T @ columns)[1, 1]
     value, slope = coefficients[:2].tolist()
     return InitialState(value, slope / span), float(np.sqrt(variance * spread)) / span

@@ -36,6 +36,8 @@ PHYSICAL = {
 }
 """What may be known of motor and hand, with its unit: see `butterfly.identification.physical`."""
 
+_USUAL_DELAY = 5.0  # steps of the clock, the scale of a delay of which nothing is known
+
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
 _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.+))?")
 
@@ -46,11 +48,25 @@ class Known:
 
     value: float
     uncertainty: float = 0.0
+    heavy: bool = False  # whether it is a guess: half of Cauchy's distribution, from the value on
 
     @property
     def fixed(self) -> bool:
         """Whether nothing is left to be found out."""
         return self.uncertainty == 0
+
+    def precision(self, at: float) -> float:
+        """Return the weight of a square that pulls a value as this does there.
+
+        Of Cauchy's density the logarithm counts 2 log(1 + x^2), x = (at - value)/uncertainty.
+        """
+        apart = (at - self.value) / self.uncertainty
+        return (2 / (1 + apart**2) if self.heavy else 1.0) / self.uncertainty**2
+
+    def penalty(self, at: float) -> float:
+        """Return -2 log of the density at a value, over that at its peak."""
+        square = ((at - self.value) / self.uncertainty) ** 2
+        return 2 * math.log1p(square) if self.heavy else square
 
     def __str__(self) -> str:
         return f"{self.value:g}" if self.fixed else f"{self.value:g} ± {self.uncertainty:g}"
@@ -91,6 +107,11 @@ class Prior:
     def parameters(self) -> dict[str, Known]:
         """What is known of parameters of the model."""
         return {name: each for name, each in self.values.items() if name in TERMS}
+
+    @property
+    def lower(self) -> dict[str, float]:
+        """Least values that half a distribution has."""
+        return {name: each.value for name, each in self.parameters.items() if each.heavy}
 
     @cached_property
     def physical(self) -> dict[str, Known]:
@@ -136,6 +157,15 @@ class Prior:
         carried = list(masses)
         balanced = self.fixed.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
         return balanced or not any(mass.gravity for mass in carried)
+
+    def with_default_delay(self, step: float) -> Prior:
+        """Return the same, with what is usual of a delay where nothing is known of it.
+
+        Half a Cauchy distribution from 0 on, its scale some of a clock's steps in s: it decides
+        where the logs say nothing, and gives way where they say something.
+        """
+        usual = Known(value=0.0, uncertainty=_USUAL_DELAY * step, heavy=True)
+        return Prior({"delay": usual}) | self
 
     def fixing(self, name: str) -> Prior:
         """Return the same, one parameter being fixed."""
@@ -217,7 +247,9 @@ def _parts(value: Any, source: object, field: str) -> tuple[Any, Any]:  # noqa: 
 
 def plain(known: Known) -> float | dict[str, float]:
     """Return a number, or a mapping with its uncertainty."""
-    return known.value if known.fixed else vars(known).copy()
+    if known.fixed:
+        return known.value
+    return {"value": known.value, "uncertainty": known.uncertainty}
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:
@@ -227,6 +259,9 @@ def _require_possible(source: object, name: str, known: Known) -> None:
     if known.value < lower or (positive and known.value == 0):
         expected = "a positive number" if positive else f"{lower:g} or more"
         raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
+
+
+_NOWHERE: Mapping[Any, float] = {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,19 +280,33 @@ class Penalty:
         names: Sequence[Hashable],
         known: Mapping[Any, Known],
         variance: float = 1.0,
+        values: Mapping[Any, float] = _NOWHERE,
     ) -> Penalty | None:
-        """Return that of what is uncertain of values by name; None if it is nothing."""
+        """Return that of what is uncertain of values by name; None if it is nothing.
+
+        ``values``: about which heavy tails are seen, at their peak if not given.
+        """
         own = [known[name] if name in known and not known[name].fixed else None for name in names]
         if not any(own):
             return None
         mean = np.array([each.value if each else 0.0 for each in own])
-        weight = np.array([variance / each.uncertainty**2 if each else 0.0 for each in own])
+        weight = np.array(
+            [
+                variance * each.precision(values.get(name, each.value)) if each else 0.0
+                for name, each in zip(names, own, strict=True)
+            ]
+        )
         return cls(mean=mean, weight=weight, variance=variance)
 
     @property
     def active(self) -> NDArray[np.bool_]:
         """(n,) of which something is known."""
         return np.asarray(self.weight > 0)
+
+    def weighed(self, variance: float) -> Penalty:
+        """Return that beside rows of another variance."""
+        weight = self.weight * (variance / self.variance)
+        return replace(self, weight=weight, variance=variance)
 
     def take(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
         """Return that of some of the values."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError
@@ -100,7 +101,6 @@ def _text(finding: Finding, values: Values) -> str:
         "combined": " and ".join(names),
         "first": names[0] if names else "",
         "others": ", ".join(names[1:]),
-        "them": "them" if names and "," in names[0] else "it",
         "logs": listed(logs),
         "are": "is" if len(logs) == 1 else "are",
         "were": "was" if len(logs) == 1 else "were",
@@ -188,12 +188,13 @@ def _not_estimated(finding: Finding, values: Values) -> str:
     )
 
 
-def _left_over(finding: Finding, _: Values) -> str:
-    rows = [TERMS[name] for name in finding.parameters]
-    names = " or ".join(row.looks_like or row.name for row in rows)
+def _missing_term(finding: Finding, _: Values) -> str:
+    terms, *moved = finding.parameters
+    moves = f" and moves {', '.join(moved)} by more than the intervals" if moved else ""
+    them = "it" if re.fullmatch(r"\w+", terms) else "them"
     return (
-        f"What the model leaves over looks like {names} ({' or '.join(finding.parameters)}), which "
-        f"it lacks: a little of it would explain {100 * _number(finding):.0f} % of the variance."
+        f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
+        f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
     )
 
 
@@ -250,10 +251,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNPREDICTABLE: (
         "{logs} {were} left out: the hand passes the upright, where small causes tell, and no "
         "simulation from the start stays near. The method weak-form uses them."
-    ),
-    FindingKind.MISSING_TERM: (
-        "{first} would help to predict logs that were left out, and move {others} by "
-        "{percent:.0f} % or more: add {them} to the terms."
     ),
     FindingKind.SCANNED: lambda finding, _: (
         f"{', '.join(finding.parameters)} is {_number(finding):.2g} "
@@ -312,7 +309,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "Encoder and noise explain what the free runs leave over, but for the parameters' own "
         "errors ({number:.2f} times as much)."
     ),
-    FindingKind.LEFT_OVER: _left_over,
+    FindingKind.MISSING_TERM: _missing_term,
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",
 }

@@ -86,7 +86,7 @@ class IdentificationPlots:
             log = names.index(log)
         if not isinstance(log, int) or not -len(runs) <= log < len(runs):
             raise InputError("plot.time", "log", log, f"a number below {len(runs)}")
-        return time_figure(runs[log], self.identification.misfit.logs[log].band)
+        return time_figure(runs[log], self.identification.residuals.logs[log].band)
 
 
 def parameter_figure(table: Iterable[Parameter]) -> Figure:

@@ -49,7 +49,7 @@ from butterfly.report.parameter_table import (
     physical_rows,
     physical_sentences,
 )
-from butterfly.report.residual import misfit_sentences, misfit_table
+from butterfly.report.residual import residual_sentences, residual_table
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
@@ -82,9 +82,9 @@ def identification_page(
     identification: Identification, truth: LumpedParameters | None = None
 ) -> Page:
     """Put together the report of an identification (see `write_report`)."""
-    data, misfit = identification.data, identification.misfit
+    data, residuals = identification.data, identification.residuals
     table = identification.estimate.table(truth)
-    runs, bands = identification.free_runs, [log.band for log in misfit.logs]
+    runs, bands = identification.free_runs, [log.band for log in residuals.logs]
     chosen = middle(identification.fit_of_logs)
     states = [health.condition for health in data.health]
     lost = int(np.sum(~np.isfinite(identification.fit_of_logs)))  # they have no FIT
@@ -106,10 +106,10 @@ def identification_page(
             "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
             "leaves them is something that the model misses. Below, at which frequencies.",
             series={
-                "left-over": correlation_series(misfit.logs),
-                "spectrum": spectrum_series(runs, misfit.logs),
+                "left-over": correlation_series(residuals.logs),
+                "spectrum": spectrum_series(runs, residuals.logs),
             },
-            tables=(misfit_table(misfit.logs, picks=range(len(runs))),),
+            tables=(residual_table(residuals.logs, picks=range(len(runs))),),
         ),
         *_correlations(identification),
         Section(
@@ -131,7 +131,7 @@ def identification_page(
         verdict=identification.judged,
         facts=_facts(identification),
         lead=_lead(table, data, with_truth=truth is not None),
-        summary=[*identification.summary[1:], *misfit_sentences(misfit)],
+        summary=[*identification.summary[1:], *residual_sentences(residuals)],
         sections=sections,
         numbers=identification.to_dict(truth),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
@@ -139,8 +139,8 @@ def identification_page(
         pictures={
             "parameters": partial(parameter_figure, table),
             "time": partial(time_figure, runs[chosen], bands[chosen]),
-            "left-over": partial(correlation_figure, misfit.logs[chosen]),
-            "spectrum": partial(spectrum_figure, runs[chosen], misfit.logs[chosen]),
+            "left-over": partial(correlation_figure, residuals.logs[chosen]),
+            "spectrum": partial(spectrum_figure, runs[chosen], residuals.logs[chosen]),
         },
     )
 
@@ -149,7 +149,7 @@ def _facts(identification: Identification) -> list[Fact]:
     fit, data = identification.fit, identification.data
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
-    times = identification.misfit.times
+    times = identification.residuals.times
     left_over = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
-from butterfly.identification.diagnostics.misfit import LogMisfit
-from butterfly.identification.diagnostics.residuals import LEVELS, Curve, ErrorBand
+from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
+from butterfly.identification.diagnostics.sensor_errors import LEVELS, Curve
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
@@ -112,9 +112,9 @@ def _time_curves(
         return log.time[some], *(column[some].astype(np.float32) for column in columns)
 
 
-def spectrum_figure(run: FreeRun, misfit: LogMisfit) -> Figure:
+def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
     """Draw amplitudes of a log's angle, and of its residual, over frequency."""
-    omega, *curves = _spectra(run, misfit)
+    omega, *curves = _spectra(run, residuals)
     way = run.log.added_mass.joint.way
     looks = {
         "measured angle": {"color": GREY, "width": 1},
@@ -131,16 +131,16 @@ def spectrum_figure(run: FreeRun, misfit: LogMisfit) -> Figure:
     return figure
 
 
-def spectrum_series(runs: Sequence[FreeRun], misfits: Sequence[LogMisfit]) -> Series:
+def spectrum_series(runs: Sequence[FreeRun], residuals: Sequence[LogResiduals]) -> Series:
     """Return `spectrum_figure` of each run."""
     curves = [
         [[packable(curve, logarithmic=True) for curve in _spectra(*each)]]
-        for each in zip(runs, misfits, strict=True)
+        for each in zip(runs, residuals, strict=True)
     ]
-    return Series.of(spectrum_figure(runs[0], misfits[0]), curves)
+    return Series.of(spectrum_figure(runs[0], residuals[0]), curves)
 
 
-def _spectra(run: FreeRun, misfit: LogMisfit) -> tuple[NDArray[np.float64], ...]:
+def _spectra(run: FreeRun, residuals: LogResiduals) -> tuple[NDArray[np.float64], ...]:
     """Return frequencies in rad/s, and amplitudes in rad of a sine that would look so.
 
     Of several frequencies that share a point, it is the largest amplitude.
@@ -159,11 +159,11 @@ def _spectra(run: FreeRun, misfit: LogMisfit) -> tuple[NDArray[np.float64], ...]
     spots = np.geomspace(omega[0], omega[-1], _OF_SPECTRUM + 1)[:-1]
     edges = np.unique(np.searchsorted(omega, spots))
     peaks = [np.sqrt(4 * np.maximum.reduceat(power, edges) / grid.size) for _, power in spectra]
-    sensor = np.full(edges.size, 2 * misfit.sensor.spread / np.sqrt(grid.size))
+    sensor = np.full(edges.size, 2 * residuals.sensor.spread / np.sqrt(grid.size))
     return (omega[edges], *peaks, sensor)
 
 
-def correlation_figure(log: LogMisfit) -> Figure:
+def correlation_figure(log: LogResiduals) -> Figure:
     """Draw autocorrelation and cross-correlation of a log's residual, with their bands."""
     titles = ("autocorrelation", "cross-correlation<br>with the input")
     figure = panels("lag in s", titles, 480, spacing=0.06)
@@ -182,7 +182,7 @@ def correlation_figure(log: LogMisfit) -> Figure:
     return figure
 
 
-def correlation_series(logs: Sequence[LogMisfit]) -> Series:
+def correlation_series(logs: Sequence[LogResiduals]) -> Series:
     """Return `correlation_figure` of each log."""
     curves = [
         [

@@ -8,7 +8,7 @@ from typing import Any
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.diagnostics.residuals import Residuals
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import about_data
@@ -63,9 +63,9 @@ def estimate_numbers(
     return content
 
 
-def misfit_numbers(misfit: Misfit, estimate: Estimate) -> dict[str, Any]:
+def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]:
     """Return what the free runs of an estimate leave over, and what that means, for programs."""
-    return misfit.numbers() | {"findings": finding_numbers(misfit.findings, estimate)}
+    return residuals.numbers() | {"findings": finding_numbers(residuals.findings, estimate)}
 
 
 def chosen_options(

@@ -8,10 +8,12 @@ import numpy as np
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
-from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
-from butterfly.identification.diagnostics.residual_torque import ResidualTorque
+from butterfly.identification.diagnostics.residuals import (
+    LogResiduals,
+    Residuals,
+    ResidualTorque,
+)
 from butterfly.model.parameters import JointKind
-from butterfly.model.terms import TERMS
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
@@ -20,7 +22,7 @@ from butterfly.verdict import Verdict
 
 HEADERS = (
     *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),
-    "looks like",
+    "missing terms explain in %",
 )
 
 _CAPTION = (
@@ -32,39 +34,34 @@ _CAPTION = (
 _MOST = 6000  # instants of a panel
 
 
-def misfit_sentences(misfit: Misfit) -> list[str]:
+def residual_sentences(residuals: Residuals) -> list[str]:
     """Say what the free runs of all logs leave over, and what that looks like."""
-    count = len(misfit.logs)
+    count = len(residuals.logs)
     leave = "log leaves over more than its" if count == 1 else "logs leave over more than their"
     return [
-        f"{misfit.outside} of {count} {leave} sensors explain "
-        f"(95 % bands); over all logs the error is {100 * misfit.relative:.2g} % of the motion, "
-        f"{100 * misfit.left:.2g} % after small changes of the parameters, and the sensors' is "
-        f"{100 * misfit.explained:.2g} %.",
-        *(finding_text(each, {}) for each in misfit.findings),
+        f"{residuals.outside} of {count} {leave} sensors explain "
+        f"(95 % bands); over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
+        f"{100 * residuals.left:.2g} % after small changes of the parameters, and the sensors' is "
+        f"{100 * residuals.explained:.2g} %.",
+        *(finding_text(each, {}) for each in residuals.findings),
     ]
 
 
-def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> PageTable:
+def residual_table(logs: Iterable[LogResiduals], picks: Sequence[int] = ()) -> PageTable:
     """Make a table with a row per log, each of which may choose a log by its number."""
-    rows, likeness = [_row(log) for log in logs], len(HEADERS) - 1
-    return PageTable(
-        name="misfit", headers=HEADERS, rows=rows, caption=_CAPTION, words=(likeness,), picks=picks
-    )
+    rows = [_row(log) for log in logs]
+    return PageTable(name="residuals", headers=HEADERS, rows=rows, caption=_CAPTION, picks=picks)
 
 
-def _row(log: LogMisfit) -> tuple[str, ...]:
+def _row(log: LogResiduals) -> tuple[str, ...]:
     shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
     numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
     times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
-    likeness, found = "–", log.left_over
-    if found.terms:
-        share = found.shares[found.terms[0]]
-        likeness = f"{' or '.join(found.terms)}, {100 * share:.0f} % of its variance"
-    return (log.label, *numbers, times, _bands(log), likeness)
+    share = f"{100 * log.share:.0f}" if log.share else "–"
+    return (log.label, *numbers, times, _bands(log), share)
 
 
-def _bands(log: LogMisfit) -> str:
+def _bands(log: LogResiduals) -> str:
     """Say whether the correlations of a log stay inside their bands."""
     inner, outer = log.excess
     if inner <= 1:
@@ -74,33 +71,25 @@ def _bands(log: LogMisfit) -> str:
 
 def residual_page(
     residual: ResidualTorque,
-    misfit: LogMisfit,
+    residuals: LogResiduals,
     verdict: Verdict,
+    summary: Sequence[str],
     *,
     joint: JointKind = JointKind.HINGE,
 ) -> Page:
     """Put together the page of one log's residual, by an estimate of that verdict."""
     what, unit = ("force", "N") if joint is JointKind.SLIDE else ("torque", "N m")
-    looks = residual.left_over.words(f"the motor's {what}")
-    shares = [
-        (TERMS[name].looks_like, f"{100 * share:.1f}")
-        for name, share in residual.left_over.shares.items()
-    ]
-    table = PageTable(
-        headers=("missing term", "share of the variance that it explains, in %"), rows=shares
-    )
     torque = Section(
         title=f"The {what} left over",
         text="Averaged over short bumps, where the joint moves; against time, angle and velocity. "
         "What depends on one of them alone is a curve there.",
         figures={"torque": _torque_figure(residual, f"{what} in {unit}", joint.way)},
-        tables=(table,) if shares else (),
     )
     errors = Section(
         title="The errors of the free run",
         text="How like itself the error is a while later, and how like the input before it. Where "
         "encoder and noise explain it, both curves stay inside the bands.",
-        figures={"correlations": correlation_figure(misfit)},
+        figures={"correlations": correlation_figure(residuals)},
     )
     return Page(
         name=residual.label,
@@ -108,11 +97,13 @@ def residual_page(
         kind="residual",
         verdict=verdict,
         facts=[
-            Fact("error of the free run", f"{100 * misfit.relative:.2g} %", "of the motion, rms"),
-            Fact("beside its sensor", f"{misfit.times:.3g} ×", "what encoder and noise explain"),
-            Fact("correlations", _bands(misfit), "bands"),
+            Fact(
+                "error of the free run", f"{100 * residuals.relative:.2g} %", "of the motion, rms"
+            ),
+            Fact("beside its sensor", f"{residuals.times:.3g} ×", "what encoder and noise explain"),
+            Fact("correlations", _bands(residuals), "bands"),
         ],
-        summary=[f"The {what} that is left over looks like {looks}"],
+        summary=[*summary],
         sections=[torque, errors],
         numbers={},
     )

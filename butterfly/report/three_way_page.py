@@ -13,7 +13,7 @@ from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.diagnostics.residuals import Residuals
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import (
     PALETTE,
@@ -28,7 +28,7 @@ from butterfly.report.figures import (
 )
 from butterfly.report.log_figures import correlation_figure, correlation_series
 from butterfly.report.page import Fact, Page, PageTable, Section, Series
-from butterfly.report.residual import misfit_table
+from butterfly.report.residual import residual_table
 from butterfly.result import Result
 
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
@@ -44,13 +44,13 @@ _DOTS = 800  # of a residual torque
 
 
 def three_way_page(
-    data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, result: Result
+    data: DataSet, compared: Sequence[ThreeWay], residuals: Residuals, result: Result
 ) -> Page:
     """Put together the report of a comparison.
 
-    Each log is simulated twice; `misfit` is of the whole data set, with the same parameters.
+    Each log is simulated twice; `residuals` is of the whole data set, with the same parameters.
     """
-    judged = {log.name: log for log in misfit.logs}
+    judged = {log.name: log for log in residuals.logs}
     own = [judged[each.log.name] for each in compared]
     chosen = middle([each.fits["grey box"] for each in compared])
     sines = [each for each in compared if each.gains]
@@ -71,7 +71,7 @@ def three_way_page(
             "both curves stay inside the bands. Below, what all terms of the model leave over of "
             "the torque, averaged over short bumps.",
             series={"left-over": correlation_series(own), "residual": series["residual"]},
-            tables=(misfit_table(own, picks=range(len(own))),),
+            tables=(residual_table(own, picks=range(len(own))),),
         ),
         Section(title="Every log", tables=(_table(compared),)),
     ]
@@ -127,16 +127,14 @@ def _table(compared: Sequence[ThreeWay]) -> PageTable:
         ] or ["–", "–"]
         fits = [f"{fit:.2f}" for fit in each.fits.values()]
         apart = f"{each.difference:.2g}"
-        looks = each.residual.left_over.words("the motor's torque")
-        rows.append((each.log.label, *fits, *errors, apart, looks))
+        rows.append((each.log.label, *fits, *errors, apart))
     headers = (
         "log",
         *(f"{name}: FIT in %" for name in _SIMULATORS),
         *(f"{name}: amplitude, phase error" for name in _SIMULATORS),
-        *(f"simulators apart in {way}", "residual torque looks like"),
+        f"simulators apart in {way}",
     )
-    picks = range(len(rows))
-    return PageTable(headers=headers, rows=rows, words=(len(headers) - 1,), picks=picks)
+    return PageTable(headers=headers, rows=rows, picks=range(len(rows)))
 
 
 def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:

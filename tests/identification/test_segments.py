@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import FreeRun, Setting
@@ -96,7 +96,7 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
         assert slope == pytest.approx((cost[0] - cost[1]) / (2 * step), rel=0.02)
     directions = segments.directions(other, 0.0)
     assert sum(each.shape[0] for each in directions) == errors.size
-    assert all(each.shape[1] == 2 for each in directions)
+    assert [each.shape[1] for each in directions] == [1, *[2] * (len(directions) - 1)]  # at rest
 
 
 def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
@@ -144,7 +144,7 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
     assert any("Simulated over segments of 0.8 s, each from a start" in each for each in said)
     assert found.fit.over == " over segments of 0.8 s"
     assert found.fit.median > 99
-    assert not judge_misfit(noisy, found.estimate).beyond_sensors
+    assert not residuals_of(noisy, found.estimate).beyond_sensors
 
 
 def test_a_saved_estimate_keeps_its_horizon(exact):

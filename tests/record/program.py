@@ -26,7 +26,7 @@ FAMILIES = {
 }
 KINDS = tuple(kinds.KINDS)
 SAMPLES = 7  # of a free run
-TABLES = ("rows", "left_out", "fit", "held_out", "misfit", "logs")  # of to_dict
+TABLES = ("rows", "left_out", "fit", "held_out", "residuals", "logs")  # of to_dict
 DERIVED = {"resonance", "damping_ratio", "decay_time", "speed_gain"}  # not told by 6a36961
 ORBIT = (
     *("target_rad", "amplitudes_rad", "free_run_rms_rad", "cross_orbit"),
@@ -78,8 +78,8 @@ def write_kind(kind, number, seed, folder):
 def identification(found, data):
     """Return the facts of an identification."""
     estimate, told = found.estimate, found.to_dict()
-    seen = {key: each for key, each in told["misfit"].items() if key != "findings"}
-    misfit, seen = flat(seen)
+    seen = {key: each for key, each in told["residuals"].items() if key != "findings"}
+    residuals, seen = flat(seen)
     parts = {name: each for name, each in told["physical"].items() if name not in DERIVED}
     facts = _facts(
         numbers=estimated(estimate)
@@ -88,12 +88,12 @@ def identification(found, data):
             "held_out": found.held_out,
             "known": flat(told["data"]["known"])[0],
             "physical": flat(parts)[0],
-            "misfit": misfit,
+            "residuals": residuals,
             "prediction": free_runs(data, found),
         },
         texts=judged(estimate)
         | {"verdict": str(found.standing)}
-        | {f"misfit/{place}": text for place, text in seen.items()},
+        | {f"residuals/{place}": text for place, text in seen.items()},
         words=[*found.verdict, *found.summary],
     )
     facts["numbers"]["finding"] = {

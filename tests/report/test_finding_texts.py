@@ -29,7 +29,6 @@ NUMBERS = {
     FindingKind.NO_UNCERTAINTY: (3.0, "3 resonance"),
     FindingKind.MISFIT: (41.3, "41.3 times"),
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
-    FindingKind.LEFT_OVER: (0.87, "87 %"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),

@@ -18,7 +18,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
@@ -67,8 +67,8 @@ def found(data):
 
 
 @pytest.fixture(scope="module")
-def misfit(data, found):
-    return judge_misfit(data, found)
+def residuals(data, found):
+    return residuals_of(data, found)
 
 
 def _orbit_page():
@@ -124,13 +124,13 @@ def _sweep_page(folder):
 
 
 @pytest.fixture(scope="module")
-def pages(data, found, misfit, tmp_path_factory):
+def pages(data, found, residuals, tmp_path_factory):
     identified = identify(data)
     compared = compare_three(data, found, (0, 3, 4))  # each mass, each sine
     entries = leaderboard([data], [Thesis(), Linear(), HarmonicBalance()])
     return {
         "identification": identification_page(identified, ROUGH.robot.lumped),
-        "three-way": Compared.of(data, None, compared, misfit, found).page(),
+        "three-way": Compared.of(data, None, compared, residuals, found).page(),
         "leaderboard": Leaderboard.of(entries).page(),
         "orbit": _orbit_page(),
         "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
@@ -138,10 +138,10 @@ def pages(data, found, misfit, tmp_path_factory):
     }
 
 
-def test_a_comparison_says_what_the_model_leaves_over(pages, misfit):
+def test_a_comparison_says_what_the_model_leaves_over(pages, residuals):
     page = pages["three-way"]
-    assert page.numbers["misfit"]["logs_outside"] == misfit.outside
-    assert len(page.numbers["misfit"]["logs"]) == len(misfit.logs) == 6
+    assert page.numbers["residuals"]["logs_outside"] == residuals.outside
+    assert len(page.numbers["residuals"]["logs"]) == len(residuals.logs) == 6
     assert not any("p₁..p₄" in section.text for section in page.sections)
 
 

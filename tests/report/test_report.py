@@ -11,7 +11,7 @@ import pytest
 from butterfly.experiment.perform import perform
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
-from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.diagnostics.residuals import ResidualTorque
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
@@ -41,9 +41,9 @@ from butterfly.report.log_figures import (
 from butterfly.report.page import Whisker, packable, write_html
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.report.residual import (
-    misfit_sentences,
-    misfit_table,
     residual_page,
+    residual_sentences,
+    residual_table,
 )
 from butterfly.report.summary import summary
 
@@ -82,20 +82,22 @@ def test_the_page_holds_every_parameter_log_and_sentence_and_asks_nothing_of_the
             assert row[key] in text
     said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
-    for sentence in (*said.paragraphs, *summary(result)[1:], *misfit_sentences(result.misfit)):
+    for sentence in (*said.paragraphs, *summary(result)[1:], *residual_sentences(result.residuals)):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24
-    for row in misfit_table(result.misfit.logs).rows:
+    for row in residual_table(result.residuals.logs).rows:
         for cell in row:
             assert cell in text
 
 
 def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
-    misfit = simulated[0].misfit
+    residuals = simulated[0].residuals
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
-    assert numbers["misfit"]["times_sensors"] == pytest.approx(misfit.times)
-    assert [each["log"] for each in numbers["misfit"]["logs"]] == [log.name for log in misfit.logs]
-    kinds = [each["kind"] for each in numbers["misfit"]["findings"]]
+    assert numbers["residuals"]["times_sensors"] == pytest.approx(residuals.times)
+    assert [each["log"] for each in numbers["residuals"]["logs"]] == [
+        log.name for log in residuals.logs
+    ]
+    kinds = [each["kind"] for each in numbers["residuals"]["findings"]]
     assert {"misfit", "no-misfit"} & set(kinds)
 
 
@@ -192,7 +194,7 @@ def test_several_swings_at_one_frequency_count_as_their_geometric_mean(simulated
 
 
 def test_a_page_s_curves_are_the_points_of_each_log_s_own_figure(simulated):
-    runs, logs = simulated[0].free_runs, simulated[0].misfit.logs
+    runs, logs = simulated[0].free_runs, simulated[0].residuals.logs
     bands = [log.band for log in logs]
     pairs = list(zip(runs, logs, strict=True))
     for series, figures in (
@@ -327,8 +329,9 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
 
 def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):
     result, _ = simulated
-    torque = residual_torques(result.data, result.estimate)[0]
+    setting = result.data.simulations.setting(0, result.estimate)
+    torque = ResidualTorque.of(result.data.logs[0], setting)
     late = dataclasses.replace(torque, time=torque.time + 1.7e9)
-    page = residual_page(late, result.misfit.logs[0], result.verdict)
+    page = residual_page(late, result.residuals.logs[0], result.judged, [])
     drawn = np.asarray(page.figures["torque"].data[0].x)
     assert np.all(np.isin(drawn, late.time))

@@ -40,7 +40,6 @@ class FindingKind(StrEnum):
     REST_APART = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs that do not tell where the encoder's angle is 0
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
-    MISSING_TERM = "missing-term"  # the first parameter; least share by which it moves the others
     SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
@@ -62,7 +61,9 @@ class FindingKind(StrEnum):
     RATIOS = "ratios"
     MISFIT = "misfit"  # times what sensors explain, that free runs leave over
     NO_MISFIT = "no-misfit"  # the same, where sensors explain it
-    LEFT_OVER = "left-over"  # share of it that a missing term explains
+    # terms that the model lacks, then parameters that they move by more than their intervals; share
+    # of the squared residuals that they explain
+    MISSING_TERM = "missing-term"
 
 
 @dataclass(frozen=True)

@@ -1,131 +1,67 @@
-"""What a model leaves over: how much of it sensors explain, how it correlates, what it looks like.
+"""Residuals: what the free runs of a whole model leave of each log, and what explains it.
 
-It may be torque or, as a score test has it, errors of the free run. What a change of the model's
-own coefficients would add is first taken from it and from every candidate, jointly over all logs:
-only what is new can be a missing term of the table.
+From the errors of the free runs is taken what a small change of the parameters, of zeros and of
+each log's start would take from them, to first order and jointly: a value that is off within its
+interval is no misfit of the model. What stays is compared with errors drawn as each log's own
+encoder and noise make them, averaged and reduced alike (a parametric bootstrap: Efron & Tibshirani,
+An Introduction to the Bootstrap, 1993, section 6.5). The terms of the table that the model lacks
+are offered to the one rule that chooses terms, on the same equations: those are missing that
+predict logs better that were left out.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from statistics import NormalDist
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.sensor_errors import (
+    LEVELS,
+    Curve,
+    SensorErrors,
+    correlations,
+)
+from butterfly.identification.draws import covariance_root, honest_covariance
+from butterfly.identification.equations import CellEquations, compressed, independent_cells_of
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.inference.covariance import SPREADS
+from butterfly.identification.inference.term_choice import (
+    candidates,
+    choose_terms,
+    stribeck_velocities,
+    submodels_of,
+)
+from butterfly.identification.segments import Segments
+from butterfly.identification.simulation import Simulation
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import TERMS
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
+from butterfly.signals.frequency_response import first_counted
+from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-LEVELS = (0.95, 0.99)
-"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
-
-_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
-_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
-
-_SAME = 1e-9  # rad, closer than which two readings are one
-_FEWEST_GAPS = 3  # between different readings, of which a step can be told
-_NEAR = 10  # steps, up to which gaps are looked at
-_OFF = 0.1  # of a step, by which a gap may miss a whole number of them
-_REGULAR = 0.95  # share of gaps that are whole numbers of steps where there are any
-_MOST_SAMPLES = 20_000  # of a log, from which its noise is told
-_HALVINGS = 10  # of the interval that holds the noise
-_UNIFORM = 12.0  # square of the width of a uniform distribution over its variance
-_CURVATURE = 6.0  # variance of a second difference of white noise over its own
-
+_ALLOWED = 7e-4  # misfit over rms motion that counts for nothing: no free run is more exact
+_LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
+_DRAWN = 24  # sets of sensor errors
+_BY_CHANCE = 0.25  # share of logs that may be outside
+_FIRST_ORDER = 0.05  # share of the residuals, to which derivatives foretell them
 INDEPENDENT = 1e-6
 """Size over the largest, below which a direction is none."""
 
-_SURE = 4.0  # standard errors from 0 at which a coefficient counts as one
-_LIKE = 0.3  # share that a term must explain of what is more than noise, to be named
-_MORE_THAN_NOISE = 1.2  # rms over the noise's, from which there is something else
-_OF_GRAVITY = ("p3", "p3_offset")
-_ALIKE = 0.8  # of the likeliest one's share, from which another term looks like it
-_SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
-_PIECES = 10  # of a log, between which what is left is taken to be independent
-_SINGULAR = 1e-8  # size over the largest, below which columns say the same
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensorErrors:
-    """The errors of one log's readings: white noise, then rounding to a step of the encoder.
-
-    Where the noise is less than a step the error is not white: it depends on the angle, and the
-    slower that moves the longer the error stays.
-    """
-
-    step: float  # of the encoder in rad; 0 if the readings lie on no grid
-    noise: float  # standard deviation in rad of the noise before rounding
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation in rad of a reading: of the noise, and of rounding to a step."""
-        return math.hypot(self.noise, self.step / math.sqrt(_UNIFORM))
-
-    @classmethod
-    def of(cls, measured: Samples, angle: Samples) -> SensorErrors:
-        """Tell step and noise from (n,) readings and the angles in rad that a model gives for them.
-
-        The step is the distance of neighbouring readings. The noise is what makes the second
-        differences of the errors as large as they are: what a model misses is smooth from sample to
-        sample and hardly enters them.
-        """
-        step = encoder_step(measured)
-        some = slice(_MOST_SAMPLES)
-        roughness = _roughness(measured[some] - angle[some])
-        upper = float(np.sqrt(roughness / _CURVATURE))
-        if not step:
-            return cls(step=0.0, noise=upper)
-        white = np.random.default_rng(0).standard_normal(angle[some].size)
-        lower = 0.0
-        if _roughness(_errors(angle[some], 0.0 * white, step)) >= roughness:
-            return cls(step=step, noise=0.0)
-        for _ in range(_HALVINGS):
-            middle = (lower + upper) / 2
-            if _roughness(_errors(angle[some], middle * white, step)) < roughness:
-                lower = middle
-            else:
-                upper = middle
-        return cls(step=step, noise=lower)
-
-    def draw(self, angle: Samples, random: np.random.Generator, *, unsure: float) -> Samples:
-        """Return (n,) errors in rad that readings of (n,) angles in rad may have.
-
-        All angles together may be off by a standard deviation of ``unsure`` rad.
-        """
-        shifted = angle + unsure * random.standard_normal()
-        if not self.noise:
-            return _errors(shifted, np.zeros(1), self.step)
-        return _errors(shifted, self.noise * random.standard_normal(angle.size), self.step)
-
-
-def encoder_step(readings: Samples) -> float:
-    """Return the step in rad of the grid on which (n,) readings in rad lie; 0 if on none."""
-    gaps = np.diff(np.unique(readings))
-    gaps = gaps[gaps > _SAME]
-    if gaps.size < _FEWEST_GAPS:
-        return 0.0
-    least = float(np.percentile(gaps, 5))
-    step = float(np.median(gaps[gaps < 1.5 * least]))
-    steps = gaps[gaps < _NEAR * step] / step
-    regular = np.mean(np.abs(steps - np.rint(steps)) < _OFF)
-    return step if regular > _REGULAR else 0.0
-
-
-def _errors(angle: Samples, noise: Samples, step: float) -> Samples:
-    read = angle + noise
-    return (step * np.rint(read / step) if step else read) - angle
-
-
-def _roughness(errors: Samples) -> float:
-    """Mean square of the second differences of (n,) errors."""
-    return float(np.mean(np.diff(errors, 2) ** 2))
+_NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
+_LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,224 +73,459 @@ class ErrorBand:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Curve:
-    """A correlation over lags, and what sensors make of it."""
+class LogResiduals:
+    """What the free run leaves of one log, where its errors count (see `first_counted`).
 
-    lag: Samples  # (l,) in s
-    value: Samples  # (l,) correlation, between -1 and 1
-    centre: Samples  # (l,) mean of that of a sensor's errors
-    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
+    The defaults are those of a log that could not be simulated, or in which nothing moves.
+    """
 
-    @property
-    def excess(self) -> Samples:
-        """(2,) largest distance from the centre over the band's half-width, by `LEVELS`."""
-        return np.asarray((np.abs(self.value - self.centre) / self.reach).max(axis=1))
+    name: str  # of the log
+    label: str
+    motion: float  # rms of the measured angle about its mean, in rad
+    # rms of measured less simulated angle in rad, averaged over steps of the simulation
+    error: float = np.inf
+    left: float = np.inf  # less what a small change of parameters would take from it
+    explained: float = 0.0  # the same of errors drawn as the log's sensor makes them
+    share: float = 0.0  # of the squares of what is left that the missing terms explain
+    sensor: SensorErrors = _NO_ERRORS
+    # of what is left with itself, and with the input before it
+    autocorrelation: Curve | None = None
+    cross_correlation: Curve | None = None
+    band: ErrorBand | None = None  # about the simulated angle, within which a reading is expected
 
-    @classmethod
-    def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
-        """Put bands about a curve.
-
-        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors; the number of errors, of
-        which white ones have correlations of variance 1/count; and by how much a misfit too small
-        to count may move the curve.
-        """
-        value, drawn = curves[:, 0], curves[:, 1:]
-        variance = _smoothed(drawn.var(axis=1, ddof=1)) * (1 + 1 / drawn.shape[1])
-        spread = np.sqrt(np.maximum(variance, 1 / count))
-        tails = [(1 - level) / (2 * _CURVES * lag.size) for level in LEVELS]
-        factors = np.array([-NormalDist().inv_cdf(tail) for tail in tails])
-        return cls(
-            lag=lag,
-            value=value,
-            centre=drawn.mean(axis=1),
-            reach=factors[:, None] * spread + allowance,
-        )
-
-
-def autocorrelation(errors: Samples, lags: int) -> Samples:
-    """Return the (lags, k) correlations of (m, k) errors with themselves, from lag 1 on."""
-    size = _padded(errors.shape[0] + lags)
-    spectrum = np.fft.rfft(errors, size, axis=0)
-    sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
-    return np.asarray(sums[1:] / _or_one(sums[0]))
-
-
-def cross_correlation(errors: Samples, inputs: Samples, lags: int) -> Samples:
-    """Return the (lags + 1, k) correlations of (m, k) errors with (m,) inputs before them."""
-    size = _padded(errors.shape[0] + lags)
-    moving = inputs - inputs.mean()
-    product = np.fft.rfft(errors, size, axis=0) * np.conj(np.fft.rfft(moving, size))[:, None]
-    sums = np.fft.irfft(product, size, axis=0)[: lags + 1]
-    powers = np.sum(errors**2, axis=0) * np.sum(moving**2)
-    return np.asarray(sums / _or_one(np.sqrt(powers)))
-
-
-def _padded(size: int) -> int:
-    return 1 << (size - 1).bit_length()
-
-
-def _or_one(values: Samples) -> Samples:
-    return np.where(values > 0, values, 1.0)
-
-
-def _smoothed(values: Samples) -> Samples:
-    window = np.ones(min(2 * _SMOOTHED + 1, values.size))
-    sums = np.convolve(values, window, "same")
-    return np.asarray(sums / np.convolve(np.ones_like(values), window, "same"))
-
-
-class ResidualEquations(NamedTuple):
-    """What one log says, at n instants."""
-
-    # (n,) torque in N m, or simulated less measured angle in rad, that the model leaves over
-    left: Samples
-    known: Samples  # (n, k) what it would change by with k coefficients that the model has
-    candidates: Mapping[str, Samples]  # by term: (n,) what it would change by with one unit of it
-    whole: float  # rms of the motor's torque in N m, or of the motion in rad
-    noise: float  # rms that the sensor's errors make of it
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResidualSummary:
-    """What the model leaves over looks like."""
-
-    # its rms over the motor's torque, or the motion, less what a change of the model's own terms
-    # would take
-    relative: float
-    noise: float  # share of its variance that the sensors' errors explain
-    shares: dict[str, float]  # by missing term: the share that it alone explains, largest first
-    # those that it looks like, the likeliest first; several where they look alike
-    terms: tuple[str, ...] = ()
-    size: float = 0.0  # rms of what the likeliest adds, over the same
-    shows: bool = False  # whether there is more than noise and what is too little to count
+    @cached_property
+    def excess(self) -> tuple[float, float]:
+        """How far the curves reach, over inner and outer band: above 1, one leaves it."""
+        curves = [each for each in (self.autocorrelation, self.cross_correlation) if each]
+        if not curves:
+            return np.inf, np.inf
+        inner, outer = np.max([curve.excess for curve in curves], axis=0).tolist()
+        return inner, outer
 
     @property
-    def looks_like(self) -> str:
-        """Name what it looks like."""
-        if not self.shows:
-            return "nothing that the data can show"
-        names = " or ".join(TERMS[name].looks_like for name in self.terms)
-        return names or "no missing term of the table"
+    def outside(self) -> bool:
+        """Whether it is more than sensors explain, of which 5 % of good logs are accused."""
+        return self.excess[0] > 1
 
-    def words(self, whole: str) -> str:
-        """Say what it looks like, how much of it that is, and how large beside ``whole``."""
-        if not self.shows:
-            return self.looks_like
-        if not self.terms:
-            return f"{self.looks_like} ({100 * self.relative:.2g} % of {whole})"
-        share = f"{100 * self.shares[self.terms[0]]:.0f} % of its variance"
-        return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
+    @property
+    def relative(self) -> float:
+        """Rms error over rms motion."""
+        return self.error / self.motion if self.motion else np.inf
+
+    @property
+    def times(self) -> float:
+        """What is left over what the sensor explains."""
+        return self.left / self.explained if self.explained else np.inf
 
     def numbers(self) -> dict[str, Any]:
         """Return it for programs."""
+        sensor = self.sensor
+        lengths = (self.motion, self.error, self.left, self.explained, sensor.step, sensor.noise)
         return {
-            "looks_like": list(self.terms),
-            "relative": self.relative,
-            "size": self.size,
-            "noise_share": self.noise,
-            "shares": self.shares,
+            "log": self.name,
+            **dict(zip(_LENGTHS, lengths, strict=True)),
+            "over_band": dict(zip(map(str, LEVELS), self.excess, strict=True)),
+            "missing_terms_share": self.share,
         }
 
 
-def absent_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
-    """Names of the terms that are looked for: those with a name for it that the model lacks.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissingTerms:
+    """The terms of the table that the model lacks, and that help to predict logs left out."""
 
-    Without gravity nothing that the joint carries weighs.
+    terms: tuple[str, ...] = ()
+    others: tuple[tuple[str, ...], ...] = ()  # sets of as many that predict as well
+    share: float = 0.0  # of the squares of what is left that they explain
+    moved: tuple[str, ...] = ()  # parameters that they move by more than their intervals allow
+
+    @property
+    def names(self) -> str:
+        """Names of the terms and of their alternatives."""
+        return " or ".join(" + ".join(each) for each in (self.terms, *self.others) if each)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Tell which they are, and what they move."""
+        if not self.terms:
+            return []
+        concerned, level = (self.names, *self.moved), Level.CARE if self.moved else Level.NOTE
+        kind = FindingKind.MISSING_TERM
+        return [Finding(kind, concerned, number=self.share, severity=level)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """What the free runs of all logs leave."""
+
+    logs: tuple[LogResiduals, ...]  # one for each log of the data set
+    missing: MissingTerms = MissingTerms()
+
+    @property
+    def outside(self) -> int:
+        """How many logs are more than sensors explain."""
+        return sum(log.outside for log in self.logs)
+
+    @property
+    def relative(self) -> float:
+        """Rms over the logs of error over motion."""
+        return float(np.sqrt(np.mean([log.relative**2 for log in self.logs])))
+
+    @property
+    def explained(self) -> float:
+        """Rms over the logs of what sensors explain over motion."""
+        shares = [log.explained / log.motion for log in self.logs if log.motion]
+        return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.inf
+
+    @property
+    def left(self) -> float:
+        """Rms over the logs of what no small change of the parameters explains, over motion."""
+        shares = [log.left / log.motion if log.motion else np.inf for log in self.logs]
+        return float(np.sqrt(np.mean(np.square(shares))))
+
+    @property
+    def times(self) -> float:
+        """What is left over what sensors explain."""
+        return self.left / self.explained if self.explained else np.inf
+
+    @property
+    def beyond_sensors(self) -> bool:
+        """Whether more logs are outside than chance explains in those of one robot and one clock.
+
+        One log in twenty is by chance; those of one robot are hardly independent of each other.
+        """
+        return self.outside > _BY_CHANCE * len(self.logs)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Whether the misfit is beyond the sensors, how many times, and which terms are missing."""
+        kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
+        return [Finding(kind, number=self.times), *self.missing.findings]
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs but for its findings: shares of the rms motion, over all logs."""
+        return {
+            "relative": self.relative,
+            "after_small_changes": self.left,
+            "by_sensors": self.explained,
+            "times_sensors": self.times,
+            "beyond_sensors": self.beyond_sensors,
+            "logs_outside": self.outside,
+            "missing_terms": list(self.missing.terms),
+            "missing_terms_or": [list(each) for each in self.missing.others],
+            "missing_terms_share": self.missing.share,
+            "logs": [log.numbers() for log in self.logs],
+        }
+
+
+def residual_units(joint: JointKind, place: str = "residuals.") -> dict[str, str]:
+    """Return the units of `Residuals.numbers` that stand in some place of a document."""
+    return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
+
+
+def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
+    """Compare what the free runs of an estimate leave with what sensors and missing terms explain.
+
+    The ``runs`` are those of all logs with the estimate, if they are simulated already.
     """
-    local = {name for values in estimate.local.values() for name in values}
-    has = {*estimate.names, *local, *(() if added.gravity else _OF_GRAVITY)}
-    named = (row.name for row in TERMS.values() if row.looks_like)
-    return tuple(
-        name for name in named if name not in has and not getattr(estimate.parameters, name)
-    )
+    model = _Model.of(data, estimate)
+    every = [
+        _Linearised.of(
+            runs[k] if runs else data.simulations.run(k, estimate),
+            data.simulations.setting(k, estimate),
+            model,
+        )
+        for k in range(len(data.logs))
+    ]
+    logs = [each for each in every if isinstance(each, _Linearised)]
+    if not logs:
+        return Residuals(logs=tuple(each for each in every if isinstance(each, LogResiduals)))
+    directions = _directions(logs)
+    left = _reduced(logs, directions, [each.errors[:, None] for each in logs])
+    random = np.random.default_rng(0)
+    pairs = [each.drawn(rest[:, 0], random) for each, rest in zip(logs, left, strict=True)]
+    drawn = _reduced(logs, directions, [errors for _, errors in pairs])
+    judged = [
+        each.judged(np.column_stack([rest, errors]), sensor)
+        for each, rest, errors, (sensor, _) in zip(logs, left, drawn, pairs, strict=True)
+    ]
+    missing = MissingTerms()
+    if model.lacking and sum(each.outside for each in judged) > _BY_CHANCE * len(every):
+        missing, shares = _missing_terms(estimate, logs, directions, model.lacking)
+        both = zip(judged, shares, strict=True)
+        judged = [replace(each, share=float(share)) for each, share in both]
+    rest = iter(judged)
+    whole = (each if isinstance(each, LogResiduals) else next(rest) for each in every)
+    return Residuals(logs=tuple(whole), missing=missing)
 
 
-def slow_velocity(logs: Iterable[Log]) -> float:
-    """Return the velocity in rad/s at which Stribeck friction is looked for in logs."""
-    return _SLOW * float(np.median([log.rms_speed for log in logs]))
+class _Model(NamedTuple):
+    """What the errors are differentiated by."""
+
+    names: tuple[str, ...]  # parameters that logs share
+    owners: list[tuple[str, AddedMass | str | None]]  # whose each zero and bias is
+    lacking: tuple[str, ...]  # terms of the table that the model lacks and the logs may tell
+    slow: float  # velocity in rad/s below which Stribeck friction is looked for
+    root: Samples  # (n, n) root of the covariance; zeros where there is none
+
+    @classmethod
+    def of(cls, data: DataSet, estimate: Estimate) -> _Model:
+        owners = estimate.owners(data.unread)
+        has = {*estimate.names, *(name for name, _ in owners)}
+        named = [row.name for row in TERMS.values() if row.looks_like and row.name not in has]
+        lacking = candidates(named, data.masses, estimate.known)
+        fastest = math.sqrt(2) * max(log.rms_speed for log in data.logs)
+        speeds = stribeck_velocities(fastest, estimate.known) or [1.0]
+        try:
+            root = covariance_root(honest_covariance(estimate))
+        except IdentifiabilityError:
+            root = np.zeros((len(estimate.names),) * 2)
+        return cls(
+            names=estimate.names,
+            owners=owners,
+            lacking=tuple(name for name in lacking if not getattr(estimate.parameters, name)),
+            slow=speeds[len(speeds) // 2],
+            root=root,
+        )
 
 
-def summarise_residuals(
-    balances: Sequence[ResidualEquations], least: float
-) -> tuple[ResidualSummary, list[ResidualSummary]]:
-    """Name what several logs leave over, together and each.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Linearised:
+    """One log's free run, where its errors count, and what it changes by.
 
-    Nothing is said below a share ``least`` of the whole. All logs have the same candidates.
+    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
+    change of it moves the readings by 1 less what one of the zero does.
     """
-    weights = [1 / each.whole for each in balances]
-    ends = np.cumsum([each.left.size for each in balances])[:-1]
-    known, left = (
-        np.concatenate([w * column for w, column in zip(weights, columns, strict=True)])
-        for columns in ([each.known for each in balances], [each.left for each in balances])
-    )
-    names = list(balances[0].candidates)
-    columns = [
-        np.concatenate([w * b.candidates[name] for w, b in zip(weights, balances, strict=True)])
-        for name in names
+
+    run: FreeRun
+    simulation: Simulation | Segments
+    setting: Setting
+    counted: slice  # the samples whose errors count
+    motion: float  # rms of the measured angle about its mean, in rad
+    whole: Samples  # (m,) simulated less measured angle in rad
+    # (k, j) orthonormal directions in which the log's own start moves it, k of m after k where the
+    # log is simulated in segments, each from a start of its own
+    own: tuple[Samples, ...]
+    errors: Samples  # (m,) errors less those directions
+    known: Samples  # (m, n) derivatives by what the model has, less those directions
+    lacking: Samples  # (m, j) derivatives by the terms that it lacks, less those directions
+    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
+    # first order; zeros where the estimate says nothing of them
+    reach: Samples
+
+    @classmethod
+    def of(cls, run: FreeRun, setting: Setting, model: _Model) -> _Linearised | LogResiduals:
+        """Differentiate a log's free run; what is left stays bare if it fails or nothing moves."""
+        log, parameters = run.log, setting.parameters
+        first = first_counted(log)
+        motion = float(np.std(log.angle[first:]))
+        if "stribeck" in model.lacking:
+            parameters = replace(parameters, stribeck_velocity=model.slow)
+        local = dict.fromkeys(["zero", "velocity", *(name for name, _ in model.owners)])
+        asked = [*model.names, *local, *model.lacking]
+        simulation = setting.simulation(log, first)
+        with np.errstate(all="ignore"):
+            whole, rows, mixture = simulation.linearised(
+                asked, parameters, setting.zero, setting.velocity
+            )
+            slopes = rows @ mixture
+        numbers = (run.fit, whole, slopes)
+        if not (motion > 0 and all(np.isfinite(each).all() for each in numbers)):
+            return LogResiduals(name=log.name, label=log.label, motion=motion)
+        of = dict(zip(asked, slopes.T, strict=True))
+        if isinstance(simulation, Segments):
+            own = simulation.directions(parameters, setting.zero)
+        else:
+            own = (_orthonormal(np.column_stack([1 - of["zero"], of["velocity"]])),)
+        mine, n = {None, log.added_mass, log.name}, len(model.names)
+        columns = [whole, *slopes[:, :n].T]
+        columns += [of[name] * (whose in mine) for name, whose in model.owners]
+        columns += [of[name] for name in model.lacking]
+        rest = _less(own, np.column_stack(columns))
+        split = rest.shape[1] - len(model.lacking)
+        return cls(
+            run=run,
+            simulation=simulation,
+            setting=setting,
+            counted=slice(first, None),
+            motion=motion,
+            whole=whole,
+            own=own,
+            errors=rest[:, 0],
+            known=rest[:, 1:split],
+            lacking=rest[:, split:],
+            reach=np.linalg.norm(slopes[:, :n] @ model.root.T, axis=1),
+        )
+
+    @property
+    def unit(self) -> float:
+        """What makes squared errors add up to their mean over that of the motion."""
+        return float(1 / (self.motion * self.errors.size**0.5))
+
+    def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
+        """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
+
+        They are errors about the free run as changed parameters would have it, ``left`` being the
+        (m,) errors that stay; what the log's start explains is taken from them.
+        """
+        log = self.run.log
+        time, measured = log.time[self.counted], log.angle[self.counted]
+        middles = self.simulation.middles()
+        angle = self.run.simulated.copy()
+        angle[self.counted] -= np.interp(time, middles, self.whole - left)
+        sensor = SensorErrors.of(measured, angle[self.counted])
+        if sensor.white:
+            return sensor, np.empty((self.whole.size, 0))
+        unsure = _ALLOWED * self.motion
+        drawn = (sensor.draw(angle, random, unsure=unsure) for _ in range(_DRAWN))
+        return sensor, _less(self.own, np.column_stack([*map(self.simulation.averaged, drawn)]))
+
+    def judged(self, errors: Samples, sensor: SensorErrors) -> LogResiduals:
+        """Judge the log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
+        left, count, step = _rms(errors[:, 0]), errors.shape[0], self.simulation.step
+        lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
+        lag = step * np.arange(lags + 1)
+        allowed = _ALLOWED * self.motion / left if left else 0.0
+        inputs = self.simulation.mean_inputs(self.setting.parameters)
+        own, crossed = correlations(errors, inputs, lags)
+        # the spread of the parameters, to first order, beside that of the readings
+        reach = SPREADS * np.hypot(self.reach, sensor.spread)
+        log = self.run.log
+        white = sensor.spread / (log.time[self.counted].size / count) ** 0.5
+        return LogResiduals(
+            name=log.name,
+            label=log.label,
+            motion=self.motion,
+            error=_rms(self.whole),
+            left=left,
+            explained=white if sensor.white else _rms(errors[:, 1:]),
+            sensor=sensor,
+            autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
+            cross_correlation=Curve.of(lag, crossed, count, allowed),
+            band=ErrorBand(time=self.simulation.middles(), reach=reach),
+        )
+
+
+def _directions(logs: Sequence[_Linearised]) -> Samples:
+    """(n, d) changes of what the model has that move all errors by 1, each in its own way.
+
+    Each log counts as it does in output error, by the mean square of its errors over its motion.
+    """
+    normal = sum(each.unit**2 * each.known.T @ each.known for each in logs)
+    size = np.sqrt(np.diag(normal))
+    size[size == 0] = 1.0
+    powers, axes = np.linalg.eigh(normal / np.outer(size, size))
+    told = powers > INDEPENDENT**2 * powers.max(initial=0.0)
+    return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
+
+
+def _reduced(
+    logs: Sequence[_Linearised], directions: Samples, errors: Sequence[Samples]
+) -> list[Samples]:
+    """Take from each log's (m, k) errors what a change of what the model has explains, jointly."""
+    pairs = list(zip(logs, errors, strict=True))
+    pulls = sum(each.unit**2 * each.known.T @ own for each, own in pairs)
+    change = directions @ (directions.T @ pulls)
+    return [own - each.known @ change for each, own in pairs]
+
+
+def _missing_terms(
+    estimate: Estimate, logs: Sequence[_Linearised], directions: Samples, lacking: tuple[str, ...]
+) -> tuple[MissingTerms, Samples]:
+    """Choose from the terms that the model lacks; and (k,) shares of each log that they explain."""
+    always = tuple(f"change {k}" for k in range(directions.shape[1]))
+    names = (*always, *lacking)
+    cells = independent_cells_of(len(logs), len(names))
+    every = [
+        each.unit * np.column_stack([each.known @ directions, each.lacking, each.errors])
+        for each in logs
     ]
-    new = np.split(_less(known, np.column_stack([left, *columns])), ends)
-    noises = [w * each.noise for w, each in zip(weights, balances, strict=True)]
-    sizes = [max(part.shape[0], 1) for part in new]
-    noise = float(np.sqrt(np.average(np.square(noises), weights=sizes)))
-    pieces = [piece for part in new for piece in np.array_split(part, _PIECES)]
-    each = [
-        _summarised(np.array_split(part, _PIECES), names, own, least)
-        for part, own in zip(new, noises, strict=True)
-    ]
-    return _summarised(pieces, names, noise, least), each
-
-
-def _less(known: Samples, columns: Samples) -> Samples:
-    """Take from (n, j) columns what those known explain."""
-    sizes = np.linalg.norm(known, axis=0)
-    scaled = known[:, sizes > 0] / sizes[sizes > 0]
-    change = np.linalg.lstsq(scaled, columns, rcond=_SINGULAR)[0]
-    return np.asarray(columns - scaled @ change)
-
-
-def _summarised(
-    pieces: Sequence[Samples], names: Sequence[str], noise: float, least: float
-) -> ResidualSummary:
-    """Judge pieces of (n, 1 + j): what is left, and what j missing terms would change of it."""
-    count = max(sum(piece.shape[0] for piece in pieces), 1)
-    products = np.array([piece.T @ piece for piece in pieces])
-    total = products.sum(axis=0)
-    power = total[0, 0] / count
-    shares: dict[str, float] = {}
-    likely: dict[str, float] = {}
-    for column, name in enumerate(names, start=1):
-        own = total[column, column]
-        if not own > 0 or not power > 0:
-            continue
-        value = total[column, 0] / own
-        scores = products[:, column, 0] - value * products[:, column, column]
-        error = float(np.sqrt(np.sum(scores**2))) / own
-        shares[name] = float(value * total[column, 0] / total[0, 0])
-        added = abs(value) * (own / count) ** 0.5
-        possible = -value >= TERMS[name].lower
-        if possible and abs(value) > _SURE * error and added > least:
-            likely[name] = float(added)
-    quiet = float(min(noise**2 / power, 1.0)) if power > 0 else 1.0
-    ordered = dict(sorted(shares.items(), key=lambda item: -item[1]))
-    enough = max(_LIKE * (1 - quiet), _ALIKE * max(shares.values(), default=0.0))
-    terms = tuple(name for name in ordered if name in likely and ordered[name] > enough)
-    beyond = (power * (1 - quiet)) ** 0.5 > least and quiet * _MORE_THAN_NOISE**2 < 1
-    return ResidualSummary(
-        relative=float(power**0.5),
-        noise=quiet,
-        shares=ordered,
-        terms=terms,
-        size=likely[terms[0]] if terms else 0.0,
-        shows=bool(terms or beyond),
+    parts = [part for own in every for part in np.array_split(own, cells)]
+    rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
+    equations = CellEquations(
+        names=names,
+        values=np.zeros(len(names)),
+        lower=np.append(np.full(len(always), -np.inf), lower_bounds(lacking)),
+        on_bound=np.zeros(len(names), dtype=bool),
+        rows=rows,
+        residuals=residuals,
+        log=np.repeat(np.arange(len(logs)), cells),
     )
+    rounding = _FIRST_ORDER * float(np.sqrt(equations.cost.sum() / len(logs)))
+    nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
+    none = np.array([[name in always for name in nested.names]])
+    try:
+        chosen = choose_terms([nested], always=always)
+    except IdentifiabilityError:
+        return MissingTerms(), np.zeros(len(logs))
+    ends = np.array([nested.fitted(none)[0], [chosen.values[name] for name in nested.names]])
+    before, after = nested.costs(ends).reshape(2, len(logs), -1).sum(axis=2)
+    shares = 1 - after / np.where(before > 0, before, 1.0)
+    moved = directions @ (ends[1] - ends[0])[: len(always)]
+    half = (estimate.upper - estimate.lower) / 2
+    limits = zip(estimate.names, moved[: half.size], half, strict=True)
+    rivals = (tuple(name for name in lacking if values[name]) for values in chosen.rivals)
+    alike = dict.fromkeys(each for each in rivals if len(each) == len(chosen.terms))
+    return MissingTerms(
+        terms=chosen.terms,
+        others=tuple(each for each in alike if each != chosen.terms),
+        share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
+        moved=tuple(
+            name for name, step, limit in limits if name in PARAMETERS and abs(step) > limit
+        )
+        if chosen.terms
+        else (),
+    ), shares
 
 
-def rms(values: Samples) -> float:
-    """Return the root mean square of (n,) values; 0 of none."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResidualTorque:
+    """The residuals of one log seen at the joint: the torque that all terms leave of the motor's.
+
+    Averaged over bumps, the acceleration becomes int phi'' th, so nothing is differentiated twice;
+    where the joint may stick, friction is no function of the motion and nothing is said.
+    """
+
+    label: str  # of the log
+    # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
+    # in rad/s, N m
+    time: Samples
+    angle: Samples
+    velocity: Samples
+    torque: Samples
+
+    @classmethod
+    def of(cls, log: Log, setting: Setting) -> ResidualTorque:
+        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5).
+
+        InputError if the log is shorter than a bump. The load on the bearing enters by its own
+        basis, so that T_c is the bare hand's.
+        """
+        values = setting.parameters
+        loaded = values.with_added_mass(log.added_mass)
+        omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
+        width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
+        acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
+        signals = Averaging(log, setting.zero, width, values).signals(
+            acting, delay=values.delay, compression=values.compression
+        )
+        sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}
+        sizes |= {"p1": loaded.p1, "p3": loaded.p3}
+        torque = sum(size * signals.mean[name] for name, size in sizes.items())
+        moving = signals.moving
+        return cls(
+            label=log.label,
+            time=signals.time[moving],
+            angle=signals.angle[moving],
+            velocity=signals.velocity[moving],
+            torque=np.asarray(torque)[moving],
+        )
+
+
+def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
-def orthonormal(columns: Samples) -> Samples:
+def _orthonormal(columns: Samples) -> Samples:
     """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
     sizes = np.linalg.norm(columns, axis=0)
     felt = sizes > INDEPENDENT * columns.shape[0] ** 0.5
@@ -362,7 +533,7 @@ def orthonormal(columns: Samples) -> Samples:
     return np.asarray(left[:, singular > INDEPENDENT * singular.max(initial=0.0)])
 
 
-def less(directions: Sequence[Samples], errors: Samples) -> Samples:
+def _less(directions: Sequence[Samples], errors: Samples) -> Samples:
     """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
     ends = np.cumsum([each.shape[0] for each in directions])[:-1]
     pairs = zip(directions, np.split(errors, ends), strict=True)

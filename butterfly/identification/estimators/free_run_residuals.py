@@ -36,6 +36,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
+from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -55,6 +56,7 @@ TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
+_ROUNDS = 5  # in which what is uncertain is weighed
 _STILL = 1e-9  # rad, finer than which no encoder reads
 _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
 
@@ -72,7 +74,7 @@ class FreeRunResiduals:
     initial: Samples
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Penalty | None  # what is known of the scaled parameters with an uncertainty
+    known: Mapping[Key, Known]  # what is known of parameters and zeros
     simulations: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
@@ -93,7 +95,6 @@ class FreeRunResiduals:
         workers: int,
         loss: Loss,
         known: Prior,
-        variance: float,
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
 
@@ -101,7 +102,7 @@ class FreeRunResiduals:
         the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
         rad of the hand at rest, per added mass; ``shared``: the parameters of all logs that are
         fitted, the encoder's zero aside; ``horizon``: longest stretch in s that is simulated at a
-        time; ``variance``: of a residual, beside which uncertain knowledge is weighed.
+        time.
         """
         start = replace(start, **known.fixed)
         first = [first_counted(log, window) for log in logs]
@@ -124,18 +125,19 @@ class FreeRunResiduals:
         keys = (*((name, None) for name in shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
+        names = [name for name, _ in keys]
+        least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
-        prior = Penalty.of(keys, {**told, **known_zeros(keys, logs)}, variance)
         return cls(
             start=start,
             keys=keys,
             shared=len(shared),
             scale=scale,
-            lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
+            lower=np.array([least[name] for name, _ in keys]) / scale,
             initial=np.array(guesses) / scale,
             zeros=zeros,
-            prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
+            known={**told, **known_zeros(keys, logs)},
             simulations=simulations,
             motion=motion,
             workers=workers,
@@ -150,13 +152,28 @@ class FreeRunResiduals:
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = scaled * self.scale
-        known = None if self.prior is None else (self.prior, scaled)
         numbers = range(len(self.motion))
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in numbers), known=known)
+            return Equations(logs=tuple(self._of_log(k, values) for k in numbers))
         with ThreadPoolExecutor(self.workers) as pool:
-            work = pool.map(lambda k: self._of_log(k, values), numbers)
-            return Equations(logs=tuple(work), known=known)
+            return Equations(logs=tuple(pool.map(lambda k: self._of_log(k, values), numbers)))
+
+    def weighed(self, at: Equations, point: Samples) -> Equations:
+        """Return equations about (n,) scaled values beside what is known of these.
+
+        That weighs as the scatter of the residuals says that a step to their least would leave.
+        """
+        values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
+        prior = Penalty.of(self.keys, self.known, values=values)
+        if prior is None or not at.is_finite:
+            return at
+        prior = prior.turned(1 / self.scale, np.zeros(point.size))
+        cells = independent_cells_of(len(at.logs), len(self.keys))
+        about = self._equations(point, replace(at, known=(prior, point)), cells)
+        rows = about.rows.reshape(-1, point.size)
+        left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
+        free = replace(about, residuals=left.reshape(about.residuals.shape))
+        return replace(at, known=(prior.weighed(free.realised_variance), point))
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
@@ -183,16 +200,26 @@ class FreeRunResiduals:
             scale=self.scale[kept],
             lower=self.lower[kept],
             initial=self.initial[kept],
-            prior=None if self.prior is None else self.prior.take(kept),
         )
 
     def descend(
         self, initial: Samples, known: Equations | None = None, most: int = MOST
     ) -> Minimum:
-        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`)."""
-        return minimise_robustly(
-            self.equations, initial, self.lower, self.loss, known=known, most=most
-        )
+        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`).
+
+        What is uncertain is weighed where it begins, and again where it ended (see `weighed`).
+        """
+        at, evaluations = (self.equations(initial), 1) if known is None else (known, 0)
+        for _ in range(_ROUNDS):
+            at = self.weighed(at, initial)
+            end = minimise_robustly(
+                self.equations, initial, self.lower, self.loss, known=at, most=most - evaluations
+            )
+            evaluations += end.evaluations
+            initial, before, at = end.point, at, end.at
+            if not end.converged or self.weighed(at, initial).weigh_as(before):
+                break
+        return replace(end, evaluations=evaluations)
 
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out.
@@ -211,7 +238,7 @@ class FreeRunResiduals:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
         rows = np.concatenate(at.compressed(1)[0])
         names = tuple(name for name, _ in self.keys)
-        told = None if self.prior is None else self.prior.active
+        told = None if at.known is None else at.known[0].active
         conditioning = Conditioning.of(rows, names, told)
         doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
@@ -231,15 +258,16 @@ class FreeRunResiduals:
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )
+        prior = scaled.prior
         return replace(
             scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,
+            prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
-            prior=None if self.prior is None else self.prior.turned(scale, np.zeros(scale.size)),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
 
@@ -255,7 +283,7 @@ class FreeRunResiduals:
             rows=rows,
             residuals=residuals,
             log=np.repeat(np.arange(logs), cells),
-            prior=self.prior,
+            prior=None if at.known is None else at.known[0],
         )
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread

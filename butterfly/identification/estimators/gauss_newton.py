@@ -36,6 +36,8 @@ _FLAT = 1e-15  # share of the largest curvature, below which there is only round
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 _INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
 
+_WEIGHED = 0.2  # share of the weight of what is uncertain, that scatter hardly tells better
+
 MOST = 60
 """How often a cost is expanded at most."""
 
@@ -128,6 +130,13 @@ class Equations:
         residuals = np.concatenate([log.residuals for log in self.logs])
         return replace(self, loss=loss, scale=outlying(residuals))
 
+    def weigh_as(self, other: Equations) -> bool:
+        """Whether what is known besides weighs about as much as beside other equations."""
+        if self.known is None or other.known is None:
+            return True
+        mine, theirs = self.known[0].weight, other.known[0].weight
+        return bool((abs(mine - theirs) <= _WEIGHED * theirs).all())
+
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
         logs = (
@@ -144,6 +153,11 @@ class Equations:
             counted = [self.loss.values(log.residuals, self.scale) for log in self.logs]
             of_logs = 0.5 * float(sum(np.sum(each) for each in counted))
         return of_logs if self.known is None else of_logs + self.known[0].cost(self.known[1])
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether no simulation diverged, nor what it changes by."""
+        return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
 
     @property
     def gradient(self) -> Samples:
@@ -174,9 +188,14 @@ class Equations:
         They are factors of what the simulation knows, times what the parameters make of it.
         """
         parts = [part for log in self._weighted for part in log.blocks(cells)]
-        rows, residuals = compressed((part.rows, part.residuals) for part in parts)
-        mixtures = np.array([part.mixture for part in parts])
-        return rows @ mixtures, residuals
+        factors = [compressed([(part.rows, part.residuals)]) for part in parts]
+        most = max(residuals.size for _, residuals in factors)
+        rows = [
+            np.pad(own[0] @ part.mixture, ((0, most - own.shape[1]), (0, 0)))
+            for part, (own, _) in zip(parts, factors, strict=True)
+        ]
+        residuals = [np.pad(own[0], (0, most - own.size)) for _, own in factors]
+        return np.array(rows), np.array(residuals)
 
     @property
     def bread(self) -> Samples:
@@ -226,12 +245,12 @@ def minimise(
 
     ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
     ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
-    ``known``: the cost about the beginning, if it is known already; ``most``: how often the cost
-    may be expanded.
+    ``known``: the cost about the beginning, if it is known already, and what is known besides;
+    ``most``: how often the cost may be expanded.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
-    if not _is_finite(at):
+    if not at.is_finite:
         raise IdentifiabilityError(
             "the model diverges with the parameters from which the fit would start: they are not "
             "those of a joint (see what a closed form says of these logs, such as the weak form)"
@@ -252,9 +271,9 @@ def minimise(
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         elif reach < _SMALLEST_STEP:
             break
-        tried = expand(there)
+        tried = replace(expand(there), known=at.known and (at.known[0], there))
         evaluations += 1
-        kept = (at.cost - tried.cost) / predicted if _is_finite(tried) else -np.inf
+        kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
         elif kept > _GOOD and longest > _INSIDE * reach:
@@ -293,10 +312,6 @@ def minimise_robustly(
 def _decrease(at: Equations, step: Samples) -> float:
     """Return what a step takes off the cost, by its derivatives."""
     return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
-
-
-def _is_finite(at: Equations) -> bool:
-    return bool(np.isfinite(at.cost) and np.isfinite(at.gradient).all())
 
 
 def _step(at: Equations, lowest: Samples, reach: float) -> Samples:

@@ -18,7 +18,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.errors import InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import cells_of
@@ -29,7 +29,7 @@ from butterfly.identification.estimators.free_run_residuals import (
     TRIED,
     FreeRunResiduals,
 )
-from butterfly.identification.estimators.gauss_newton import Loss, Minimum
+from butterfly.identification.estimators.gauss_newton import Loss
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.inference.agreement import Conditions
@@ -38,7 +38,6 @@ from butterfly.identification.inference.identifiability import is_driven, refuse
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
     candidates,
-    missing_terms,
     requested_terms,
 )
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
@@ -158,9 +157,12 @@ class OutputError(Estimator):
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
-        reference = ScaleParameter.of(masses, known, driven=driven)
-        variance = self._variance(logs, first, reference.fixed)
-        problem, end, said = self._lowest_end(logs, first, reference.fixed, variance)
+        step = float(np.median([log.mean_step for log in logs]))
+        reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
+        problems = [
+            self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
+        ]
+        problem, end, said = lowest_end(problems)
         rivals: tuple[NDArray[np.float64], ...] = ()
         if self.terms is None:
             choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
@@ -183,7 +185,7 @@ class OutputError(Estimator):
 
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = problem.solved(end)
-        found = infer(
+        return infer(
             reference.whole(solved),
             method="output error",
             check=self.check,
@@ -198,7 +200,6 @@ class OutputError(Estimator):
             known=known,
             horizon=self.horizon or math.inf,
         )
-        return found.with_findings(*self._missing(logs, found, problem.zeros, variance))
 
     def _of_lasting(
         self,
@@ -229,58 +230,14 @@ class OutputError(Estimator):
                     expected = "what is not known of the robot already"
                     raise InputError(self.method, field, name, expected)
 
-    def _lowest_end(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Prior, variance: float
-    ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
-        problems = [
-            self.problem(logs, each.parameters, each.zeros, known, variance) for each in first
-        ]
-        return lowest_end(problems)
-
-    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Prior) -> float:
-        """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
-        zeros = (log.zero for log in logs if log.zero is not None)
-        if not known.uncertain and all(zero.fixed for zero in zeros):
-            return 1.0
-        problem, end, _ = self._lowest_end(logs, first, known, 0.0)
-        return problem.solved(end).realised_variance
-
-    def _missing(
-        self,
-        logs: Sequence[Log],
-        found: Estimate,
-        zeros: Mapping[AddedMass, float],
-        variance: float,
-    ) -> list[Finding]:
-        """Tell which terms that were not asked for would help, by one expansion with them all."""
-        if self.terms is None or not self.check or self.per_mass or self.per_log:
-            return []
-        if "zero" in found.local.get(None, {}):
-            zeros = dict.fromkeys(zeros, found.local[None]["zero"])
-        more = candidates(TRIED, zeros, found.known)
-        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
-        problem = every.problem(logs, found.parameters, zeros, found.known, variance)
-        at = problem.equations(problem.initial).counting(self.loss)
-        try:
-            choice = problem.choose_terms(problem.initial, at, found.names)
-        except IdentifiabilityError:
-            return []
-        shared = zip(problem.labels[: problem.shared], problem.scale.tolist(), strict=False)
-        best = {n: choice.values[n] * size for n, size in shared if n in choice.names}
-        return missing_terms(found, best)
-
     def problem(
         self,
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
         known: Prior = NO_PRIOR,
-        variance: float = 1.0,
     ) -> FreeRunResiduals:
-        """Return the residuals that are minimised.
-
-        ``variance``: of a residual, beside which what is known with an uncertainty is weighed.
-        """
+        """Return the residuals that are minimised."""
         horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
         every = known.fitted((*PARAMETERS, *self._names((log.added_mass for log in logs), known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
@@ -296,7 +253,6 @@ class OutputError(Estimator):
             workers=self.workers or os.cpu_count() or 1,
             loss=self.loss,
             known=known,
-            variance=variance,
         )
 
     def _names(self, masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ Sequential Estimation, 1977, chapter VIII).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
@@ -38,9 +39,11 @@ from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-_ROUNDS = 8  # about the delay
+_ROUNDS = 20  # about delay and scatter
 _SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
 _LATEST = 0.25  # of the shortest log, for a delay
+_SCATTERED = 0.05  # share of the scatter, by which it may be another in the end
+_LEAST = np.finfo(float).tiny
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -100,21 +103,28 @@ class About:
         equations = [
             each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
         ]
-        rows, targets = zip(*equations, strict=True)
+        parts, targets = zip(*equations, strict=True)
+        rows = np.concatenate(parts)
+        if "delay" in self.names and not self.gain:
+            rows[:, self.names.index("delay")] = 0.0  # p4 is found first
         return Regression(
             names=self.names,
-            rows=np.concatenate(rows),
+            rows=rows,
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
             about={"delay": self.delay},
+            least=self.known.lower,
             gain=self.gain,
-            prior=Penalty.of(self.names, self.known.parameters, self.variance),
+            prior=Penalty.of(
+                self.names, self.known.parameters, self.variance, {"delay": self.delay}
+            ),
         )
 
-    def moved(self, values: Samples) -> About:
-        """Return what equations about (n,) values of the names are about."""
+    def moved(self, values: Samples, latest: float, variance: float) -> About:
+        """Return what equations about (n,) values of the names are about, no delay too late."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
-        return replace(self, delay=found["delay"], gain=found["p4"])
+        delay = min(max(found["delay"], -latest), latest)
+        return replace(self, delay=delay, gain=found["p4"], variance=variance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,47 +137,66 @@ class WeakFit:
 
     @classmethod
     def of(
-        cls,
-        windows: Sequence[Windows],
-        names: tuple[str, ...],
-        slow: float,
-        known: Prior,
-        delay: float = 0.0,
+        cls, windows: Sequence[Windows], names: tuple[str, ...], slow: float, known: Prior
     ) -> WeakFit:
-        """Solve about a delay, and about the delay found, until it no longer moves.
+        """Solve from two ends, what is uncertain being held or free; return the likelier fit.
 
-        What is known with an uncertainty is first left aside, so that the scatter of the rows
-        tells how much it weighs beside them.
+        Where the logs tell a delay badly, or not, equations about a free one end anywhere.
         """
         exact = known.fixed
         about = About(
             names=names,
             known=known,
             slow=slow,
-            delay=exact.get("delay", delay),
+            delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
         )
+        held = cls.settled(windows, about)
         if not known.uncertain:
-            return cls._solved(windows, about)
-        rough = cls._solved(windows, replace(about, variance=0.0))
-        return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
+            return held
+        free = cls.settled(windows, replace(about, variance=0.0))
+        if not 0 <= free.about.delay < _latest(windows):
+            return held
+        found = cls.settled(windows, replace(free.about, variance=free.solved.realised_variance))
+        rows = found.cost / found.about.variance  # that are worth as many independent ones
+        return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
 
     @classmethod
-    def _solved(cls, windows: Sequence[Windows], about: About) -> WeakFit:
-        settled = False
+    def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+        """Solve, and again about what was found, until delay and scatter no longer move.
+
+        The scatter of the rows tells how much what is uncertain weighs beside them; nothing, where
+        their variance is 0 from the first.
+        """
+        weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
+        cells, settled = independent_cells_of(len(windows), len(about.names)), False
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
-            before, about = about, about.moved(solution.values)
-            _refuse_late(about.delay, windows)
-            settled = bool(abs(about.delay - before.delay) < _SETTLED)
-            if settled:
+            solved = CellEquations.of(regression, solution, cells=cells)
+            variance = solved.realised_variance if weighs else about.variance
+            before, about = about, about.moved(solution.values, latest, variance)
+            settled = bool(
+                abs(about.delay - before.delay) < _SETTLED
+                and abs(variance - before.variance) <= _SCATTERED * variance
+            )
+            if settled or abs(about.delay) == latest:
+                about = replace(about, variance=before.variance)
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
-        cells = independent_cells_of(len(windows), len(about.names))
-        unsettled = None if settled else rounds
-        solved = CellEquations.of(regression, solution, cells=cells, unsettled=unsettled)
+        if not settled:
+            solved = replace(solved, ending=Ending.STOPPED, findings=(rounds,))
         return cls(about=about, regression=regression, solved=solved)
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squared residuals."""
+        return float(np.sum(self.solved.residuals**2))
+
+    @property
+    def penalty(self) -> float:
+        """What the values count by what is uncertain of them (see `Known.penalty`)."""
+        return sum(each.penalty(self.values[n]) for n, each in self.about.known.uncertain.items())
 
     @property
     def values(self) -> dict[str, float]:
@@ -185,14 +214,9 @@ class WeakFit:
         return submodels_of(equations, [each.added for each in windows])
 
 
-def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
-    """Refuse a delay of which a log would hardly see the end."""
-    shortest = min(each.averaging.duration for each in windows)
-    if not abs(delay) < _LATEST * shortest:
-        raise IdentifiabilityError(
-            f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
-            "check signs and units, and what is said to be known"
-        )
+def _latest(windows: Sequence[Windows]) -> float:
+    """Return the delay in s of which the shortest log would hardly see the end."""
+    return _LATEST * min(each.averaging.duration for each in windows)
 
 
 class Seen(NamedTuple):

@@ -1,200 +1,211 @@
-"""What is left over: its sensor's errors, its correlations, and the missing term it looks like."""
+"""Good models are seldom accused; what is missing is, and by its name."""
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.residuals import (
-    Curve,
-    ResidualEquations,
-    SensorErrors,
-    autocorrelation,
-    cross_correlation,
-    encoder_step,
-    summarise_residuals,
+    LogResiduals,
+    Residuals,
+    ResidualTorque,
+    residuals_of,
 )
+from butterfly.identification.diagnostics.sensor_errors import Curve
+from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.plant.sensors import Encoder
+from butterfly.verdict import Level
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
-TIME = np.arange(0, 20, 1e-3)
-COUNT, LAGS = 3000, 150
-
-
-def _read(angle, steps, noise=0.0, seed=0):
-    return Encoder(steps=steps, noise=noise).read(TIME, angle, np.random.default_rng(seed))
-
-
-@given(st.integers(256, 65536), st.floats(0.05, 2.0), st.floats(0.5, 8.0))
-def test_the_step_of_an_encoder_is_found_from_its_readings(steps, swing, omega):
-    step = math.tau / steps
-    readings = _read(swing * np.sin(omega * TIME), steps)
-    if swing > 10 * step:
-        assert encoder_step(readings) == pytest.approx(step, rel=1e-6)
+FIT = OutputError(terms=(), check=False, workers=1)
+MISSING = {
+    "drag": {"drag": 2e-4},
+    "stribeck": {"stribeck": 6e-4, "stribeck_velocity": 0.4},
+    "p3_offset": {"p3_offset": 1e-3},
+    "load": {"load": 5e-4},
+    "bias": {"bias": 1e-3},
+}
 
 
-def test_readings_on_no_grid_have_no_step_and_their_noise_is_its_own_size():
-    noise = 3e-4 * np.random.default_rng(1).standard_normal(TIME.size)
-    angle = 0.4 * np.sin(4 * TIME)
-    found = SensorErrors.of(angle + noise, angle)
-    assert found.step == 0
-    assert found.noise == pytest.approx(3e-4, rel=0.02)
-    assert encoder_step(np.zeros(5)) == 0.0
+def _read(logs, encoder, seed=0):
+    rng = np.random.default_rng(seed)
+    return DataSet.of([replace(log, angle=encoder.read(log.time, log.angle, rng)) for log in logs])
 
 
-@pytest.mark.parametrize("steps", [1024, 16384])
-@pytest.mark.parametrize("noise", [0.0, 2e-4, 1e-3])
-def test_the_noise_before_rounding_is_found_beside_a_misfit(steps, noise):
-    """A smooth misfit of 10 mrad does not count as noise; much less noise than a step does not
-    show."""
-    angle = 0.4 * np.sin(4 * TIME)
-    misfit = 0.01 * np.sin(4 * TIME + 1)
-    found = SensorErrors.of(_read(angle + misfit, steps, noise), angle)
-    step = math.tau / steps
-    assert found.step == pytest.approx(step, rel=1e-6)
-    assert found.noise == pytest.approx(noise, abs=max(0.1 * noise, 0.05 * step))
+def _tame(robot):
+    """Two sums of sines for each mass, below the horizontal."""
+
+    def tones(seed):
+        phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(TONES))
+        pairs = list(zip(TONES, phases, strict=True))
+        return lambda t: 0.008 * sum(np.sin(w * t + p) - np.sin(p) for w, p in pairs)
+
+    both = list(product(MASSES, range(2)))
+    logs = [simulated(robot, mass, tones(k), 20.0, start=0.3) for k, (mass, _) in enumerate(both)]
+    assert max(np.abs(log.angle).max() for log in logs) < 1.5
+    return logs
 
 
-def test_errors_are_white_where_noise_covers_a_step_and_last_where_it_does_not():
-    """Rounding without noise keeps its error until the angle has moved on by a step."""
-    slow = 0.02 * np.sin(0.5 * TIME)
-    rng = np.random.default_rng(2)
-    for noise, lowest, highest in ((0.0, 0.9, 1.0), (6e-3, -0.05, 0.05)):
-        errors = SensorErrors(step=6e-3, noise=noise).draw(slow, rng, unsure=0.0)
-        lasting = np.mean(errors[1:] * errors[:-1]) / np.mean(errors**2)
-        assert lowest < lasting < highest
+@pytest.fixture(scope="module")
+def logs():
+    return _tame(ROBOT)
 
 
-def _autoregressive(pole, shape, rng):
-    errors = rng.standard_normal(shape)
-    for k in range(1, shape[0]):
-        errors[k] += pole * errors[k - 1]
-    return errors
+@pytest.fixture(scope="module")
+def noisy(logs):
+    """Logs of a noisy encoder, and the estimate from them."""
+    data = _read(logs, Encoder(steps=8192, noise=1e-3))
+    return data, FIT(data)
 
 
-def test_an_autoregressive_process_has_the_powers_of_its_pole():
-    """rho(k) = a^k, within 4 of Bartlett's standard deviations."""
-    pole = 0.9
-    found = autocorrelation(_autoregressive(pole, (40_000, 1), np.random.default_rng(0)), 30)[:, 0]
-    expected = pole ** np.arange(1, 31)
-    spread = np.sqrt((1 + pole**2) / (1 - pole**2) / 40_000)
-    np.testing.assert_allclose(found, expected, atol=4 * spread)
+def _lacking(term, **encoder):
+    """Logs of a robot with a term that the model lacks, and the robot."""
+    robot = replace(ROBOT, **MISSING[term])
+    return _read(_tame(robot), Encoder(**{"steps": 8192, "noise": 1e-4} | encoder)), robot
 
 
-def test_correlations_are_their_sums():
-    rng = np.random.default_rng(1)
-    errors, inputs = rng.standard_normal((200, 3)), rng.standard_normal(200) + 5
-    own, crossed = autocorrelation(errors, 9), cross_correlation(errors, inputs, 9)
-    moving = inputs - inputs.mean()
-    for series in range(3):
-        e = errors[:, series]
-        for lag in range(1, 10):
-            assert own[lag - 1, series] == pytest.approx(e[lag:] @ e[:-lag] / (e @ e))
-        for lag in range(10):
-            size = np.sqrt((e @ e) * (moving @ moving))
-            assert crossed[lag, series] == pytest.approx(e[lag:] @ moving[: 200 - lag] / size)
+@pytest.mark.parametrize("steps", [1024, 8192, 65536])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
+def test_a_good_model_is_not_accused(logs, steps, noise):
+    """Of these 54 logs, 5 % are 2.7."""
+    data = _read(logs, Encoder(steps=steps, noise=noise))
+    misfit = residuals_of(data, FIT(data))
+    assert not misfit.beyond_sensors
+    assert misfit.outside <= 1
+    assert misfit.times == pytest.approx(1.0, abs=0.1)
+    assert misfit.missing.terms == ()
+    (finding,) = misfit.findings
+    assert finding.kind is FindingKind.NO_MISFIT
+    assert finding.severity is Level.NOTE
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.7])
-def test_of_good_logs_one_curve_in_forty_leaves_the_inner_band(pole):
-    """5 % of logs, half of them by the autocorrelation; white errors and lasting ones."""
-    rng = np.random.default_rng(3)
-    lag = np.arange(1, LAGS + 1)
-    tries, left = 200, np.zeros(2)
-    for _ in range(tries):
-        curves = autocorrelation(_autoregressive(pole, (COUNT, 25), rng), LAGS)
-        left += Curve.of(lag, curves, COUNT, 0.0).excess > 1
-    assert left[0] / tries < 0.06
-    assert left[1] <= left[0]
+@pytest.mark.parametrize("term", MISSING)
+def test_a_missing_term_is_seen_and_named(term):
+    data, _ = _lacking(term)
+    misfit = residuals_of(data, FIT(data))
+    assert misfit.beyond_sensors
+    assert misfit.outside == len(misfit.logs)
+    assert (term,) in {misfit.missing.terms, *misfit.missing.others}
+    assert misfit.missing.share > 0.5
+    assert misfit.missing.share == pytest.approx(
+        np.mean([log.share for log in misfit.logs]), abs=0.2
+    )
+    misfit_of_all, missing = misfit.findings
+    assert misfit_of_all.kind is FindingKind.MISFIT
+    assert missing.kind is FindingKind.MISSING_TERM
+    assert (missing.severity is Level.CARE) == bool(misfit.missing.moved)
+    assert term in missing.parameters[0]
 
 
-def test_lasting_errors_leave_the_bands_of_white_ones():
-    rng = np.random.default_rng(4)
-    white, lasting = rng.standard_normal((COUNT, 24)), _autoregressive(0.2, (COUNT, 1), rng)
-    curves = autocorrelation(np.column_stack([lasting, white]), LAGS)
-    assert Curve.of(np.arange(1, LAGS + 1), curves, COUNT, 0.0).excess[1] > 1
+@pytest.mark.parametrize("term", ["drag", "stribeck"])
+def test_a_term_that_the_model_has_is_never_named(term):
+    """The model has Coulomb friction, and so has the robot: that is no news."""
+    data, robot = _lacking(term)
+    told = FIT.with_terms((term,))
+    estimate = replace(told(data), fixed={"stribeck_velocity": robot.stribeck_velocity})
+    found = residuals_of(data, estimate).missing
+    assert not {"coulomb", "p1", "p2", "p3", term} & {*found.terms, *sum(found.others, ())}
 
 
-def _summarise(*logs):
-    """Summarise logs, each of what is left over, by what the model has and what it may lack."""
-    return summarise_residuals([ResidualEquations(whole=1.0, **each) for each in logs], 5e-3)
+def test_a_value_that_is_a_little_off_is_an_error_and_no_misfit(noisy):
+    data, estimate = noisy
+    off = replace(estimate, values=estimate.values * (1 + 0.002 * np.array([1, -5, 1, 1, 5, 5])))
+    misfit, before = residuals_of(data, off), residuals_of(data, estimate)
+    assert misfit.relative > 1.2 * before.relative
+    assert misfit.left == pytest.approx(before.left, rel=0.05)
+    assert not misfit.beyond_sensors
+    again = residuals_of(data, estimate)
+    assert [log.excess for log in again.logs] == [log.excess for log in before.logs]
 
 
-def _left(rng, left, *, noise=0.0, known=None, **candidates):
-    """A log that leaves something over; what is not given is white."""
-    white = rng.standard_normal((4000, 3))
-    return {
-        "left": left + noise * rng.standard_normal(4000),
-        "known": white[:, :1] if known is None else known,
-        "candidates": {"drag": white[:, 1], "stribeck": white[:, 2]} | candidates,
-        "noise": noise,
-    }
+def test_harmonic_balance_of_steady_sines_leaves_no_misfit():
+    swings = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
+    data = _read(steady(ROBOT, swings), Encoder(steps=8192, noise=1e-3))
+    misfit = residuals_of(data, HarmonicBalance(check=False)(data))
+    assert misfit.relative < 1.3 * misfit.left
+    assert not misfit.beyond_sensors
 
 
-def test_the_share_of_a_missing_term_is_that_of_its_variance():
-    """left = -0.3 drag + noise of 0.1: 0.09 of 0.10 of the variance."""
-    rng = np.random.default_rng(0)
-    drag = rng.standard_normal(4000)
-    overall, (own,) = _summarise(_left(rng, -0.3 * drag, noise=0.1, drag=drag))
-    assert own == overall
-    assert overall.terms == ("drag",)
-    assert overall.shares["drag"] == pytest.approx(0.9, abs=0.01)
-    assert overall.size == pytest.approx(0.3, rel=0.03)
-    assert overall.noise == pytest.approx(0.1, abs=0.01)
-    assert overall.words("the motion").startswith("quadratic drag (90 % of its variance, 30 %")
+def test_a_run_that_fails_is_outside_and_hides_no_other(noisy):
+    data, estimate = noisy
+    wrong = np.where(np.array(estimate.names) == "p1", -1e-6, estimate.values)
+    misfit = residuals_of(data, replace(estimate, values=wrong))
+    assert misfit.logs[0].outside
+    assert misfit.logs[0].autocorrelation is None
+    assert len(misfit.logs) == 6
+    assert misfit.logs[-1].autocorrelation is not None
 
 
-def test_a_term_that_would_push_is_not_named():
-    rng = np.random.default_rng(1)
-    drag = rng.standard_normal(4000)
-    overall, _ = _summarise(_left(rng, 0.3 * drag, drag=drag))
-    assert overall.shows
-    assert overall.terms == ()
-    assert overall.looks_like == "no missing term of the table"
+@pytest.mark.parametrize("term", ["drag", "p3_offset", "bias"])
+def test_the_residual_torque_is_that_of_the_missing_term(term):
+    data, robot = _lacking(term, steps=65536, noise=0.0)
+    found = FIT(data)
+    values = np.array([getattr(ROBOT, name) for name in found.names])
+    true = replace(found, values=values, local={None: {"zero": 0.0}})
+    for number, log in enumerate(data.logs):
+        each = ResidualTorque.of(log, data.simulations.setting(number, true))
+        v = each.velocity
+        expected = {
+            "drag": np.abs(v) * v,
+            "p3_offset": np.cos(each.angle),
+            "bias": -np.ones_like(v),
+        }[term] * -getattr(robot, term)
+        error = np.sqrt(np.mean((each.torque - expected) ** 2))
+        assert error < 0.3 * np.sqrt(np.mean(expected**2)), log.label
 
 
-def test_what_the_model_s_own_terms_would_take_is_not_left_over():
-    rng = np.random.default_rng(2)
-    known = rng.standard_normal((4000, 2))
-    overall, _ = _summarise(_left(rng, known @ [0.5, -2.0], noise=0.01, known=known))
-    assert overall.looks_like == "nothing that the data can show"
-    assert overall.relative == pytest.approx(0.01, rel=0.05)
+def test_the_real_logs_are_outside_and_nothing_that_the_model_has_is_named(real):
+    misfit = real.residuals
+    assert misfit.outside == len(misfit.logs) == 41
+    assert misfit.times > 10
+    assert misfit.logs[0].sensor.step == pytest.approx(2 * np.pi / 32768, rel=0.02)
+    assert "coulomb" not in misfit.missing.names
 
 
-def test_a_term_like_one_of_the_model_s_counts_by_what_is_new_of_it():
-    rng = np.random.default_rng(3)
-    known, new = rng.standard_normal((4000, 1)), rng.standard_normal(4000)
-    drag = 10 * known[:, 0] + new
-    overall, _ = _summarise(_left(rng, -0.2 * new, noise=0.001, known=known, drag=drag))
-    assert overall.terms == ("drag",)
-    assert overall.size == pytest.approx(0.2, rel=0.05)
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_readings_of_a_good_model_lie_inside_its_bands(logs, noise):
+    """More than 95 % where the encoder's step, which nothing goes beyond, is most of the error."""
+    data = _read(logs, Encoder(steps=8192, noise=noise))
+    found = FIT(data)
+    inside = []
+    for log, misfit in zip(data.logs, residuals_of(data, found).logs, strict=True):
+        run = FreeRun.of(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
+        near = np.interp(log.time, misfit.band.time, misfit.band.reach)
+        inside.append(np.mean(np.abs(run.simulated - log.angle) <= near))
+    assert 0.93 <= np.mean(inside) <= 0.99
 
 
-def test_terms_that_look_alike_are_both_named():
-    rng = np.random.default_rng(4)
-    drag = rng.standard_normal(4000)
-    alike = drag + 0.1 * rng.standard_normal(4000)
-    overall, _ = _summarise(_left(rng, -0.3 * drag, noise=0.05, drag=drag, stribeck=alike))
-    assert overall.terms == ("drag", "stribeck")
+def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
+    data = _read(logs, Encoder(steps=65536, noise=0.0))
+    found = FIT(data)
+    sharp = replace(found, covariance=np.zeros_like(found.covariance), left_out={})
+    sharp = replace(sharp, lower=found.values.copy(), upper=found.values.copy())
+    k = found.names.index("p3")
+    lower, upper, covariance = found.values.copy(), found.values.copy(), sharp.covariance.copy()
+    lower[k], upper[k], covariance[k, k] = 0.98 * lower[k], 1.02 * upper[k], 1e-12
+    wide = replace(sharp, lower=lower, upper=upper, covariance=covariance)
+    bands = [residuals_of(data, each).logs[0].band for each in (sharp, wide)]
+    log = data.logs[0]
+    angles = [
+        FreeRun.of(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
+        for each in (found.parameters, replace(found.parameters, p3=upper[k]))
+    ]
+    moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))
+    reach = np.sqrt(bands[1].reach ** 2 - bands[0].reach ** 2)
+    assert np.linalg.norm(reach - moved) < 0.1 * np.linalg.norm(moved)
 
 
-def test_noise_alone_is_seldom_called_a_term():
-    rng = np.random.default_rng(5)
-    overall = [_summarise(_left(rng, np.zeros(4000), noise=1.0))[0] for _ in range(100)]
-    assert sum(bool(each.terms) for each in overall) <= 2
-
-
-def test_one_cause_is_found_in_all_logs_together_though_none_shows_it():
-    """Per log the missing torque is proportional to a known one, by a factor of its own."""
-    rng, logs = np.random.default_rng(6), []
-    for speed in (1.0, 2.0, 3.0):
-        velocity = speed * rng.standard_normal(4000)
-        drag = speed * velocity
-        logs.append(_left(rng, -0.1 * drag, noise=0.01, known=velocity[:, None], drag=drag))
-    overall, each = _summarise(*logs)
-    assert overall.terms == ("drag",)
-    assert _summarise(logs[0])[0].terms == ()
-    assert len(each) == 3
+@pytest.mark.parametrize(("outside", "beyond"), [(0, False), (2, False), (5, True), (10, True)])
+def test_half_of_the_logs_outside_their_bands_are_no_chance(outside, beyond):
+    curve = Curve.of(np.arange(3.0), np.zeros((3, 1)), 100, 0.0)
+    blank = LogResiduals(name="", label="", motion=1.0, autocorrelation=curve)
+    far = replace(blank, autocorrelation=replace(curve, value=np.ones(3)))
+    logs = tuple(far if k < outside else blank for k in range(10))
+    assert Residuals(logs=logs).beyond_sensors is beyond
