@@ -156,8 +156,9 @@ def _damped(joint, factor):
 
 
 def _weighed(rng, body, _):
-    """Each mass is told up to 3 % wrong."""
-    factors = {mass: 1.0 + rng.uniform(-0.03, 0.03) for mass in body.masses}
+    """Masses are told up to 3 % wrong, but together right: what they share is the row *scale*."""
+    errors = rng.uniform(-0.03, 0.03, len(body.masses) - 1)
+    factors = dict(zip(body.masses, [1.0, *(1.0 + errors - errors.mean())], strict=True))
     return Bench(notes=lambda log: _told_mass(log, factors[log.mass]))
 
 
