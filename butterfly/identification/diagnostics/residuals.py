@@ -48,7 +48,6 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -148,9 +147,8 @@ class MissingTerms:
         """Tell which they are, and what they move."""
         if not self.terms:
             return []
-        concerned, level = (self.names, *self.moved), Level.CARE if self.moved else Level.NOTE
-        kind = FindingKind.MISSING_TERM
-        return [Finding(kind, concerned, number=self.share, severity=level)]
+        concerned = (self.names, *self.moved)
+        return [Finding(FindingKind.MISSING_TERM, concerned, number=self.share)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,9 +195,10 @@ class Residuals:
 
     @property
     def findings(self) -> list[Finding]:
-        """Whether the misfit is beyond the sensors, how many times, and which terms are missing."""
+        """How near the model follows, how far beyond the sensors, and which terms are missing."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        return [Finding(kind, number=self.times), *self.missing.findings]
+        followed = Finding(FindingKind.FOLLOWED, number=self.left)
+        return [followed, Finding(kind, number=self.times), *self.missing.findings]
 
     def numbers(self) -> dict[str, Any]:
         """Return it for programs but for its findings: shares of the rms motion, over all logs."""

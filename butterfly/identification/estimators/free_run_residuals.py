@@ -46,7 +46,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
 from butterfly.signals.frequency_response import first_counted
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -253,11 +252,7 @@ class FreeRunResiduals:
         """Return the equations about the end of a descent, in the parameters themselves."""
         cells = cells_of(len(self.simulations), len(self.keys))
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
-        took = Finding(
-            FindingKind.SIMULATIONS,
-            number=end.evaluations,
-            severity=Level.NOTE if end.converged else Level.WARNING,
-        )
+        took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
         return replace(
             scaled,

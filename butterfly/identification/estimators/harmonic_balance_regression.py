@@ -24,7 +24,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.verdict import Level
 
 _SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
@@ -214,7 +213,7 @@ class HarmonicBalanceFit:
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
+        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS)
         solved = CellEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 

@@ -35,7 +35,6 @@ from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -183,7 +182,7 @@ class WeakFit:
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
+        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS)
         if not settled:
             solved = replace(solved, ending=Ending.STOPPED, findings=(rounds,))
         return cls(about=about, regression=regression, solved=solved)

@@ -18,7 +18,6 @@ from butterfly.identification.inference.identifiability import SINGULAR_CONDITIO
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -193,9 +192,7 @@ def disagreements(
             continue
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
         if apart > CLEARLY_APART:
-            findings.append(
-                Finding(FindingKind.PRIOR_APART, (names[k],), number=apart, severity=Level.CARE)
-            )
+            findings.append(Finding(FindingKind.PRIOR_APART, (names[k],), number=apart))
     return findings
 
 
@@ -229,4 +226,4 @@ def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]
     sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
     if abs(share) <= max(sure * error, _CONTRADICTS):
         return []
-    return [Finding(FindingKind.KNOWN_APART, fixed, number=share, severity=Level.CARE)]
+    return [Finding(FindingKind.KNOWN_APART, fixed, number=share)]

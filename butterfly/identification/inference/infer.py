@@ -23,14 +23,12 @@ from butterfly.identification.inference.identifiability import (
     Conditioning,
     of_few_logs,
     refuse_without_scale,
-    sort_by_precision,
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.normal_equations import pulled_below
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -109,7 +107,6 @@ def infer(
         on_bound=on_bound,
         ending=equations.ending,
         findings=(
-            *sort_by_precision(values, lower, limits[1], names),
             *conditioning.findings,
             *equations.findings,
             *_of_bounds_and_signs(names, on_bound, pulled),
@@ -159,17 +156,17 @@ def without_each_mass(
         values = without_logs(equations, lost)
         if np.isfinite(values).all():
             left_out[mass] = values
-    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
+    few = Finding(FindingKind.FEW_MASSES, number=len(different))
     return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
 def _of_bounds_and_signs(
     names: Sequence[str], on_bound: Sequence[str], pulled: set[str]
 ) -> list[Finding]:
-    """Say what a bound holds, with care where the data would go far beyond; and unseen signs."""
+    """Say what a bound holds, and whether the data would go far beyond; and unseen signs."""
     groups = (
-        (FindingKind.ON_BOUND, Level.CARE, [name for name in on_bound if name in pulled]),
-        (FindingKind.ON_BOUND, Level.NOTE, [name for name in on_bound if name not in pulled]),
-        (FindingKind.SIGN_UNKNOWN, Level.CARE, [n for n in names if not TERMS[n].sign_observable]),
+        (FindingKind.PULLED, [name for name in on_bound if name in pulled]),
+        (FindingKind.ON_BOUND, [name for name in on_bound if name not in pulled]),
+        (FindingKind.SIGN_UNKNOWN, [n for n in names if not TERMS[n].sign_observable]),
     )
-    return [Finding(kind, tuple(own), severity=level) for kind, level, own in groups if own]
+    return [Finding(kind, tuple(own)) for kind, own in groups if own]

@@ -20,7 +20,6 @@ from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.plant.sensors import Encoder
-from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
@@ -81,9 +80,9 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert misfit.outside <= 1
     assert misfit.times == pytest.approx(1.0, abs=0.1)
     assert misfit.missing.terms == ()
-    (finding,) = misfit.findings
+    followed, finding = misfit.findings
+    assert followed.number == misfit.left
     assert finding.kind is FindingKind.NO_MISFIT
-    assert finding.severity is Level.NOTE
 
 
 @pytest.mark.parametrize("term", MISSING)
@@ -97,10 +96,10 @@ def test_a_missing_term_is_seen_and_named(term):
     assert misfit.missing.share == pytest.approx(
         np.mean([log.share for log in misfit.logs]), abs=0.2
     )
-    misfit_of_all, missing = misfit.findings
+    _, misfit_of_all, missing = misfit.findings
     assert misfit_of_all.kind is FindingKind.MISFIT
     assert missing.kind is FindingKind.MISSING_TERM
-    assert (missing.severity is Level.CARE) == bool(misfit.missing.moved)
+    assert missing.parameters[1:] == misfit.missing.moved
     assert term in missing.parameters[0]
 
 
