@@ -96,8 +96,15 @@ def test_the_table_tells_what_good_answers_hide_and_which_cause_was_named():
     outside = replace(held, error=-7.0, covered=False)
     named = {"family": "spring", "repeat": 0, "method": "auto", "verdict": "good", "fit": 99.0}
     scores = [
-        Score(**named, number=0, readings={"p1": held, "p3": outside}, text="A spring pulls."),
-        Score(**named, number=1, readings={"p1": outside, "p3": outside}, text="Good."),
+        Score(
+            **named,
+            number=0,
+            readings={"p1": held, "p3": outside},
+            text="Good.\nIt misses a spring.",
+        ),
+        Score(
+            **named, number=1, readings={"p1": outside, "p3": outside}, text="Good.\n\nA spring?"
+        ),
         Score(**named | {"verdict": "use with care"}, number=2, readings={"p1": outside}),
         Score(**named, number=3, refused="no"),
     ]
@@ -105,4 +112,4 @@ def test_the_table_tells_what_good_answers_hide_and_which_cause_was_named():
     *_, line = bench.table(scores, wider).splitlines()
     assert line.startswith("| spring | 4 | 1 | 33 |  | 0 |")
     assert "| 2.00 |" in line
-    assert "| 2/3 | 1, up to 7 % | 1/2 |" in line
+    assert "| 2/3 | 1, up to 7 % | 1 (2)/2 |" in line
