@@ -129,6 +129,11 @@ class Prior:
         return {name: each for name, each in self.values.items() if name in PHYSICAL}
 
     @cached_property
+    def scales(self) -> dict[str, float]:
+        """Uncertainties of what no log can show."""
+        return {name: each.uncertainty for name, each in self.values.items() if name in SCALES}
+
+    @cached_property
     def fixed(self) -> dict[str, float]:
         """Values of the parameters that are known exactly."""
         return {name: each.value for name, each in self.parameters.items() if each.fixed}

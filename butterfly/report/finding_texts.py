@@ -247,7 +247,7 @@ _RESTS_ON = {
     "arm": "the arm (1 % is up to 2 % of p1)",
     "input_scale": "the input's scale (1 % is 1 % of p4)",
     "angle_scale": "an encoder that is centred and of right scale (1 % is 1 % of p4)",
-    "time_scale": "the clock (1 % is up to 2 % of p1)",
+    "time_scale": "the clock (1 % is 2 % of p1, or more)",
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {

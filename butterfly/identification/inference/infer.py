@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,15 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
-    moved_by_masses,
+    moved_by_givens,
     scale_apart,
 )
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
@@ -67,8 +72,12 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
-    carried = [masses[number] for number in cells.log] if masses else []
-    considered = moved_by_masses(cells.rows, cells.names, carried)
+    contrasts, limits_of_conditions = (
+        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+    )
+    share = weighed_within(contrasts)
+    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
+    considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
         covariance = robust(covariance, whole.T @ whole, equations.bread)
@@ -81,9 +90,6 @@ def infer(
     if left_out is None:
         left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
         apart += few
-    contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
-    )
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
@@ -124,6 +130,11 @@ def infer(
         freedom=freedom[own],
         ratios=ratios,
     )
+
+
+def _weighed(mass: AddedMass, share: float) -> AddedMass:
+    """Return a mass that is weighed within a share of it, if no better."""
+    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
 
 
 def without_each_mass(
