@@ -31,7 +31,8 @@ _ROUGH = 0.005
 the joint turns back or sticks is then no matter of its mean."""
 
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
-_FINEST = 100  # steps in one of a log
+FINEST = 100
+"""Steps in one of a log at most: what is faster no log shows."""
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
@@ -212,4 +213,4 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
         longest = min(longest, log.mean_step)
     if not fastest:
         return longest
-    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / _FINEST)
+    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / FINEST)

@@ -53,7 +53,6 @@ def test_one_known_mass_on_a_balanced_rotor_sets_the_scale(cases):
 @pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
 def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
     found = _identified(cases / f"constant-velocity-{ripple}")
-    assert found.fit.median > 99
     assert found.velocity_fit.median < 50
     assert found.judged.level is not Level.GOOD
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
@@ -38,7 +38,7 @@ from butterfly.identification.inference.term_choice import (
 )
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
-from butterfly.identification.simulation import Simulation
+from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
@@ -126,6 +126,7 @@ class FreeRunResiduals:
         scale = np.array([sizes[name] for name, _ in keys])
         names = [name for name, _ in keys]
         least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
+        least["p1"] = _least_inertia(logs, start)
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
         return cls(
@@ -254,17 +255,17 @@ class FreeRunResiduals:
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
-        return replace(
+        found = replace(
             scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,
             prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
-            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
+        return found if end.converged else found.stopped(found.next_step, took)
 
     def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""
@@ -304,6 +305,13 @@ def _impossible(count: int) -> LogEquations:
     """Return the equations of a joint without inertia, from which a descent steps back."""
     none = np.zeros((1, 1))
     return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
+
+
+def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
+    """Return the least p1: the speed settles in a hundredth of a clock's step, which none shows."""
+    carried = min(log.added_mass.inertia for log in logs)
+    settled = start.p2 * min(log.mean_step for log in logs) / FINEST
+    return max(settled, np.finfo(float).eps ** 0.5 * (start.p1 + carried)) - carried
 
 
 def _rms_motion(log: Log, first: int) -> float:

@@ -193,6 +193,7 @@ class HarmonicBalanceFit:
             matrix, target = phasors.equations(delay)
             regression = _regression(phasors, (matrix, target), weights, delay, gain)
             solution = regression.solve()
+            moved = solution.values - values
             before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
             values = solution.values
             slope = phasors.slope(values)
@@ -214,7 +215,8 @@ class HarmonicBalanceFit:
             if settled:
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS)
-        solved = CellEquations.of(regression, solution, unsettled=None if settled else rounds)
+        solved = CellEquations.of(regression, solution)
+        solved = solved if settled else solved.stopped(moved, rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 
     @property

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
@@ -169,10 +169,12 @@ class WeakFit:
         """
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
+        values = np.zeros(len(about.names))
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
             solved = CellEquations.of(regression, solution, cells=cells)
+            moved, values = solution.values - values, solution.values
             variance = solved.realised_variance if weighs else about.variance
             before, about = about, about.moved(solution.values, latest, variance)
             settled = bool(
@@ -184,7 +186,7 @@ class WeakFit:
                 break
         rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS)
         if not settled:
-            solved = replace(solved, ending=Ending.STOPPED, findings=(rounds,))
+            solved = solved.stopped(moved, rounds)
         return cls(about=about, regression=regression, solved=solved)
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.agreement import (
@@ -36,6 +36,8 @@ from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
 Samples = NDArray[np.float64]
+
+_SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
 
 
 def infer(
@@ -99,6 +101,9 @@ def infer(
     lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
+    ending, moved = equations.ending, equations.unsettled
+    if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
+        ending = Ending.CONVERGED
     logs = equations.of_logs
     enough = masses and cells.log.size == logs.log.size
     return Estimate(
@@ -111,7 +116,7 @@ def infer(
         left_out=partial,
         condition=conditioning.number,
         on_bound=on_bound,
-        ending=equations.ending,
+        ending=ending,
         findings=(
             *conditioning.findings,
             *equations.findings,
