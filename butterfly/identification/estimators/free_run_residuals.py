@@ -352,7 +352,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = Motion.of(start, angle, velocity, weight=weight)
+    motion = Motion.of(start, angle, velocity, weight=weight, input=command * np.sin(_PHASES))
     sizes = {
         "p1": inertia,
         "p3": torque / swing,
@@ -363,6 +363,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     for row in TERMS.values():
         if row.size is not None:
             sizes.setdefault(row.name, row.size(speed, rate))
-        elif row.basis is not None and not row.of_gain and row.name not in sizes:
-            sizes[row.name] = 0.1 * torque / float(np.abs(row.basis(motion)).max())
+        elif row.basis is not None and row.name not in sizes:
+            whole = command if row.of_gain else torque
+            sizes[row.name] = 0.1 * whole / float(np.abs(row.basis(motion)).max())
     return sizes
