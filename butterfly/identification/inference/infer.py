@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.agreement import (
@@ -38,11 +38,14 @@ from butterfly.model.terms import TERMS
 
 Samples = NDArray[np.float64]
 
+_SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
+
 
 def infer(
     equations: CellEquations,
     *,
     method: str,
+    unweighted: CellEquations | None = None,
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
@@ -61,13 +64,14 @@ def infer(
 ) -> Estimate:
     """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
 
-    ``masses``: what each log carried; ``conditions``: under which the cells were recorded;
-    ``left_out``: estimates from parts of the data, those without one added mass if not given, which
-    ``check`` asks for; ``rivals``: other fits that predict as well; both widen the intervals. The
-    first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken
-    as given, added to that of the equations; ``torques`` says that the residuals are such, whose
-    size is weighed beside what each value does. IdentifiabilityError says that the equations are
-    singular for every practical purpose.
+    ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
+    agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
+    were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
+    not given, which ``check`` asks for; ``rivals``: other fits that predict as well; both widen
+    the intervals. The first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance
+    of what was taken as given, added to that of the equations; ``torques`` says that the residuals
+    are such, whose size is weighed beside what each value does. IdentifiabilityError says that the
+    equations are singular for every practical purpose.
     """
     cells = equations.independent
     whole, left = cells.with_prior
@@ -75,9 +79,11 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
+    about = unweighted or equations
     contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+        ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
+    shift = equations.values - about.values
     share = weighed_within(contrasts)
     carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
@@ -96,7 +102,7 @@ def infer(
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *(each[own] for each in limits_of_conditions)]
+    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
     limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
     if torques:
@@ -104,6 +110,9 @@ def infer(
     lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
+    ending, moved = equations.ending, equations.unsettled
+    if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
+        ending = Ending.CONVERGED
     logs = equations.of_logs
     enough = masses and cells.log.size == logs.log.size
     return Estimate(
@@ -116,7 +125,7 @@ def infer(
         left_out=partial,
         condition=conditioning.number,
         on_bound=on_bound,
-        ending=equations.ending,
+        ending=ending,
         findings=(
             *conditioning.findings,
             *equations.findings,
