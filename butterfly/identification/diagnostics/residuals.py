@@ -516,7 +516,7 @@ class ResidualTorque:
         width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
         acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
         signals = Averaging(log, setting.zero, width, values).signals(
-            acting, delay=values.delay, compression=values.compression
+            acting, delay=values.delay, drive=values.drive
         )
         sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}
         sizes |= {"p1": loaded.p1, "p3": loaded.p3}

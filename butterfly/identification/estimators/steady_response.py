@@ -27,6 +27,7 @@ from butterfly.identification.inference.term_choice import choose_terms, submode
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
+from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import ResponsePoint
 
 Samples = NDArray[np.float64]
@@ -298,8 +299,8 @@ def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> P
         odd[own] &= np.mean(odd[own]) < _FEW
     none = np.zeros_like(phasors.remainder)
     model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)
-    matrix, target = model.equations(fit.parameters.delay)
-    values = [0.0 if n == "delay" else getattr(fit.parameters, n) for n in phasors.names]
+    matrix, target = model.equations(fit.parameters)
+    values = [0.0 if TERMS[n].of_gain else getattr(fit.parameters, n) for n in phasors.names]
     left = matrix @ np.array(values) - target
     doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
     return replace(phasors, remainder=np.where(told, left, 0.0), doubt=doubt)

@@ -35,11 +35,14 @@ from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
+from butterfly.model.terms import DRIVE, TERMS, DriveTerms
 
 Samples = NDArray[np.float64]
 
 _ROUNDS = 20  # about delay and scatter
-_SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
+_BY_MASS = "mass_inertia"
+_UNMOVED = 1e-3  # of a term of the drive
 _LATEST = 0.25  # of the shortest log, for a delay
 _SCATTERED = 0.05  # share of the scatter, by which it may be another in the end
 _LEAST = np.finfo(float).tiny
@@ -59,9 +62,7 @@ class Windows(NamedTuple):
     def equations(
         self,
         names: tuple[str, ...],
-        delay: float,
-        slow: float,
-        known: Mapping[str, float],
+        about: About,
         use: NDArray[np.bool_] | None = None,
     ) -> tuple[Samples, Samples]:
         """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
@@ -69,11 +70,18 @@ class Windows(NamedTuple):
         Of the test functions in which the joint moves, or of those that are to be used; what is
         known exactly goes to the targets.
         """
+        known = about.known.fixed
         told = {name: known[name] for name in known if name not in _SETTINGS}
         every = (*names, *told, "p1", "p3")
-        signals = self.averaging.signals(every, delay=delay, stribeck_velocity=slow)
+        signals = self.averaging.signals(
+            [name for name in every if name != _BY_MASS],
+            delay=about.delay,
+            drive=about.drive,
+            stribeck_velocity=about.slow,
+        )
         used = signals.moving if use is None else use
-        mean = {name: signals.mean[name][used] for name in every}
+        mean = {name: each[used] for name, each in signals.mean.items()}
+        mean[_BY_MASS] = self.added.swung * mean["p1"]
         inertia, gravity = mean["p1"], mean["p3"]
         size = float(np.linalg.norm(inertia)) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
@@ -90,6 +98,7 @@ class About:
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
     delay: float  # from input to torque, in s
+    drive: DriveTerms  # what becomes of the input
     gain: float  # p4, as far as it is known
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
@@ -98,20 +107,17 @@ class About:
     ) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
         pairs = zip(windows, use or [None] * len(windows), strict=True)
-        exact = self.known.fixed
-        equations = [
-            each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
-        ]
+        equations = [each.equations(self.names, self, used) for each, used in pairs]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
-        if "delay" in self.names and not self.gain:
-            rows[:, self.names.index("delay")] = 0.0  # p4 is found first
+        if not self.gain:  # p4 is found first
+            rows[:, [TERMS[name].of_gain for name in self.names]] = 0.0
         return Regression(
             names=self.names,
             rows=rows,
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
-            about={"delay": self.delay},
+            about={"delay": self.delay, **vars(self.drive)},
             least=self.known.lower,
             gain=self.gain,
             prior=Penalty.of(
@@ -122,8 +128,15 @@ class About:
     def moved(self, values: Samples, latest: float, variance: float) -> About:
         """Return what equations about (n,) values of the names are about, no delay too late."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
+        drive = DriveTerms(**{name: found[name] for name in DRIVE if name in found})
         delay = min(max(found["delay"], -latest), latest)
-        return replace(self, delay=delay, gain=found["p4"], variance=variance)
+        return replace(self, delay=delay, gain=found["p4"], drive=drive, variance=variance)
+
+    def near(self, other: About) -> bool:
+        """Whether delay and drive are where others are."""
+        mine, theirs = vars(self.drive), vars(other.drive)
+        still = all(abs(mine[n] - theirs[n]) <= _UNMOVED * mine[n] for n in DRIVE)
+        return still and abs(self.delay - other.delay) < _SETTLED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,6 +162,7 @@ class WeakFit:
             slow=slow,
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
+            drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
         held = cls.settled(windows, about)
         if not known.uncertain:
@@ -162,7 +176,7 @@ class WeakFit:
 
     @classmethod
     def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
-        """Solve, and again about what was found, until delay and scatter no longer move.
+        """Solve, and again about what was found, until delay, drive and scatter no longer move.
 
         The scatter of the rows tells how much what is uncertain weighs beside them; nothing, where
         their variance is 0 from the first.
@@ -178,8 +192,7 @@ class WeakFit:
             variance = solved.realised_variance if weighs else about.variance
             before, about = about, about.moved(solution.values, latest, variance)
             settled = bool(
-                abs(about.delay - before.delay) < _SETTLED
-                and abs(variance - before.variance) <= _SCATTERED * variance
+                about.near(before) and abs(variance - before.variance) <= _SCATTERED * variance
             )
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
