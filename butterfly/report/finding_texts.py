@@ -332,6 +332,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
         "differs from run to run: record more."
     ),
+    FindingKind.SCATTER: "Friction or gain differs from log to log: {names} by {percent:.2g} %.",
     FindingKind.UNCHECKED: (
         "The intervals were not checked by leaving an added mass out, as asked."
     ),

@@ -64,6 +64,7 @@ class Score:
     excess: float = float("nan")  # cost over that of a fit begun at the truth, if there is one
     misfit: float = float("nan")  # what is left over what sensors explain, where it was asked for
     text: str = ""  # the answer in words, the same
+    follows: list[str] = field(default_factory=list)  # which parameter follows which condition
     seconds: float = 0.0  # that the identification took
 
     @property

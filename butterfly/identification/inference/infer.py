@@ -44,6 +44,7 @@ def infer(
     equations: CellEquations,
     *,
     method: str,
+    unweighted: CellEquations | None = None,
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
@@ -61,12 +62,13 @@ def infer(
 ) -> Estimate:
     """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
 
-    ``masses``: what each log carried; ``conditions``: under which the cells were recorded;
-    ``left_out``: estimates from parts of the data, those without one added mass if not given, which
-    ``check`` asks for; ``rivals``: other fits that predict as well; both widen the intervals. The
-    first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken
-    as given, added to that of the equations. IdentifiabilityError says that these are singular for
-    every practical purpose.
+    ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
+    agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
+    were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
+    not given, which ``check`` asks for; ``rivals``: other fits that predict as well; both widen
+    the intervals. The first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance
+    of what was taken as given, added to that of the equations. IdentifiabilityError says that these
+    are singular for every practical purpose.
     """
     cells = equations.independent
     whole, left = cells.with_prior
@@ -74,9 +76,11 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
+    about = unweighted or equations
     contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+        ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
+    shift = equations.values - about.values
     share = weighed_within(contrasts)
     carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
@@ -95,7 +99,7 @@ def infer(
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *(each[own] for each in limits_of_conditions)]
+    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
     limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
     lower = np.maximum(limits[0], equations.lower[own])
