@@ -192,6 +192,7 @@ class WeakForm(Estimator):
             masses=masses,
             known=known,
             besides=doubt,
+            torques=True,
         )
 
     def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
