@@ -6,7 +6,7 @@ First guesses are closed forms' parameters, and rest angles of the encoder.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
@@ -76,7 +76,7 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    return Start(parameters=_moving(found, data.masses), zeros=zeros)
+    return Start(parameters=_moving(found, data), zeros=zeros)
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
@@ -91,7 +91,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted, check=False)
     estimate = closed_form(replace(data, known=usable(closed_form.method, data.known)))
-    found = _moving(estimate, data.masses)
+    found = _moving(estimate, data)
     if not open_:
         return Start(parameters=found, zeros=zeros)
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
@@ -100,11 +100,14 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
 
 
-def _moving(found: Estimate, masses: Iterable[AddedMass]) -> LumpedParameters:
-    """Return an estimate's parameters; an inertia below 0 that may be above is half of the most."""
-    parameters, least = found.parameters, min(mass.inertia for mass in masses)
+def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
+    """Return an estimate's parameters; an inertia below 0 that may be above is half of the most.
+
+    That is a guess only where something else says how large all parameters are.
+    """
+    parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
     most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0)
-    if parameters.p1 + least > 0 or not most + least > 0:
+    if parameters.p1 + least > 0 or not (most + least > 0 and data.known.scale()):
         return parameters
     return replace(parameters, p1=(most - least) / 2)
 
@@ -119,7 +122,8 @@ def _of_ratios(data: DataSet) -> Start | None:
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
     try:
-        ratios = WeakForm(check=False).of_logs(logs, zeros, Prior.of({"p4": 1.0})).parameters
+        known = data.known | Prior.of({"p4": 1.0})
+        ratios = WeakForm(check=False).of_logs(logs, zeros, known).parameters
     except ButterflyError:
         return None
     if not ratios.p1:
