@@ -83,6 +83,9 @@ class Identification(Result):
     runs: tuple[FreeRun, ...] = ()
     """Free run of each log; those of a result that was loaded are simulated by `free_runs`."""
 
+    judged_residuals: Residuals | None = None
+    """What the free runs leave; that of a result that was loaded is found by `residuals`."""
+
     comparisons: tuple[OtherParameters, ...] = ()
     """Other parameters on the same logs."""
 
@@ -350,7 +353,7 @@ class Identification(Result):
     @cached_property
     def residuals(self) -> Residuals:
         """What the free runs leave over, and whether the sensors explain it."""
-        return residuals_of(self.data, self.estimate, self.free_runs)
+        return self.judged_residuals or residuals_of(self.data, self.estimate, self.free_runs)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
         """Return the responses measured with an added mass, to stand beside `model.linearised`.

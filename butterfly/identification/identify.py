@@ -19,6 +19,7 @@ from butterfly.identification.diagnostics.plausibility import (
     judge_knowledge,
     judge_physics,
 )
+from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors,
     find_unit_errors_of_clock,
@@ -53,8 +54,11 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (sure,) = [judge(data, estimator, each) for each in track([run.estimate], "Judging")]
-    return replace(run, estimate=sure, made_by=estimator, estimator=estimator.label)
+    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], "Judging")]
+    sure = judge(data, estimator, run.estimate, left)
+    return replace(
+        run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
+    )
 
 
 def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
@@ -73,7 +77,9 @@ def judged(data: DataSet, estimator: Estimator) -> Estimate:
 
 
 @_UNWARNED
-def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
+def judge(
+    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals | None = None
+) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
@@ -91,6 +97,7 @@ def judge(data: DataSet, estimator: Estimator, found: Estimate) -> Estimate:
         *of_test,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
+        *(residuals or residuals_of(data, found)).missing.findings,
     )
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
 

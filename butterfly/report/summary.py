@@ -17,6 +17,7 @@ from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
+from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_sentences
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
@@ -68,6 +69,8 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
     rows = [[row[column] for column in columns] for row in texts]
     title = f"{identification.origin['name']}: {estimate.method}"
     found = [TextTable(title, [*columns.values()], rows)]
+    if estimate.agreement:
+        found.append(agreement_table(estimate.agreement))
     if derived := physical_rows(identification.separated()):
         found.append(TextTable(TITLE, HEADERS, derived))
     if estimate.resonances:

@@ -140,7 +140,8 @@ def test_intervals_hold_what_each_left_out_mass_leaves(sines):
     for mass, values in checked.left_out.items():
         kept = [point for point in sines.sines if point.added_mass != mass]
         alone = HarmonicBalance(terms=(), check=False).of_points(kept)
-        np.testing.assert_array_equal(values, alone.values)
+        reach = alone.upper - alone.lower
+        np.testing.assert_array_less(np.abs(values - alone.values), 0.1 * reach)
         assert np.all((checked.lower <= values) & (values <= checked.upper))
     assert np.all(checked.upper - checked.lower >= unchecked.upper - unchecked.lower)
     np.testing.assert_array_equal(checked.values, unchecked.values)

@@ -143,6 +143,15 @@ class MissingTerms:
         """Names of the terms and of their alternatives."""
         return " or ".join(" + ".join(each) for each in (self.terms, *self.others) if each)
 
+    @property
+    def findings(self) -> list[Finding]:
+        """Tell which they are, and what they move."""
+        if not self.terms:
+            return []
+        concerned, level = (self.names, *self.moved), Level.CARE if self.moved else Level.NOTE
+        kind = FindingKind.MISSING_TERM
+        return [Finding(kind, concerned, number=self.share, severity=level)]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
@@ -190,14 +199,7 @@ class Residuals:
     def findings(self) -> list[Finding]:
         """Whether the misfit is beyond the sensors, how many times, and which terms are missing."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        found, missing = [Finding(kind, number=self.times)], self.missing
-        if missing.terms:
-            level = Level.CARE if missing.moved else Level.NOTE
-            concerned = (missing.names, *missing.moved)
-            found.append(
-                Finding(FindingKind.MISSING_TERM, concerned, number=missing.share, severity=level)
-            )
-        return found
+        return [Finding(kind, number=self.times), *self.missing.findings]
 
     def numbers(self) -> dict[str, Any]:
         """Return it for programs but for its findings: shares of the rms motion, over all logs."""

@@ -188,9 +188,14 @@ class Equations:
         They are factors of what the simulation knows, times what the parameters make of it.
         """
         parts = [part for log in self._weighted for part in log.blocks(cells)]
-        rows, residuals = compressed((part.rows, part.residuals) for part in parts)
-        mixtures = np.array([part.mixture for part in parts])
-        return rows @ mixtures, residuals
+        factors = [compressed([(part.rows, part.residuals)]) for part in parts]
+        most = max(residuals.size for _, residuals in factors)
+        rows = [
+            np.pad(own[0] @ part.mixture, ((0, most - own.shape[1]), (0, 0)))
+            for part, (own, _) in zip(parts, factors, strict=True)
+        ]
+        residuals = [np.pad(own[0], (0, most - own.size)) for _, own in factors]
+        return np.array(rows), np.array(residuals)
 
     @property
     def bread(self) -> Samples:

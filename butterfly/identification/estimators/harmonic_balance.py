@@ -50,10 +50,9 @@ from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     SCANNED,
-    ScannedTerms,
     candidates,
-    missing_terms,
     requested_terms,
+    scanned_terms,
     stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
@@ -78,33 +77,25 @@ class HarmonicBalanceTerms:
     # (n,) values of fits with other terms that predict as well
     rivals: tuple[NDArray[np.float64], ...]
     said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
-    # what would have been chosen from all terms; empty if that was not asked
-    best: dict[str, float]
 
     @classmethod
-    def of(
-        cls, fit: HarmonicBalanceFit, terms: tuple[str, ...] | None, *, check: bool
-    ) -> HarmonicBalanceTerms:
+    def of(cls, fit: HarmonicBalanceFit, terms: tuple[str, ...] | None) -> HarmonicBalanceTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
-        ``fit``: without any; ``terms``: told, or None; ``check``: whether to say which terms would
-        help that were not told.
+        ``fit``: without any; ``terms``: told, or None.
         """
         offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
         known = fit.phasors.known
         every = candidates(offers, fit.phasors.masses, known)
         told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})
-        found = ScannedTerms.of(_Balances(fit), every, told, check=check)
-        chosen, free = found.chosen, found.free
+        chosen = scanned_terms(_Balances(fit), every, told)
         names = chosen.names
         speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
-        best = fit.values_of(free.names, free.values).tolist() if free else []
         return cls(
             phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
             fixed=chosen.settings,
             rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
             said=chosen.findings,
-            best=dict(zip(free.names, best, strict=True)) if free else {},
         )
 
     def without(self, idle: tuple[str, ...]) -> HarmonicBalanceTerms:
@@ -117,7 +108,6 @@ class HarmonicBalanceTerms:
             fixed={} if SCANNED in idle else self.fixed,
             rivals=tuple(each[kept] for each in self.rivals),
             said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
-            best={name: value for name, value in self.best.items() if name not in idle},
         )
 
 
@@ -182,7 +172,7 @@ class HarmonicBalance(Estimator):
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
-        chosen = HarmonicBalanceTerms.of(fit, self.terms, check=self.check)
+        chosen = HarmonicBalanceTerms.of(fit, self.terms)
         fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):
             chosen = chosen.without(idle)
@@ -210,7 +200,7 @@ class HarmonicBalance(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen = HarmonicBalanceTerms.of(first, self.terms, check=self.check)
+        chosen = HarmonicBalanceTerms.of(first, self.terms)
         fit = HarmonicBalanceFit.of(chosen.phasors)
         return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
 
@@ -293,9 +283,7 @@ def _judged(
         local=None if rest is None else rest.shared_zero,
         besides=besides,
     )
-    if chosen is None:
-        return found
-    return found.with_findings(*chosen.said, *missing_terms(found, chosen.best))
+    return found if chosen is None else found.with_findings(*chosen.said)
 
 
 def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:

@@ -18,7 +18,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.errors import InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import cells_of
@@ -38,7 +38,6 @@ from butterfly.identification.inference.identifiability import is_driven, refuse
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
     candidates,
-    missing_terms,
     requested_terms,
 )
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
@@ -186,7 +185,7 @@ class OutputError(Estimator):
 
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = problem.solved(end)
-        found = infer(
+        return infer(
             reference.whole(solved),
             method="output error",
             check=self.check,
@@ -201,7 +200,6 @@ class OutputError(Estimator):
             known=known,
             horizon=self.horizon or math.inf,
         )
-        return found.with_findings(*self._missing(logs, found, problem.zeros))
 
     def _of_lasting(
         self,
@@ -231,30 +229,6 @@ class OutputError(Estimator):
                 if name in known.parameters:
                     expected = "what is not known of the robot already"
                     raise InputError(self.method, field, name, expected)
-
-    def _missing(
-        self,
-        logs: Sequence[Log],
-        found: Estimate,
-        zeros: Mapping[AddedMass, float],
-    ) -> list[Finding]:
-        """Tell which terms that were not asked for would help, by one expansion with them all."""
-        if self.terms is None or not self.check or self.per_mass or self.per_log:
-            return []
-        if "zero" in found.local.get(None, {}):
-            zeros = dict.fromkeys(zeros, found.local[None]["zero"])
-        more = candidates(TRIED, zeros, found.known)
-        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
-        problem = every.problem(logs, found.parameters, zeros, found.known)
-        at = problem.equations(problem.initial).counting(self.loss)
-        at = problem.weighed(at, problem.initial)
-        try:
-            choice = problem.choose_terms(problem.initial, at, found.names)
-        except IdentifiabilityError:
-            return []
-        shared = zip(problem.labels[: problem.shared], problem.scale.tolist(), strict=False)
-        best = {n: choice.values[n] * size for n, size in shared if n in choice.names}
-        return missing_terms(found, best)
 
     def problem(
         self,

@@ -43,10 +43,10 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
     SCANNED,
-    ScannedTerms,
+    TermChoice,
     candidates,
-    missing_terms,
     requested_terms,
+    scanned_terms,
     stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
@@ -61,12 +61,11 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 
 
 def fitted_terms(
-    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior, *, check: bool
-) -> tuple[WeakFit, ScannedTerms]:
+    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior
+) -> tuple[WeakFit, TermChoice]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them.
 
-    ``terms``: told, or None; ``check``: whether to say which terms would help that were not told;
-    Stribeck friction is not looked for then, since its scan costs more than the fit.
+    ``terms``: told, or None.
     """
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always = known.fitted(PARAMETERS)
@@ -75,11 +74,9 @@ def fitted_terms(
     told = None if terms is None else requested_terms(terms, known.parameters)
     first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
     equations = _Averages(first, windows, always)
-    found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
-    slow = found.chosen.settings.get("stribeck_velocity", usual)
-    return WeakFit.settled(
-        windows, replace(first.about, names=found.chosen.names, slow=slow)
-    ), found
+    found = scanned_terms(equations, tried, told)
+    slow = found.settings.get("stribeck_velocity", usual)
+    return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
 
 
 class _Averages:
@@ -174,31 +171,29 @@ class WeakForm(Estimator):
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
-        plain, terms = fitted_terms(windows, self.terms, reference.fixed, check=self.check)
-        fixed = terms.chosen.settings | {"cogging_periods": periods}
+        plain, terms = fitted_terms(windows, self.terms, reference.fixed)
+        fixed = terms.settings | {"cogging_periods": periods}
         parameters = LumpedParameters(**fixed | plain.values)
         pairs = seen(logs, windows, parameters, zeros, window)
         fit = refined(plain, pairs)
 
         solved = fit.solved
-        rivals = [each + solved.values - plain.solved.values for each in terms.chosen.rival_values]
+        rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
-        found = infer(
+        return infer(
             whole,
             method="weak form",
             check=self.check,
             driven=driven,
             conditions=Conditions.of(logs, cells_of(len(logs), len(solved.names))),
             rivals=[reference.grown(each, solved.names) for each in rivals],
-            findings=terms.chosen.findings,
+            findings=terms.findings,
             fixed=fixed,
             masses=masses,
             known=known,
             besides=doubt,
         )
-        best = terms.free.best if terms.free else {}
-        return found.with_findings(*missing_terms(found, best))
 
     def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf

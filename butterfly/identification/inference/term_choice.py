@@ -8,7 +8,7 @@ section 3.4.3).
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple, Protocol
@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMPANIONS, PARAMETERS
-from butterfly.verdict import Level
+from butterfly.model.terms import COMPANIONS
 
 Samples = NDArray[np.float64]
 
@@ -36,7 +34,6 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
 
-_MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
@@ -267,34 +264,6 @@ def _kept(
     return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
 
 
-def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
-    """Tell which terms an estimate lacks that would help, and matter, by the best values.
-
-    They matter if they would move a parameter by more than the half-width of its interval, or by
-    `_MATTERS` of it.
-    """
-    missing = [name for name in best if name not in {*found.names, *PARAMETERS}]
-    if not missing:
-        return []
-    moved: dict[str, float] = {}
-    rows = zip(found.names, found.values, found.lower, found.upper, strict=True)
-    for name, value, lower, upper in rows:
-        step = abs(best[name] - value) if name in best and name in PARAMETERS else 0.0
-        share = step / abs(value) if value else 0.0
-        if step > (upper - lower) / 2 or share > _MATTERS:
-            moved[name] = share
-    if not moved:
-        return []
-    return [
-        Finding(
-            FindingKind.MISSING_TERM,
-            (", ".join(missing), *moved),
-            number=min(moved.values()),
-            severity=Level.CARE,
-        )
-    ]
-
-
 class TermEquations(Protocol):
     """What gives the equations of a method with any terms."""
 
@@ -313,40 +282,19 @@ class TermEquations(Protocol):
         """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ScannedTerms:
-    """Terms for a method."""
+def scanned_terms(
+    equations: TermEquations, tried: tuple[str, ...], requested: tuple[str, ...] | None
+) -> TermChoice:
+    """Choose from the terms ``tried`` and Stribeck friction, or fit those ``requested``.
 
-    chosen: TermChoice  # those to fit
-    # what would have been chosen from all terms; None if that was not asked
-    free: TermChoice | None
-
-    @classmethod
-    def of(
-        cls,
-        equations: TermEquations,
-        tried: tuple[str, ...],
-        requested: tuple[str, ...] | None,
-        *,
-        check: bool,
-        scan: bool = True,
-    ) -> ScannedTerms:
-        """Choose from the terms ``tried`` and Stribeck friction, or fit those ``requested``.
-
-        Of the latter only the Stribeck velocity is chosen; ``check`` says besides which terms would
-        help that were not asked for, Stribeck friction among them if there is a ``scan``.
-        """
-        if requested is None:
-            free = choose_terms([*_fits(equations, tried)], always=equations.always)
-            return cls(chosen=free, free=free)
-        rest = tuple(name for name in requested if name != SCANNED)
-        with_it = SCANNED in requested
-        fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
-        chosen = choose_terms(fits, always=equations.always, demanded=requested)
-        if not check:
-            return cls(chosen=chosen, free=None)
-        every = [*_fits(equations, tried, scanned=scan)]
-        return cls(chosen=chosen, free=choose_terms(every, always=equations.always))
+    Of the latter only the Stribeck velocity is chosen.
+    """
+    if requested is None:
+        return choose_terms([*_fits(equations, tried)], always=equations.always)
+    rest = tuple(name for name in requested if name != SCANNED)
+    with_it = SCANNED in requested
+    fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
+    return choose_terms(fits, always=equations.always, demanded=requested)
 
 
 def _fits(

@@ -100,6 +100,7 @@ def test_a_missing_term_is_seen_and_named(term):
     misfit_of_all, missing = misfit.findings
     assert misfit_of_all.kind is FindingKind.MISFIT
     assert missing.kind is FindingKind.MISSING_TERM
+    assert (missing.severity is Level.CARE) == bool(misfit.missing.moved)
     assert term in missing.parameters[0]
 
 

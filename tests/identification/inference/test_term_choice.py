@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     choose_terms,
     folds_of,
-    missing_terms,
     stribeck_velocities,
 )
 from butterfly.model.parameters import AddedMass
@@ -156,24 +154,3 @@ def test_stribeck_velocities_are_shares_of_the_largest_speed():
     speeds = np.array(stribeck_velocities(2.0, NO_PRIOR))
     assert (speeds[0], speeds[-1]) == pytest.approx((0.06, 1.0))
     assert np.ptp(np.diff(np.log(speeds))) < 1e-12
-
-
-def _found(values, reach):
-    return SimpleNamespace(names=ALWAYS, values=values, lower=values - reach, upper=values + reach)
-
-
-def test_a_missing_term_is_said_where_it_would_move_a_parameter_out_of_its_interval():
-    found = _found(np.array([1.0, 2.0]), np.array([0.01, 0.01]))
-    (said,) = missing_terms(found, {"p1": 1.02, "p3": 2.0, "drag": 0.5})
-    assert (said.kind, said.severity) == (FindingKind.MISSING_TERM, Level.CARE)
-    assert said.parameters == ("drag", "p1")
-    assert said.number == pytest.approx(0.02)
-    (said,) = missing_terms(found, {"p1": 1.5, "p3": 2.2, "drag": 0.5, "bias": 0.1})
-    assert said.parameters == ("drag, bias", "p1", "p3")
-    assert said.number == pytest.approx(0.1)
-    assert missing_terms(found, {"p1": 1.005, "p3": 2.0, "drag": 0.5}) == []
-    assert missing_terms(found, {"p1": 1.5, "p3": 2.0}) == []
-    vague = _found(np.array([1.0, 2.0]), np.array([0.5, 0.5]))
-    assert missing_terms(vague, {"p1": 1.04, "p3": 2.0, "drag": 0.5}) == []
-    (said,) = missing_terms(vague, {"p1": 1.2, "p3": 2.0, "drag": 0.5})
-    assert said.parameters == ("drag", "p1")

@@ -1,0 +1,95 @@
+"""What contrasts between conditions mean in words: what follows what, and what may be the cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.parameter import unit_of
+from butterfly.result import TextTable
+
+_WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a base that gives")
+_FRICTION = ("a friction term that the model lacks",)
+_PLAY = ("backlash", "an eccentric encoder")
+_WARM = ("friction that changes within a log, as it warms up",)
+_FOLLOWS = {
+    Condition.MASS: "the added mass",
+    Condition.COMMAND: "the command",
+    Condition.SWING: "the swing",
+    Condition.FREQUENCY: "the frequency",
+    Condition.TIME: "time in the log",
+    Condition.DIRECTION: "the sign of the input",
+}
+
+_CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
+    (Condition.MASS, "p1"): _WITH_MASS,
+    (Condition.MASS, "p2"): ("friction that grows with the load", *_WITH_MASS),
+    (Condition.MASS, "p3"): ("how the masses were weighed", *_WITH_MASS),
+    (Condition.MASS, "p4"): ("the motor's resistance", "how the masses were weighed", *_WITH_MASS),
+    (Condition.MASS, "coulomb"): ("friction that grows with the load", *_WITH_MASS),
+    (Condition.SWING, "p1"): _PLAY,
+    (Condition.SWING, "p2"): _FRICTION,
+    (Condition.SWING, "p3"): ("a spring, such as a cable", *_PLAY),
+    (Condition.SWING, "p4"): (*_PLAY, "a spring, such as a cable"),
+    (Condition.SWING, "coulomb"): (*_FRICTION, "backlash"),
+    (Condition.FREQUENCY, "p1"): ("a base that gives", "a spring", "a lag of the drive"),
+    (Condition.FREQUENCY, "p2"): _FRICTION,
+    (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a base that gives"),
+    (Condition.FREQUENCY, "p4"): ("a lag of the drive", "a base that gives"),
+    (Condition.FREQUENCY, "coulomb"): _FRICTION,
+    (Condition.TIME, "p4"): ("the motor's resistance, which grows as it warms up", "the supply"),
+}
+"""What may make a parameter follow a condition, the likeliest first."""
+
+
+def causes(contrast: Contrast) -> tuple[str, ...]:
+    """Return what may be the cause of a contrast, the likeliest first; several look alike."""
+    condition, name = contrast.condition, contrast.parameter
+    if condition is Condition.COMMAND:
+        # the condition is 1 over the command, so that what grows with it falls with the command
+        drive = "a saturation of the drive" if contrast.grows else "a dead zone of the drive"
+        return (drive,) if name == "p4" else (*_FRICTION, drive)
+    if condition is Condition.WEIGHED:
+        return ("weighed wrong", *_WITH_MASS)
+    if condition is Condition.DIRECTION:
+        return ("friction that differs between the directions", "a drive that does")
+    return _CAUSES.get((condition, name), _WARM)
+
+
+def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
+    """Say in a sentence what follows what, from where to where, and what may be the cause."""
+    first, *others = causes(contrast)
+    alike = f" (or {', '.join(others)})" if others else ""
+    if contrast.condition is Condition.WEIGHED:
+        given, wanted = 1e3 * contrast.first, 1e3 * contrast.last
+        return (
+            f"The logs with the added mass of {given:.4g} g would agree with the others if it was "
+            f"{wanted:.4g} g: {first}{alike}?"
+        )
+    unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
+    ends = (contrast.first, contrast.last)
+    if contrast.condition is Condition.COMMAND:
+        ends = (contrast.last, contrast.first)
+    way = "grows" if ends[1] > ends[0] else "falls"
+    return (
+        f"{contrast.parameter} {way} with {_FOLLOWS[contrast.condition]}, from {ends[0]:.3g} to "
+        f"{ends[1]:.3g} {unit}: {first}{alike}?"
+    )
+
+
+def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
+    """Return a row for each parameter that follows a condition."""
+    rows = [
+        (
+            each.parameter,
+            _FOLLOWS.get(each.condition, "one added mass, as weighed"),
+            f"{each.first:.4g}",
+            f"{each.last:.4g}",
+            f"{100 * each.share:.0f} %",
+            ", ".join(causes(each)),
+        )
+        for each in contrasts
+    ]
+    columns = ("parameter", "follows", "from", "to", "explains", "perhaps")
+    return TextTable("What is not the same under all conditions", columns, rows)
