@@ -29,12 +29,13 @@ from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import submodels_of
+from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
 from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
+from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
@@ -209,7 +210,8 @@ class WeakFit:
         regression = replace(self.about, names=names, slow=slow).regression(windows)
         values = np.array([self.values.get(name, 0.0) for name in names])
         solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
-        cells = independent_cells_of(len(windows), len(names))
+        most = len({*PARAMETERS, *CANDIDATES})  # the same cells for any terms
+        cells = independent_cells_of(len(windows), most)
         equations = CellEquations.of(regression, solution, cells=cells)
         return submodels_of(equations, [each.added for each in windows])
 
