@@ -176,7 +176,9 @@ class CellEquations:
         basis, singular, _ = np.linalg.svd(
             flat / np.where(size > 0, size, 1.0), full_matrices=False
         )
-        told = basis[:, singular > _TOLD * singular[0]]
+        told = basis[:, singular > _TOLD * singular.max(initial=0.0)]
+        if not told.size:
+            return 0.0
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
         found = float(np.mean(np.diag(covariance)))
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):

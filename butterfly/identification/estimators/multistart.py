@@ -18,10 +18,12 @@ from butterfly.identification.estimators.free_run_residuals import FreeRunResidu
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.inference.term_choice import candidates
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
 
+_LEFT_OUT = ("drag", "load", "bias")
 _HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _GLANCE = 8  # passes after which a descent that is not lower than another is given up
@@ -38,13 +40,17 @@ class Start:
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
 
-    ``terms``: which they fit, as far as they offer them; those that they choose, if None.
+    ``terms``: which they fit, as far as they offer them; if None, those that they choose, and
+    friction and pulls that a choice may have left out.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
-    for closed_form in (_from_sines, _from_any):
+    guesses = [(_from_sines, terms), (_from_any, terms)]
+    if terms is None:
+        guesses.append((_from_any, candidates(_LEFT_OUT, data.masses, data.known)))
+    for closed_form, wanted in guesses:
         try:
-            start = closed_form(data, terms)
+            start = closed_form(data, wanted)
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
