@@ -15,7 +15,7 @@ Sequential Estimation, 1977, chapter VIII).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -171,12 +171,17 @@ class WeakFit:
         """
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
+        step, share = 0.0, 1.0
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
             solved = CellEquations.of(regression, solution, cells=cells)
             variance = solved.realised_variance if weighs else about.variance
             before, about = about, about.moved(solution.values, latest, variance)
+            if step * (about.delay - before.delay) < 0:  # it goes to and fro
+                share /= 2
+            step = share * (about.delay - before.delay)
+            about = replace(about, delay=before.delay + step)
             settled = bool(
                 abs(about.delay - before.delay) < _SETTLED
                 and abs(variance - before.variance) <= _SCATTERED * variance
@@ -233,9 +238,8 @@ def seen(
     windows: Sequence[Windows],
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
-    cut: Callable[[Log, float], Windows],
 ) -> list[Seen]:
-    """Simulate logs, and cut the simulations into windows as the logs were: by log and its zero.
+    """Simulate logs, and cut the simulations into windows as the logs were.
 
     ``parameters``: of the bare hand; ``zeros``: encoder reading in rad at rest for each added mass.
     """
@@ -245,8 +249,8 @@ def seen(
     for log, own in zip(logs, windows, strict=True):
         zero = reading_of(log, zeros)
         run = FreeRun.of(log, Setting(parameters=parameters, zero=zero))
-        like = run.fit > LEAST_FIT
-        pairs.append(Seen(own, cut(replace(log, angle=run.simulated), zero) if like else own))
+        like = own._replace(averaging=own.averaging.moving_so(run.simulated))
+        pairs.append(Seen(own, like if run.fit > LEAST_FIT else own))
     return pairs
 
 
