@@ -127,7 +127,12 @@ class Result(ABC):
     @property
     def verdict(self) -> list[str]:
         """How far to trust it, in words: first what may be done with it."""
-        return [] if self.judged is None else [self.judged.sentence]
+        return [] if self.judged is None else list(self.judged.lines)
+
+    @property
+    def notes(self) -> list[str]:
+        """What the summary says below the verdict."""
+        return list(self.summary[len(self.judged.lines) if self.judged else 0 :])
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:
@@ -221,7 +226,7 @@ class Result(ABC):
             name=self.title,
             description="",
             kind=self.kind,
-            summary=list(self.summary[1:] if self.judged else self.summary),
+            summary=self.notes,
             verdict=self.judged,
             lead=Section(title="At a glance", figures=figures) if figures else None,
             sections=[Section(title="In numbers", tables=(table,))],

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-_NOTHING = "nothing was found that speaks against these values."
-
 
 class Level(StrEnum):
-    """How much speaks against something: of a single finding, or the worst of many."""
+    """How much speaks against something: of a single remark, or the worst of many."""
 
     GOOD = "good"
     NOTE = "note"
@@ -47,20 +45,16 @@ _VERDICTS = {Level.CARE: "use with care", Level.WARNING: "do not use"}
 
 @dataclass(frozen=True)
 class Verdict:
-    """What may be done with values, and why not more: sentences that each stand alone."""
+    """What may be done with values, and the lines that say why: the values, then the model."""
 
     level: Level
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...]
 
     @property
-    def sentence(self) -> str:
-        """All of it in one line."""
-        return f"{self.level.verdict.capitalize()}: {' '.join(self.reasons) or _NOTHING}"
-
-    @property
-    def paragraphs(self) -> list[str]:
-        """The reasons, each to stand alone."""
-        return list(self.reasons) or [_NOTHING.capitalize()]
+    def lines(self) -> tuple[str, ...]:
+        """What is printed: the first line begins with what may be done."""
+        first, *others = self.reasons or ("",)
+        return (f"{self.level.verdict.capitalize()}: {first}".removesuffix(": "), *others)
 
     def numbers(self) -> dict[str, Any]:
         """Return it as JSON has it: what may be done under ``verdict``, and the ``reasons``."""

@@ -203,12 +203,9 @@ CASES = {
         (f"identify two.yaml {WEAK} {GAIN} --holdout 1.csv",),
     ),
     "knowledge that the method cannot use": Case(
-        f"identify bare.yaml {WEAK} --known p4=0.5,compression=0.01",
-        "weak-form: known.compression: got 0.01; expected the method output-error",
-        (
-            "identify bare.yaml --method output-error --terms= --no-check "
-            "--known p4=0.5,compression=0.01",
-        ),
+        f"identify bare.yaml {WEAK} --known p4=0.5,tilt=0.01",
+        "weak-form: known.tilt: got 0.01; expected the method output-error",
+        ("identify bare.yaml --method output-error --terms= --no-check --known p4=0.5,tilt=0.01",),
     ),
     "two exact values that differ": Case(
         f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4",

@@ -1,4 +1,4 @@
-"""One scale of levels, and a verdict in words: one sentence, paragraphs, JSON and back."""
+"""One scale of levels, and a verdict in words: its lines, JSON and back."""
 
 import json
 
@@ -24,17 +24,10 @@ def test_the_text_of_a_verdict_tells_its_level():
         Level.of_verdict("fine")
 
 
-def test_a_good_verdict_is_one_sentence_and_one_paragraph():
-    good = Verdict(Level.GOOD)
-    assert good.sentence.startswith("Good: ")
-    assert good.sentence.endswith(good.paragraphs[0][1:])
-    assert len(good.paragraphs) == 1
-
-
-def test_reasons_are_in_the_sentence_and_each_alone():
-    verdict = Verdict(Level.WARNING, ("One reason.", "Another."))
-    assert verdict.sentence == "Do not use: One reason. Another."
-    assert verdict.paragraphs == ["One reason.", "Another."]
+def test_its_lines_begin_with_what_may_be_done():
+    verdict = Verdict(Level.CARE, ("p1 within 25 %.", "The model follows."))
+    assert verdict.lines == ("Use with care: p1 within 25 %.", "The model follows.")
+    assert Verdict(Level.GOOD, ()).lines == ("Good",)
 
 
 @given(st.sampled_from(VERDICTS), st.lists(st.text()))

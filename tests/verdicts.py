@@ -30,5 +30,4 @@ def impossible_data(good: Path, folder: Path) -> Path:
 
 def follow_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no FIT be good enough, so that no estimate may be used, however good."""
-    monkeypatch.setattr(plausibility, "GOOD_FIT", 100.0)
     monkeypatch.setattr(plausibility, "LEAST_FIT", 100.0)

@@ -223,7 +223,7 @@ def _reserve(*both: Identification) -> str:
 def _warnings(*both: Identification) -> list[str]:
     """Say what else than the robot may make a difference."""
     sentences = [
-        f"The verdict on {place}: {each.judged.sentence}"
+        f"The verdict on {place}: {each.judged.lines[0]}"
         for place, each in zip(_PLACES, both, strict=True)
         if each.judged.level is not Level.GOOD
     ]

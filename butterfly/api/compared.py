@@ -47,7 +47,7 @@ class Compared(Tabulated):
         result = cls(
             title=f"MuJoCo and grey box beside {data.name!r}",
             summary=(
-                verdict.sentence,
+                *verdict.lines,
                 *_comparison_sentences(compared),
                 *residual_sentences(residuals),
             ),
@@ -125,7 +125,7 @@ class Leaderboard(Answer):
         verdict = _verdict_on(firsts)
         result = cls(
             title="Estimators over data sets: " + ", ".join(sets),
-            summary=(verdict.sentence, *map(_best_sentence, firsts)),
+            summary=(*verdict.lines, *map(_best_sentence, firsts)),
             judged=verdict,
             content={"entries": [_entry(entry) for entry in entries]},
             units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},

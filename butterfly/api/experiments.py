@@ -234,12 +234,12 @@ def _run_once(
     verdict = run_verdict(result.record)
     if page is not None:
         tables += page.text_tables
-        paragraphs += [*([] if page.verdict is None else [page.verdict.sentence]), *page.summary]
+        paragraphs += [*([] if page.verdict is None else page.verdict.lines), *page.summary]
         verdict = verdict if answers else page.verdict
     whole = Run(
         title=f"Run of {experiment.name!r}",
         summary=(
-            *([] if verdict is None else [verdict.sentence]),
+            *(() if verdict is None else verdict.lines),
             *(each.title for each in answers.values()),
         ),
         judged=verdict,

@@ -187,7 +187,7 @@ class RobotModel(Answer):
         return cls(
             title=f"The robot of {name!r}",
             judged=verdict,
-            summary=(*(() if verdict is None else (verdict.sentence,)), *((note,) if note else ())),
+            summary=(*(() if verdict is None else verdict.lines), *((note,) if note else ())),
             content={
                 "data": {"name": name, "input": str(kind)},
                 **besides,

@@ -20,12 +20,11 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Page, Section, Series
 from butterfly.result import Answer
-from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -53,7 +52,7 @@ class Drawn(Answer):
         units = {row["parameter"]: row["unit"] for row in found.rows()}
         return cls(
             title=f"{count} draws of the parameters of {found.title}",
-            summary=(found.judged.sentence, *more, *found.verdict[1:]),
+            summary=(*found.judged.lines, *more, *estimate_notes(estimate)),
             judged=found.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
             content={
@@ -143,10 +142,10 @@ class Predicted(Tabulated):
         return cls(
             title=f"{name!r} predicted",
             summary=(
-                verdict.sentence,
-                *_followed(predictions, verdict.level, measured=measured),
+                *verdict.lines,
+                *_followed(predictions, measured=measured),
                 *more,
-                *estimate_sentences(estimate)[1:],
+                *estimate_notes(estimate),
             ),
             judged=verdict,
             content={
@@ -220,7 +219,7 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     return row
 
 
-def _followed(predictions: Sequence[Prediction], level: Level, *, measured: bool) -> list[str]:
+def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]:
     """Say how well the logs are followed, and how many samples lie inside the bands."""
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
@@ -228,9 +227,8 @@ def _followed(predictions: Sequence[Prediction], level: Level, *, measured: bool
     fits = np.array([each.run.fit for each in predictions])
     fit = FitSummary.of(fits, predictions[0].run.horizon)
     start = "in segments, each from a start that was fitted to it" if fit.over else ""
-    like = "They move like this robot: " if level is Level.GOOD else ""
     sentences = [
-        f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
+        f"{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "
         f"{fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
     ]

@@ -21,11 +21,12 @@ from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.plausibility import judge_fit
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identification import Identification
-from butterfly.identification.parameters_by_hand import given_estimate, judged_on, outdone
+from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -130,12 +131,8 @@ def predict(
         track=track,
     )
     if whole is not None:
-        counted = whole.counted
-        fits, followed = np.array(
-            [(predictions[k].run.fit, predictions[k].run.followed) for k in counted]
-        ).T
-        estimate = judged_on(estimate, followed, [logs[k].name for k in counted])
-        estimate = estimate.with_findings(*outdone(whole, estimate, fits, counted))
+        fits = np.array([predictions[k].run.followed for k in whole.counted])
+        estimate = estimate.with_findings(*judge_fit(fits))
     return Predicted.of(
         source.name, predictions, sentences, estimate, drawn=drawn, measured=whole is not None
     )

@@ -112,7 +112,7 @@ class Validated(Tabulated):
         return cls(
             title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
-                verdict.sentence,
+                *verdict.lines,
                 held.division.said,
                 f"What was left out is followed with a median FIT{without.over} of "
                 f"{fit_text(without.median)} % (mean {fit_text(without.mean)} %, worst "
@@ -210,7 +210,7 @@ class Designed(Tabulated):
         ]
         return cls(
             title=f"Next experiments after {data.name!r}: standard errors over those now",
-            summary=(verdict.sentence, best_experiment_text(ranked[0])),
+            summary=(*verdict.lines, best_experiment_text(ranked[0])),
             judged=verdict,
             content={**rests_on(data, found, estimator), "rows": rows},
             units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
@@ -253,7 +253,7 @@ class Selection(Answer):
         title = f"{data.name}: FIT in %, in sample and left out"
         result = cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
-            summary=(verdict.sentence, chosen_terms_text(passed)),
+            summary=(*verdict.lines, chosen_terms_text(passed)),
             judged=verdict,
             content={
                 **rests_on(data, found, estimator),
@@ -313,11 +313,11 @@ class Residual(Answer):
         verdict, residuals = estimate_verdict(found), residuals_of(data, found)
         return cls(
             title=f"What {found.method} leaves over of {data.name!r}",
-            summary=(verdict.sentence, *residual_sentences(residuals)),
+            summary=(*verdict.lines, *residual_sentences(residuals)),
             judged=verdict,
             content={
                 **residual_numbers(residuals, found),
-                **rests_on(data, found, estimator, more=residuals.findings),
+                **rests_on(data, found, estimator),
             },
             units=residual_units(data.joint, ""),
             data=data,

@@ -95,7 +95,7 @@ def robot_of(
         return RobotModel.of(plan.name, plan.plant.robot, carried, plan.input_kind, command)
     result = saved_identification(path)
     if result is None:
-        result = identify(read(path, arm=arm), Suitable(check=False))
+        result = identify(read(path, arm=arm), Suitable())
     return _twin(result, carried, hand_mass)
 
 

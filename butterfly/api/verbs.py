@@ -105,9 +105,9 @@ def select(
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
-    quick = make_estimator(method, options).unchecked()
-    passed = select_terms(logs, quick, tuple(candidates), track=track)
-    chosen = quick.with_terms(passed[-1].terms)
+    estimator = make_estimator(method, options)
+    passed = select_terms(logs, estimator.unchecked(), tuple(candidates), track=track)
+    chosen = estimator.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
     return Selection.of(logs, chosen, tuple(candidates), passed, found)
 
@@ -156,7 +156,7 @@ def validate(
     logs, estimator = _prepared(data, method, options, holdout)
     quick = estimator.unchecked()
     held = cross_validate(logs, quick, how, folds=folds, track=track)
-    whole, drawn = judged(logs, quick), None
+    whole, drawn = judged(logs, estimator), None
     if bootstrap:
         drawn = bootstrap_of(logs, quick, whole, repetitions=bootstrap, track=track)
     return Validated.of(logs, estimator, held, whole, drawn)
@@ -222,7 +222,7 @@ def residual(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
-    whole, estimator, found = _estimated(data, method, options, holdout, check=False)
+    whole, estimator, found = _estimated(data, method, options, holdout)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
     return Residual.of(whole, estimator, found, chosen)
 
@@ -262,7 +262,7 @@ def compare(
 
     if not isinstance(mass, Real | None):
         raise InputError("compare", "mass", mass, "a number of kg")
-    whole, estimator, found = _estimated(data, method, options, holdout, check=False)
+    whole, estimator, found = _estimated(data, method, options, holdout)
     require_possible(found)
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
     compared = compare_three(whole, found, numbers, mass=mass, track=track)
@@ -328,8 +328,6 @@ def _estimated(
     method: Method | None,
     options: Mapping[str, Any],
     holdout: Sequence[str],
-    *,
-    check: bool = True,
 ) -> tuple[DataSet, Estimator | None, Estimate]:
     """Return logs, an estimator, and its judged estimate; a result, saved or not, has them."""
     found = saved_identification(data)
@@ -341,7 +339,7 @@ def _estimated(
             raise InputError("butterfly", "method", given, expected)
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
-    return logs, estimator, judged(logs, estimator if check else estimator.unchecked())
+    return logs, estimator, judged(logs, estimator)
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given

@@ -290,7 +290,7 @@ def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:
 
     verdict = Verdict(Level.WARNING, reasons)
     title = "Nothing is made of values that no joint has"
-    write_json(document(kind, title, {}, verdict=verdict, summary=(verdict.sentence,)))
+    write_json(document(kind, title, {}, verdict=verdict, summary=verdict.lines))
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:

@@ -97,10 +97,10 @@ def warn(sentence: str) -> None:
     print(f"warning: {sentence}", file=sys.stderr)
 
 
-def say_verdict(sentence: str) -> None:
-    """Print the verdict, which is what remains of an answer that is quiet."""
-    if not asked.document_alone:
-        print(_folded(sentence))
+def say_verdict(verdict: Verdict) -> None:
+    """Print the lines of a verdict, which are what remains of an answer that is quiet."""
+    for line in () if asked.document_alone else verdict.lines:
+        print(_folded(line))
 
 
 def print_document(text: str) -> None:
@@ -134,11 +134,10 @@ def show(
 
     Of its tables so many ``rows`` are printed; all if not given.
     """
-    verdict = None if result.judged is None else result.judged.sentence
-    if verdict is not None:
-        say_verdict(verdict)
+    if result.judged is not None:
+        say_verdict(result.judged)
     for sentence in result.paragraphs():
-        if sentence != verdict:
+        if result.judged is None or sentence not in result.judged.lines:
             say(sentence)
     for table in () if asked.silent else result.tables():
         show_table(table.title, table.headers, table.rows[:rows])

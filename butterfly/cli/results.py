@@ -72,7 +72,10 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     record = run_record(folder, run)
     for each in record.estimates:
         if each.estimate is not None:
-            say(f"{each.estimator}: {estimate_verdict(each.estimate).sentence}")
+            first, *others = estimate_verdict(each.estimate).lines
+            say(f"{each.estimator}: {first}")
+            for line in others:
+                say(line)
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
     pairs += [(field_label(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]

@@ -86,7 +86,7 @@ def show(
 
         named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
         if named.judged is not None:
-            say_verdict(named.judged.sentence)
+            say_verdict(named.judged)
         render(named.robot, named.carried, 0.5 if angle is None else angle, out, size)
         say(f"Picture: {out}")
         return ExitCode.of(named.judged)
@@ -162,7 +162,7 @@ def export(
 
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
-        say_verdict(named.judged.sentence)
+        say_verdict(named.judged)
     if named.note:
         say(named.note)
     written = stand_alone(named.robot, named.carried, **named.command)

@@ -182,7 +182,7 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
     for each in runs[0].estimates:
         for name, of in zip(names, (each, others.get(each.estimator)), strict=True):
             if of is not None and of.estimate is not None:
-                say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).sentence}")
+                say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).lines[0]}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     unlike = [

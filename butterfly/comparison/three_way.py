@@ -65,8 +65,7 @@ def compare_three(
         parameters, zero = setting.parameters, setting.zero
         robot, added = Robot.of_loaded(parameters, log.added_mass, mass)
         joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
-        delay, compression = parameters.delay, parameters.compression
-        mujoco = zero + replay_input(joint, log, delay, compression)
+        mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive)
         greybox = predictor.run_with(number, setting).simulated
         found.append(
             ThreeWay(

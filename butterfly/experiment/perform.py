@@ -151,7 +151,7 @@ class _Run:
             assert data is not None  # noqa: S101 - the schema asks for logs then
             first = experiment.all_estimators[0]
             known = self.identifications.get(first.label)
-            small_swings = known.estimate if known else judged(data, first.unchecked())
+            small_swings = known.estimate if known else judged(data, first)
             believed = small_swings.parameters
             of_mass = data.equilibria
             zero = of_mass.get(control.added_masses[0], float(np.mean(list(of_mass.values()))))

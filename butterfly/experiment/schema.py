@@ -39,6 +39,7 @@ from butterfly.model.parameters import (
     VoltageDrive,
 )
 from butterfly.model.prior import Prior
+from butterfly.model.terms import IDEAL
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
 from butterfly.orbit.recalibration import RecalibrationOptions
@@ -112,8 +113,8 @@ class PlantSpec(StrictModel):
             raise ValueError("hand and drive, or lumped")
         if self.lumped is not None and physical:
             raise ValueError("either lumped, or hand, drive, friction and clutch")
-        if self.lumped is not None and (self.lumped.delay or self.lumped.compression):
-            raise ValueError("delay and compression under path")
+        if self.lumped is not None and (self.lumped.delay or self.lumped.drive != IDEAL):
+            raise ValueError("delay, dead_zone and compression under path")
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
         if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
             raise ValueError("no clutch: MuJoCo alone has play")

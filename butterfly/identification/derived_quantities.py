@@ -20,6 +20,9 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior
 
+BEST_SPEED = "speed at which friction is known best"
+"""Where errors of p2 and T_c, which logs at one speed cannot tell apart, undo each other."""
+
 _ROUNDING = 1e-3  # relative; by which exact numbers may differ
 _NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that is none
 
@@ -66,6 +69,7 @@ class Way:
     without: tuple[str, ...] = ()
     # How it is written, if it is no part of motor or hand: such is shown where it is known from 0
     symbol: Symbol | None = None
+    combined: bool = False  # Whether to show it only where one of its needs is not known well
     # input_kind, joint: Where it holds; everywhere if None
     input_kind: InputKind | None = None
     joint: JointKind | None = JointKind.HINGE
@@ -181,6 +185,30 @@ WAYS = (
         lambda of: of["p4"] / of["p2"],
         symbol=Symbol("p₄/p₂", "speed gained per unit of input", "rad/s/unit", "m/s/unit"),
         without=("drag",),
+        joint=None,
+    ),
+    Way(
+        "stiffness_ratio",
+        ("p1", "p3"),
+        lambda of: of["p3"] / of["p1"],
+        symbol=Symbol("p₃/p₁", "gravity moment per inertia, of the bare hand", "1/s²", "–"),
+        combined=True,
+    ),
+    Way(
+        "friction_speed",
+        (BEST_SPEED, "p2", "coulomb"),
+        lambda of: of[BEST_SPEED],
+        symbol=Symbol("v", "speed at which friction is known best", "rad/s", "m/s"),
+        combined=True,
+        joint=None,
+    ),
+    Way(
+        "friction",
+        (BEST_SPEED, "p2", "coulomb"),
+        lambda of: of["coulomb"] + of["p2"] * of[BEST_SPEED],
+        symbol=Symbol("T_c + p₂ v", "friction at that speed", "N m", "N"),
+        without=("drag", "stribeck"),
+        combined=True,
         joint=None,
     ),
 )

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding
 from butterfly.identification.inference.covariance import FEW, cluster_covariance
 from butterfly.identification.normal_equations import (
@@ -56,6 +57,8 @@ class CellEquations:
     residuals: Samples
     log: NDArray[np.intp]  # (k,) number of each cell's log; cells follow in the order of time
     ending: Ending = Ending.CONVERGED  # how the solver ended
+    # (n,) by how much the values moved last, or would move next, if it was stopped
+    unsettled: Samples | None = None
     findings: tuple[Finding, ...] = ()  # what it has to say besides
     # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: Samples | None = None
@@ -69,12 +72,10 @@ class CellEquations:
         *,
         cells: int = 1,
         jacobian: Samples | None = None,
-        unsettled: Finding | None = None,
     ) -> CellEquations:
         """Take a regression and its solution, each cluster cut into some cells.
 
-        ``jacobian``: (m, n) derivatives, if they are not the regression's; ``unsettled`` says how
-        an iteration was stopped.
+        ``jacobian``: (m, n) derivatives, if they are not the regression's.
         """
         values = solution.values
         derived = regression.jacobian(values) if jacobian is None else jacobian
@@ -88,8 +89,6 @@ class CellEquations:
             rows=rows,
             residuals=residuals,
             log=np.repeat(np.unique(regression.cluster), cells),
-            ending=Ending.STOPPED if unsettled else Ending.CONVERGED,
-            findings=(unsettled,) if unsettled else (),
             prior=regression.prior,
         )
 
@@ -132,6 +131,21 @@ class CellEquations:
         if self.prior is None:
             return curvature, gradient
         return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
+
+    def stopped(self, unsettled: Samples, why: Finding) -> CellEquations:
+        """Return the same of a solver that was stopped while the (n,) values still moved."""
+        return replace(self, ending=Ending.STOPPED, unsettled=unsettled, findings=(why,))
+
+    @property
+    def next_step(self) -> Samples:
+        """(n,) Gauss-Newton step of the values that no bound holds."""
+        curvature, gradient = self.total
+        free = ~self.on_bound & (np.diag(curvature) > 0)
+        step = np.zeros(free.size)
+        root = np.sqrt(np.diag(curvature)[free])
+        scaled = curvature[np.ix_(free, free)] / np.outer(root, root)
+        step[free] = -np.linalg.lstsq(scaled, gradient[free] / root, rcond=None)[0] / root
+        return step
 
     @cached_property
     def of_logs(self) -> CellEquations:
@@ -178,7 +192,7 @@ class CellEquations:
         )
         told = basis[:, singular > _TOLD * singular.max(initial=0.0)]
         if not told.size:
-            return 0.0
+            raise IdentifiabilityError("these logs do not move any parameter")
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
         found = float(np.mean(np.diag(covariance)))
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):

@@ -11,16 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.files import finite
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
+from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.consistency import Correction
-from butterfly.identification.inference.identifiability import precision
+from butterfly.identification.inference.identifiability import PRECISE, precision
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 from butterfly.verdict import Level
+
+OF_VERDICT = ("p1", "p4")
+"""Parameters that set the scale, by which values are judged."""
 
 Truth: TypeAlias = LumpedParameters | Mapping[str, float]
 """True values, where they are known."""
@@ -192,7 +195,10 @@ class Estimate:
             condition=float(_array(content["condition"])),
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
-            findings=tuple(map(Finding.from_dict, content["findings"])),
+            # an older program found what is none now: whether it is precise, follows well enough
+            findings=tuple(
+                Finding.from_dict(each) for each in content["findings"] if each["kind"] in KINDS
+            ),
             fixed={str(name): float(value) for name, value in content["held"].items()},
             known=Prior.of(content.get("known", {})),
             resonances={_mass(key): float(_array(each)) for key, each in content["resonances"]},
@@ -217,13 +223,23 @@ class Estimate:
 
     @property
     def level(self) -> Level:
-        """How much speaks against the values."""
-        return grade(self.ending, self.findings)[0]
+        """What may be done with the values: they are good if the limits of the scale are near.
+
+        Of p1 and p4, which set it, counts what was estimated: the other may be known exactly, or
+        all be ratios to p1.
+        """
+        if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
+            return Level.WARNING
+        near = all(self.reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
+        return Level.GOOD if near else Level.CARE
 
     @property
-    def reasons(self) -> tuple[Finding, ...]:
-        """The findings for which the verdict is no better."""
-        return grade(self.ending, self.findings)[1]
+    def reach(self) -> dict[str, float]:
+        """How far the farther limit is from each value, over the value; infinite if unknown."""
+        farther = np.maximum(self.upper - self.values, self.values - self.lower)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.nan_to_num(farther / np.abs(self.values), nan=np.inf)
+        return dict(zip(self.names, shares.tolist(), strict=True))
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.plausibility import (
+    judge_basis,
     judge_fit,
-    judge_held_out,
     judge_input,
     judge_knowledge,
     judge_physics,
@@ -85,27 +84,15 @@ def judge(
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
-    fits, names = _followed(data, found, counted)
-    of_test = []
-    if data.test_logs is not None:
-        of_test = judge_held_out(
-            *_followed(data.test_logs, found, data.test_logs.counted), seen=fits
-        )
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(fits, names),
-        *of_test,
+        *judge_fit(data.simulations.followed(found, counted)),
+        *(residuals or residuals_of(data, found)).findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
-        *(residuals or residuals_of(data, found)).missing.findings,
+        *judge_basis(found, data),
     )
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
-
-
-def _followed(
-    data: DataSet, found: Estimate, counted: Sequence[int]
-) -> tuple[NDArray[np.float64], list[str]]:
-    return data.simulations.followed(found, counted), [data.logs[k].name for k in counted]
 
 
 @_UNWARNED

@@ -29,7 +29,7 @@ class Regression:
     """Equations that are linear in the parameters: ``rows`` times the unknowns is ``target``.
 
     The unknowns are the parameters themselves, but for those that enter as a product with p4
-    (delay, compression): of these, p4 (parameter - ``about``).
+    (delay, terms of the drive): of these, p4 (parameter - ``about``).
     """
 
     names: tuple[str, ...]  # of the n parameters

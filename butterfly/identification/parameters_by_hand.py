@@ -11,20 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from butterfly.errors import ButterflyError, InputError, nearest, require_number
+from butterfly.errors import InputError, nearest, require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.plausibility import is_possible, judge_fit, judge_physics
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.plausibility import judge_physics
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
-from butterfly.model.prior import Known, Prior
+from butterfly.model.prior import Known
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
-from butterfly.verdict import Level
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
 _TOO_FAST = 3.0  # times the fastest that samples can show
@@ -135,10 +133,6 @@ def best_gain(
 
 METHOD = "given parameters"
 
-_FAR_MORE = 3.0  # times the misfit of values that the logs give themselves
-_NOTABLE = 10.0  # per cent of misfit below which logs are followed well by any measure
-_OF_FITS = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.UNFORETOLD}
-
 
 def given_estimate(
     told: Mapping[str, object],
@@ -186,37 +180,6 @@ def given_estimate(
         joint=JointKind.HINGE if data is None else data.joint,
     )
     return estimate.with_findings(*judge_physics(estimate, masses))
-
-
-def judged_on(estimate: Estimate, fits: NDArray[np.float64], names: Sequence[str]) -> Estimate:
-    """Return an estimate judged by (n,) FIT in % of logs by name, not of those it was made from."""
-    rest = tuple(each for each in estimate.findings if each.kind not in _OF_FITS)
-    return replace(estimate, findings=(*rest, *judge_fit(fits, names)))
-
-
-def outdone(
-    data: DataSet, estimate: Estimate, fits: NDArray[np.float64], numbers: Sequence[int]
-) -> list[Finding]:
-    """Tell whether values that the logs give themselves follow them far better.
-
-    With the same p4, by the weak form, over the same stretches: an angle that is put back on its
-    way every second is followed well by many.
-
-    `fits`: (n,) FIT in per cent with them.
-    """
-    known = Prior({"p4": Known(value=estimate.parameters.p4)})
-    try:
-        own = WeakForm(check=False)(replace(data.take(numbers), known=known))
-    except ButterflyError:
-        return []
-    if not is_possible(own, data.masses):
-        return []
-    own = replace(own, horizon=data.simulations.horizon(estimate))
-    reached = float(np.median(data.simulations.fits(own, numbers)))
-    left, given = 100 - reached, 100 - float(np.median(fits))
-    if given <= max(_FAR_MORE * left, _NOTABLE):
-        return []
-    return [Finding(FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _number(value: object, source: str, name: str, expected: str = "a number") -> float:

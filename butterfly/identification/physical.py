@@ -15,7 +15,14 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS, relations, with_gear
+from butterfly.identification.derived_quantities import (
+    BEST_SPEED,
+    SIGNED,
+    SYMBOLS,
+    WAYS,
+    relations,
+    with_gear,
+)
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.quantities import Quantities
@@ -101,7 +108,13 @@ def physical_parameters(
         for errors in (estimate.standard_errors, _of_intervals(estimate))
     )
     names = {*narrow.names} - {*estimate.unestimated}
-    ways = [way for way in WAYS if way.leads(names, input_kind, joint)]
+    well = {row.name for row in estimate.table() if row.claim in {"precise", "known"}}
+    ways = [
+        way
+        for way in WAYS
+        if way.leads(names, input_kind, joint)
+        and not (way.combined and well >= {*way.needs} - {BEST_SPEED})
+    ]
     told = {name: itemgetter(name) for name in known.physical}
     derived = {way.name for way in ways if way.symbol is not None}
     found = []
@@ -168,6 +181,10 @@ def _estimated(estimate: Estimate, errors: NDArray[np.float64]) -> Quantities:
         for name, value in (estimate.known.fixed | estimate.fixed).items()
         if name not in estimate.names
     }
+    if {"p2", "coulomb"} <= {*estimate.names}:
+        p2, coulomb = (estimate.names.index(name) for name in ("p2", "coulomb"))
+        speed = -estimate.covariance[p2, coulomb] / estimate.covariance[p2, p2]
+        held |= {BEST_SPEED: float(speed)} if 0 < speed < math.inf else {}
     n, count = len(estimate.names), len(estimate.names) + len(held)
     covariance = np.zeros((count, count))
     own = estimate.standard_errors

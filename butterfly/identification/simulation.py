@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import LumpedParameters, compressed
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import DriveTerms
 from butterfly.signals import hold, polynomials
 from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
 from butterfly.signals.sine_fit import sine_basis, with_transient
@@ -31,7 +32,8 @@ _ROUGH = 0.005
 the joint turns back or sticks is then no matter of its mean."""
 
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
-_FINEST = 100  # steps in one of a log
+FINEST = 100
+"""Steps in one of a log at most: what is faster no log shows."""
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
@@ -77,7 +79,7 @@ class Simulation:
         grid = uniform_grid(log.time, grid_step(log, parameters))
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
-        self._latest: tuple[tuple[float, float], Samples] | None = None
+        self._latest: tuple[tuple[float, DriveTerms], Samples] | None = None
         self._reader: tuple[complex | None, Samples, Samples] | None = None
 
     @property
@@ -95,7 +97,7 @@ class Simulation:
         sample's angle as it is.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)[0]
+        inputs = self._inputs(parameters)[0]
         angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
         return SimulatedMotion(((self.log, self.grid, zero + angle, speed),))
 
@@ -114,9 +116,9 @@ class Simulation:
         """
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)
+        inputs = self._inputs(parameters)
         if columns.drives > inputs.shape[0]:
-            inputs = np.concatenate([inputs, self._by_compression(parameters)])
+            inputs = np.concatenate([inputs, self._by_drive(parameters)])
         start = self._start(zero, begin)
         readings, measured = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
@@ -131,7 +133,7 @@ class Simulation:
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
-        inputs = self._inputs(parameters.delay, parameters.compression)[0]
+        inputs = self._inputs(parameters)[0]
         return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
 
     def middles(self) -> Samples:
@@ -179,23 +181,21 @@ class Simulation:
         )
         return Readings(into=into, weights=weights), measured
 
-    def _inputs(self, delay: float, compression: float) -> Samples:
+    def _inputs(self, parameters: LumpedParameters) -> Samples:
         """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
-        latest, key = self._latest, (delay, compression)
+        latest, key = self._latest, (parameters.delay, parameters.drive)
         if latest is None or latest[0] != key:
-            self._latest = latest = key, self._delivered(delay, compression)
+            driving = parameters.delivered(self._command[1])
+            self._latest = latest = key, self._parabolas(driving, parameters.delay)
         return latest[1]
 
-    def _delivered(self, delay: float, compression: float) -> Samples:
-        time, inputs = self._command
-        driving = compressed(inputs, compression)
-        return hold.parabolas(time, driving, self.grid - delay, self.log.intersample)
+    def _by_drive(self, parameters: LumpedParameters) -> Samples:
+        """(k, n - 1, 3) derivatives of the delivered input by the k terms of the drive."""
+        slopes = parameters.slopes(self._command[1]).values()
+        return np.concatenate([self._parabolas(each, parameters.delay)[:1] for each in slopes])
 
-    def _by_compression(self, parameters: LumpedParameters) -> Samples:
-        """(1, n - 1, 3) derivative of the delivered input by the drive's compression."""
-        time, inputs = self._command
-        driving = -inputs * abs(inputs) / (1 + parameters.compression * abs(inputs)) ** 2
-        return hold.parabolas(time, driving, self.grid - parameters.delay, self.log.intersample)[:1]
+    def _parabolas(self, inputs: Samples, delay: float) -> Samples:
+        return hold.parabolas(self._command[0], inputs, self.grid - delay, self.log.intersample)
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:
@@ -212,4 +212,4 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
         longest = min(longest, log.mean_step)
     if not fastest:
         return longest
-    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / _FINEST)
+    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / FINEST)

@@ -13,7 +13,7 @@ joint's spin-up may be all that tells of its inertia.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.kinematics import Motion, Term
-from butterfly.model.parameters import compressed
-from butterfly.model.terms import TERMS, FrictionTerms
+from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
@@ -132,7 +131,7 @@ class WeakSignals:
 class Averaging:
     """One log, ready to be averaged over test functions with one delay after another.
 
-    What was averaged is kept; another delay or compression makes anew what the input enters alone,
+    What was averaged is kept; another delay or drive makes anew what the input enters alone,
     unless the delay moves the test functions.
 
     ``log``: of any input; ``zero``: encoder reading in rad where the model's angle is 0;
@@ -173,24 +172,24 @@ class Averaging:
         names: Iterable[str],
         *,
         delay: float = 0.0,
-        compression: float = 0.0,
+        drive: DriveTerms = IDEAL,
         stribeck_velocity: float | None = None,
     ) -> WeakSignals:
         """Average the terms of some parameters.
 
-        ``delay``: from input to torque, in s; ``compression``: of the drive, in 1/unit of input;
-        the column of "compression" is the derivative about it; ``stribeck_velocity``: in rad/s, if
-        not that of the settings.
+        ``delay``: from input to torque, in s; ``drive``: what becomes of the input, about which
+        the columns of its terms are derivatives; ``stribeck_velocity``: in rad/s, if not that of
+        the settings.
         """
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
-        own: dict[str, tuple[str | float, ...]] = {"stribeck": ("stribeck", slow)}
-        own |= {name: (name, delay, compression) for name in _DRIVEN}
+        own: dict[str, tuple[Hashable, ...]] = {"stribeck": ("stribeck", slow)}
+        own |= {name: (name, delay, drive) for name in _DRIVEN}
         keys = {name: own.get(name, (name,)) for name in names}
         missing = [name for name, key in keys.items() if key not in place.mean]
         motion = self._motion._replace(stribeck_velocity=slow)
         if not _DRIVEN.isdisjoint(missing):
-            motion = self._driven(motion, delay, compression)
+            motion = self._driven(motion, delay, drive)
         for name in missing:
             place.mean[keys[name]] = place.means(*self._column_of(TERMS[name], motion))
         centres = place.bumps.centres - place.lead
@@ -202,9 +201,9 @@ class Averaging:
             still=place.still,
         )
 
-    def _driven(self, motion: Motion, delay: float, compression: float) -> Motion:
+    def _driven(self, motion: Motion, delay: float, drive: DriveTerms) -> Motion:
         log = self._log
-        inputs = compressed(log.input, compression)
+        inputs = drive.delivered(log.input)
         delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
         return motion._replace(input=delivered)
 
@@ -237,14 +236,14 @@ class Averaging:
 class _Place(NamedTuple):
     """Test functions, the share of each that stands still, and means over them.
 
-    The means are kept by name; what the input enters by name, delay and compression. As many
-    samples as ``lead`` are mirrored before the first.
+    The means are kept by name; what the input enters by name, delay and drive. As many samples as
+    ``lead`` are mirrored before the first.
     """
 
     bumps: Bumps
     lead: int
     still: NDArray[np.float64]
-    mean: dict[tuple[str | float, ...], NDArray[np.float64]]
+    mean: dict[tuple[Hashable, ...], NDArray[np.float64]]
 
     def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
         """(m,) means of an (n,) signal and its mirror image (see `Bumps.means`).

@@ -22,8 +22,8 @@ _MOST_RESTARTS = 10  # that are looked for
 _MOST_FALLS = 32  # of the clock that are looked at for each
 _SPLICED = 0.1  # share of the shorter side that must be gained by keeping some of both
 
+_SEVERAL = 3  # flat tops of an input, fewer of which may be chance: 0 of 4,500 rounded inputs were
 _FLAT = 5  # samples at one extreme value that make a suspicious flat top
-_SWITCHED = 0.5  # share of its samples that a switched input spends on its extremes, at least
 _ENOUGH = 4096  # samples that show the noise
 _NEAR_TOP = 12.0  # resolutions below its flat top at which the speed of a signal is looked at
 _NEAREST = 6  # samples beside its flat top at which it is looked at, at least
@@ -152,12 +152,33 @@ def _restart(time: Samples, kept: Mask) -> int | None:
 
 
 def saturated(values: Samples) -> int:
-    """Count samples in flat runs at either extreme of a signal that is not a switched one."""
-    extremes = (values.min(), values.max())
-    on_top = [values == level for level in extremes]
-    if sum(np.count_nonzero(each) for each in on_top) > _SWITCHED * values.size:
-        return 0
-    return int(sum((ends - starts).sum() for starts, ends in map(_flat_runs, on_top)))
+    """Count samples in flat runs at either extreme that an input runs into at speed, repeatedly.
+
+    A smooth signal that is rounded rests on its top, for at most 2/(sqrt 2 - 1) times as long as on
+    the step below; one that is switched leaps there.
+    """
+    resolution = _resolution(values)
+    lengths: list[int] = []
+    rests = 0
+    for level in (values.min(), values.max()):
+        drop = np.abs(values - level)
+        starts, ends = _flat_runs(drop == 0)
+        sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
+        for entry, exit_, length in zip(sides[:-1], sides[1:], ends - starts, strict=True):
+            if _runs_on(entry[::-1], length, resolution) and _runs_on(exit_, length, resolution):
+                lengths.append(int(length))
+            else:
+                rests += 1
+    return sum(lengths) if len(lengths) >= max(_SEVERAL, rests) else 0
+
+
+def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
+    """Whether a signal comes to a flat run of some samples at speed, by its drop beside it."""
+    beside = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
+    if drop.size <= 3 * beside:
+        return False
+    moves = drop[3 * beside] > 1.5 * drop[0]
+    return bool(moves and length > 2 / (math.sqrt(2) - 1) * beside)
 
 
 def clipped(angle: Samples) -> int:

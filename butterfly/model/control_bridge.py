@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from butterfly.model.kinematics import Motion
 from butterfly.model.linear import DelayStates, Linearisation
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 PADE_ORDER = 4
@@ -113,7 +113,7 @@ def nonlinear_system(
         v = now["velocity"]
         motion = Motion.of(p, now["angle"], v)._replace(direction=math.tanh(v / smoothing))
         back_emf = p.back_emf * v if lagging else 0.0
-        drive = p.p4 * compressed(float(np.ravel(command)[0]), p.compression) - back_emf
+        drive = p.p4 * p.delivered(float(np.ravel(command)[0])) - back_emf
         torque = back_emf - torque_of(p, motion, sliding)
         rates = [v, 0.0]
         if lagging:

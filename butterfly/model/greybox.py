@@ -19,7 +19,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.model import kernel
 from butterfly.model.kernel import COLUMNS, Constants, integrate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import DRIVE, TERMS
 
 Samples = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class Columns:
 
     @property
     def drives(self) -> int:
-        """How many of p4, delay and compression, in this order, are needed of the input."""
+        """How many of p4, delay and `DRIVE`, in this order, are needed of the input."""
         return max(int(self.column.max(initial=-1)) + 1 - len(Constants._fields), 0)
 
 
@@ -117,8 +117,8 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
 
     `time` has (n,) increasing instants in s; `inputs` (q, n - 1, 3) values at the start, middle and
     end of each interval: the input, already delayed, and as far as `Columns.drives` asks for them
-    its derivatives by delay and compression; `start` is in rad and rad/s. Returns (m,) readings and
-    their (m, k) derivatives by the columns.
+    its derivatives by delay and the terms of the drive; `start` is in rad and rad/s. Returns (m,)
+    readings and their (m, k) derivatives by the columns.
     """
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
@@ -147,7 +147,8 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[s
         "load": {name: slope * added.weight for name, slope in level.items()},
         "stribeck": {} if held else {"stribeck": 1.0},
         "delay": {"delay": loaded.p4},
-        "compression": {"compression": loaded.p4},
+        **{name: {name: loaded.p4} for name in DRIVE},
+        "mass_inertia": {"p1": added.swung},
         "tilt": {"p3": -added.gravity_moment * math.sin(loaded.tilt)},
         "time_constant": {"lag": 1.0},
     }

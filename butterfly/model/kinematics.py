@@ -41,6 +41,7 @@ class Motion(NamedTuple):
     weight: Any  # Added weight on the bearing in N, where it is not in T_c already
     periods: float  # Of cogging in a turn
     stribeck_velocity: float  # In rad/s
+    carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
 
     @classmethod
     def of(
@@ -51,6 +52,7 @@ class Motion(NamedTuple):
         *,
         input: Any = 0.0,  # noqa: A002, ANN401 - the log's name for it
         weight: Any = 0.0,  # noqa: ANN401
+        carried: Any = 0.0,  # noqa: ANN401
     ) -> Motion:
         """Return a motion of a joint."""
         return cls(
@@ -61,6 +63,7 @@ class Motion(NamedTuple):
             weight=weight,
             periods=settings.cogging_periods,
             stribeck_velocity=settings.stribeck_velocity,
+            carried=carried,
         )
 
 

@@ -36,8 +36,8 @@ class Linearisation:
     """p1 thdd + damping thd + stiffness th = torque, the motor's torque behind its lag (8).
 
     time_constant torque' + torque = p4 u(t - delay) - back_emf thd. Friction that holds the joint
-    at rest (Coulomb, Stribeck, bristles) has no linearisation and is left out, as is the
-    compression of the drive, which vanishes with the input.
+    at rest (Coulomb, Stribeck, bristles) has no linearisation and is left out, as are the terms
+    of the drive.
     """
 
     inertia: float  # p1 in kg m^2
@@ -215,7 +215,7 @@ def quasi_linear_response(
     """Ratio of the angle's to the input's fundamental when the angle swings with ``amplitude``.
 
     The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
-    cogging, bristles, compression) is left out.
+    cogging, bristles, the drive's) is left out.
 
     Of the loaded hand; frequencies in rad/s and amplitudes in rad broadcast.
     """

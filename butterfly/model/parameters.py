@@ -6,18 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, total_ordering
-from typing import Any, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.terms import TERMS, FrictionTerms
+from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
-
-_Inputs = TypeVar("_Inputs", float, "NDArray[np.float64]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,6 +236,11 @@ class AddedMass:
         return self.mass * self.arm**2 + self.own_inertia
 
     @property
+    def swung(self) -> float:
+        """m_a l_a^2 in kg m^2, of a point; on a slide m_a in kg."""
+        return self.inertia - self.own_inertia
+
+    @property
     def weight(self) -> float:
         """m_a g in N, which rests on the bearing whatever the direction of the axis."""
         return self.mass * (self.gravity or GRAVITY)
@@ -271,13 +271,13 @@ NO_ADDED_MASS = AddedMass()
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumpedParameters(FrictionTerms):
+class LumpedParameters(FrictionTerms, DriveTerms):
     """The grey-box model (5), with tau_eps and the drive's lags written out.
 
         p1 thdd + p2 thd + p3 sin th + p3_offset cos th + friction = p4 v(t - delay) + pulls
 
-    `FrictionTerms` says what friction and pulls are. p3 may be negative: a hand whose centre of
-    mass lies above the pivot when the added mass hangs down.
+    `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command. p3 may
+    be negative: a hand whose centre of mass lies above the pivot when the added mass hangs down.
 
     Parameters
     ----------
@@ -301,8 +301,6 @@ class LumpedParameters(FrictionTerms):
     time_constant
         Of the armature, L/R in s: the motor's torque p4 v - back_emf thd then follows with this
         lag. 0 is the reduced model (5).
-    compression
-        c in 1/unit of input: the drive gives p4 v/(1 + c |v|).
     """
 
     p1: float
@@ -314,21 +312,15 @@ class LumpedParameters(FrictionTerms):
     delay: float = 0.0
     back_emf: float = 0.0
     time_constant: float = 0.0
-    compression: float = 0.0
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand carrying ``added`` (78), its weight on the bearing."""
         return replace(
             self,
-            p1=self.p1 + added.inertia,
+            p1=self.p1 + added.inertia + self.mass_inertia * added.swung,
             p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
             coulomb=self.coulomb + self.load * added.weight,
         )
-
-
-def compressed(inputs: _Inputs, compression: float) -> _Inputs:
-    """Return one input, or (n,), as a drive whose gain falls with it delivers it, v/(1 + c |v|)."""
-    return inputs / (1 + compression * abs(inputs)) if compression else inputs
 
 
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:

@@ -36,6 +36,14 @@ PHYSICAL = {
 }
 """What may be known of motor and hand, with its unit: see `butterfly.identification.physical`."""
 
+SCALES = {
+    "mass_scale": "of all added masses together",
+    "input_scale": "of the recorded input",
+    "angle_scale": "of the recorded angle",
+    "time_scale": "of the recorded time",
+}
+"""What no log can show: true values over those that were recorded or given, 1 ± an uncertainty."""
+
 _USUAL_DELAY = 5.0  # steps of the clock, the scale of a delay of which nothing is known
 
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
@@ -76,7 +84,9 @@ class Known:
 class Prior:
     """All that is known of a robot; what has no uncertainty is known exactly."""
 
-    values: Mapping[str, Known] = field(default_factory=dict)  # By names of `TERMS` and `PHYSICAL`
+    values: Mapping[str, Known] = field(
+        default_factory=dict
+    )  # By names of `TERMS`, `PHYSICAL` and `SCALES`
 
     @classmethod
     def of(cls, given: Mapping[str, Any], source: object = "known") -> Prior:
@@ -86,7 +96,7 @@ class Prior:
         """
         if not isinstance(given, Mapping):
             raise InputError(str(source), "known", given, "a mapping such as {'p4': 1.0}")
-        valid = (*TERMS, *PHYSICAL)
+        valid = (*TERMS, *PHYSICAL, *SCALES)
         for name in given:
             if name not in valid:
                 expected = nearest(name, valid)
@@ -117,6 +127,11 @@ class Prior:
     def physical(self) -> dict[str, Known]:
         """What is known of motor and hand."""
         return {name: each for name, each in self.values.items() if name in PHYSICAL}
+
+    @cached_property
+    def scales(self) -> dict[str, float]:
+        """Uncertainties of what no log can show."""
+        return {name: each.uncertainty for name, each in self.values.items() if name in SCALES}
 
     @cached_property
     def fixed(self) -> dict[str, float]:
@@ -182,7 +197,7 @@ class Prior:
 
     def within(self, names: Iterable[str]) -> Prior:
         """Return what is known of some parameters, and of motor and hand."""
-        wanted = {*names, *PHYSICAL}
+        wanted = {*names, *PHYSICAL, *SCALES}
         return Prior({name: each for name, each in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
@@ -253,7 +268,9 @@ def plain(known: Known) -> float | dict[str, float]:
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:
-    """Refuse what no joint has."""
+    """Refuse what no joint has, and a scale that is to be corrected in the logs."""
+    if name in SCALES and known.value != 1:
+        raise InputError(str(source), f"known.{name}", f"{known.value:g}", "1 ± its uncertainty")
     lower = TERMS[name].lower if name in TERMS else 0.0
     positive = name in PHYSICAL and name not in {"rotor_inertia", "back_emf_constant"}
     if known.value < lower or (positive and known.value == 0):

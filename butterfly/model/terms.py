@@ -37,26 +37,28 @@ PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionTerms:
-    """The torques of the joint that are not proportional to its velocity; each is 0 if not given.
+    """What acts on the joint besides p1..p4; each is 0 if not given.
 
     Sliding at velocity v and angle th, the joint is braked by
 
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
-    and pulled by ``bias + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it sticks until
-    the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model replaces
-    g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson, Astrom
-    and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and the meaning of each.
+    and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it
+    sticks until the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model
+    replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson,
+    Astrom and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and the meaning of each.
     """
 
     coulomb: float = 0.0
     load: float = 0.0
+    mass_inertia: float = 0.0
     stribeck: float = 0.0
     stribeck_velocity: float = 0.1
     bristle_stiffness: float = 0.0
     bristle_damping: float = 0.0
     drag: float = 0.0
     bias: float = 0.0
+    spring: float = 0.0
     cogging: float = 0.0
     cogging_cosine: float = 0.0
     cogging_periods: float = 1.0
@@ -79,6 +81,57 @@ class FrictionTerms:
         """Return g(v) in N m at a velocity in rad/s."""
         sliding = Motion.of(self, 0.0, velocity)._replace(direction=1.0)
         return float(torque_of(self, sliding, DRY))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveTerms:
+    """What the drive makes of a command u: v/(1 + c |v|), of which a dead zone left v.
+
+    ``v = u - dead_zone sgn u`` where u is larger than that, and 0 where it is not; c is the
+    ``compression``.
+    """
+
+    dead_zone: float = 0.0
+    compression: float = 0.0
+
+    @property
+    def drive(self) -> DriveTerms:
+        """These terms alone."""
+        return DriveTerms(dead_zone=self.dead_zone, compression=self.compression)
+
+    def delivered(self, inputs: Any) -> Any:  # noqa: ANN401 - one input, or (n,)
+        """Return what becomes of one command, or of (n,)."""
+        if self.dead_zone:
+            inputs = inputs - np.clip(inputs, -self.dead_zone, self.dead_zone)
+        return inputs / (1 + self.compression * abs(inputs)) if self.compression else inputs
+
+    def slopes(self, inputs: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Return the (n,) derivatives of what is delivered of (n,) commands by each term."""
+        left = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
+        weaker = (1 + self.compression * abs(left)) ** 2
+        return {"dead_zone": -np.sign(left) / weaker, "compression": -left * abs(left) / weaker}
+
+    def of_sines(
+        self, commands: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], dict[str, NDArray[np.complex128]]]:
+        """Return the fundamentals of what is delivered of (n,) sines, and of its `slopes`."""
+        sines = np.asarray(np.outer(np.abs(commands), _COSINE), dtype=np.float64)
+        unit = np.exp(1j * np.angle(commands))
+
+        def fundamental(values: NDArray[np.float64]) -> NDArray[np.complex128]:
+            return np.asarray(unit * 2 * (values * _COSINE).mean(axis=1))
+
+        slopes = {name: fundamental(each) for name, each in self.slopes(sines).items()}
+        return fundamental(self.delivered(sines)), slopes
+
+
+_COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
+
+IDEAL = DriveTerms()
+"""A drive that yields its command."""
+
+DRIVE = tuple(field.name for field in fields(DriveTerms))
+"""Names of the terms of the drive."""
 
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
@@ -167,14 +220,37 @@ _ROWS = (
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
     ),
     Term(
+        name="mass_inertia",
+        symbol="mass inertia",
+        unit="–",
+        meaning="inertia of added masses about their own centre over m l²",
+        lower=0.0,
+        describing=lambda w, _a, m: -(w**2) * m.carried,
+        size=lambda _speed, _rate: 0.1,
+        looks_like="an inertia of the added masses' own",
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
+    ),
+    Term(
         name="bias",
         symbol="bias",
         unit="N m",
-        meaning="constant torque",
+        meaning="constant torque, or half of what Coulomb friction differs by direction",
         basis=lambda m: -np.ones_like(m.angle),
         potential=lambda x, _n: -x,
         looks_like="a constant torque",
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="spring",
+        symbol="spring",
+        unit="N m/rad",
+        meaning="stiffness that pulls back to angle 0, of a cable or a flexure",
+        lower=0.0,
+        basis=lambda m: m.angle,
+        potential=lambda x, _n: 0.5 * x**2,
+        describing=lambda _w, a, _m: np.ones_like(a),
+        looks_like="a spring",
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
     ),
     Term(
         name="p3_offset",
@@ -277,14 +353,26 @@ _ROWS = (
         state="torque of the motor",
     ),
     Term(
+        name="dead_zone",
+        symbol="dead zone",
+        unit="unit",
+        meaning="command that the drive needs before it yields anything",
+        lower=0.0,
+        basis=lambda m: np.sign(m.input),
+        of_gain=True,
+        looks_like="a dead zone of the drive",
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
+    ),
+    Term(
         name="compression",
         symbol="compression",
         unit="1/unit",
-        meaning="c of a drive that yields v/(1 + c |v|)",
+        meaning="c of a drive that saturates: it yields v/(1 + c |v|)",
         lower=0.0,
         basis=lambda m: m.input * abs(m.input),
         of_gain=True,
-        offered=frozenset({_ORBIT}),
+        looks_like="a drive that saturates",
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
     ),
 )
 
@@ -307,9 +395,7 @@ CONSERVATIVE = tuple(row for row in _ROWS if row.potential is not None)
 """What has a potential."""
 
 DISSIPATIVE = tuple(
-    row
-    for row in _ROWS
-    if row.basis and not row.potential and row.name not in {"p4", "compression"}
+    row for row in _ROWS if row.basis and not row.potential and row.name not in {"p4", *DRIVE}
 )
 """What brakes: functions of the velocity."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.kinematics import Motion, Term
-from butterfly.model.parameters import LumpedParameters, compressed
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
@@ -74,8 +74,7 @@ class Observer:
             motion = Motion.of(p, self._angle, self._velocity)
             if abs(self._velocity) <= _STANDSTILL:
                 motion = motion._replace(direction=0.0)
-            delivered = compressed(command, p.compression)
-            torque = p.p4 * delivered - torque_of(p, motion, _STATIC)
+            torque = p.p4 * p.delivered(command) - torque_of(p, motion, _STATIC)
             rate = torque / p.p1 + self._gains[1] * error
             self._angle += step * (self._velocity + 0.5 * step * rate + self._gains[0] * error)
             self._velocity += step * rate
@@ -134,6 +133,7 @@ class EnergyShaping:
         if self._braked and abs(speed) > _STANDSTILL:
             command += torque_of(p, Motion.of(p, angle, speed), self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
+        command += math.copysign(p.dead_zone, command)
         if excess < (1 - _STARTED) * (self._rest - self._target):
             command += math.copysign(self._kick, speed)
         self._command = float(command)

@@ -12,6 +12,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import judge_fit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
@@ -307,7 +308,11 @@ def study_orbit(
         name: beside_orbit(held_out, model, zero)
         for name, model in (("generic", generic), ("re-calibrated", final))
     }
-    followed = judge_fit(np.array([runs["re-calibrated"].fit]), ["next to the orbit"])
+    run_of_found = runs["re-calibrated"]
+    followed = [
+        Finding(FindingKind.FOLLOWED, number=1 - run_of_found.fit / 100),
+        *judge_fit(np.array([run_of_found.followed])),
+    ]
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
         fresh.append(run(amplitude, _BESIDE * amplitude, _DITHER))

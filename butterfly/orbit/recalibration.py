@@ -25,7 +25,7 @@ from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS, FrictionTerms, offered
+from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, offered
 
 METHOD = "re-calibration"
 
@@ -277,7 +277,8 @@ class LoopSelection:
         rows, targets, clusters, runs, count = [], [], [], [], 0
         needed = {*names, "p1", "p3"}
         for number, (log, averaging) in enumerate(zip(self._logs, self._averagings, strict=True)):
-            signals = averaging.signals(needed, delay=self._delay, compression=about)
+            drive = DriveTerms(compression=about)
+            signals = averaging.signals(needed, delay=self._delay, drive=drive)
             moving = signals.moving
             mean = {name: column[moving] for name, column in signals.mean.items()}
             added = log.added_mass

@@ -77,7 +77,7 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
     """
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
-    model.body_inertia[body] = added.own_inertia
+    model.body_inertia[body] = robot.inertia_of(added)
     model.body_pos[body] = [0, 0, -added.arm]
     loaded = robot.loaded(added)
     if loaded.bristle_stiffness:
@@ -120,12 +120,13 @@ def built(
     inertial.set("diaginertia", " ".join([repr(robot.hand.inertia)] * 3))
     joint = named(root, "hinge")
     joint.set("damping", f"{robot.friction.viscous!r} {robot.friction.drag!r}")
+    joint.set("stiffness", repr(robot.friction.spring))
     joint.set("frictionloss", repr(0.0 if friction.bristle_stiffness else friction.coulomb))
     body = named(root, "added_mass")
     body.set("pos", f"0 0 {-added.arm!r}")
     inertial = next(body.iter("inertial"))
     inertial.set("mass", repr(added.mass))
-    inertial.set("diaginertia", " ".join([repr(added.own_inertia)] * 3))
+    inertial.set("diaginertia", " ".join([repr(robot.inertia_of(added))] * 3))
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
     _set_motor(named(root, "motor"), robot.drive, commands_current=assisted)

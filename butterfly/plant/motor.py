@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.parameters import compressed
+from butterfly.model.terms import DriveTerms
 from butterfly.plant.sensors import Clock, filtered_difference, rounded, stamps_of
 
 LARGEST_COMMAND = 1e10
@@ -64,7 +64,7 @@ class Motor(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandPath:
+class CommandPath(DriveTerms):
     """What lies between a command and the motor's terminals.
 
     Parameters
@@ -75,15 +75,14 @@ class CommandPath:
         Step to which a command is rounded; 0 for none.
     delay
         In s, from command to terminals.
-    compression
-        c in 1/unit of the command: the drive yields v/(1 + c |v|), its gain falling with the
-        command v. Unlike the others a flaw that the log does not show.
+    dead_zone, compression
+        In units of the command, and c in 1/unit: the drive yields v/(1 + c |v|) of what the dead
+        zone leaves. Unlike the others flaws that the log does not show.
     """
 
     limit: float = math.inf
     resolution: float = 0.0
     delay: float = 0.0
-    compression: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.limit > 0:
@@ -92,6 +91,7 @@ class CommandPath:
             "CommandPath",
             resolution=self.resolution,
             delay=self.delay,
+            dead_zone=self.dead_zone,
             compression=self.compression,
         )
 
@@ -114,7 +114,7 @@ class CommandPath:
 
     def deliver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n,) inputs that the joint gets when (n,) shaped commands have been set."""
-        return compressed(values, self.compression)
+        return np.asarray(self.delivered(values))
 
 
 class ReplayMotor:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.logs.log import InputKind, Log, Sine
-from butterfly.model.parameters import AddedMass, compressed
+from butterfly.model.parameters import AddedMass
 from butterfly.plant.joints import GreyBoxJoint, Joint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ControlLaw, ControlLoop, Reading, recorded
 from butterfly.plant.robot import Robot
@@ -59,7 +59,7 @@ class SimulatedMotor:
     def command(self, value: float) -> float:
         """Set the command; see `Motor`."""
         value = self._path.shape(value)
-        delivered = compressed(value, self._path.compression)
+        delivered = self._path.delivered(value)
         if self._path.delay > 0:
             self._pending.append((self._time + self._path.delay, delivered))
         else:

@@ -127,6 +127,10 @@ class Robot:
             raise InputError("Friction", "load", self.friction.load, expected)
         return loaded
 
+    def inertia_of(self, added: AddedMass) -> float:
+        """Return the inertia in kg m^2 of an added mass about its own centre."""
+        return added.own_inertia + self.friction.mass_inertia * added.swung
+
     @property
     def assistance(self) -> frozenset[Assistance]:
         """What MuJoCo needs help with; without any, its compiled loop can run the robot."""

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass, compressed
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.plant.joints import GreyBoxJoint, Joint, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.rig import Rig, Simulator
@@ -134,11 +135,11 @@ def _by_mujoco(
 
 
 def replay_input(
-    joint: Joint, log: Log, delay: float = 0.0, compression: float = 0.0
+    joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL
 ) -> NDArray[np.float64]:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
-    The input is compressed as its drive does, held at its mean over each step, its hold and a delay
+    The input is what its drive delivers, held at its mean over each step, its hold and a delay
     in s accounted for. Steps are short: MuJoCo's Coulomb friction, which creeps at rest, is the
     sharper the shorter they are. The joint starts at rest; one that diverges is an InputError.
     """
@@ -146,7 +147,7 @@ def replay_input(
     counts = np.ceil(np.diff(log.time) / _REPLAY_STEP * (1 - 1e-9)).astype(np.intp)
     numbers = np.concatenate([[0], np.cumsum(counts)])
     instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
-    inputs = compressed(log.input, compression)
+    inputs = drive.delivered(log.input)
     means = hold.mean(log.time, inputs, instants - delay, log.intersample)
     reached = [joint.angle]
     for mean, step in zip(means.tolist(), np.diff(instants).tolist(), strict=True):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from butterfly.files import replacing
 from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.terms import DRIVE
 from butterfly.plant.mjcf import built, mjcf, named, text_of
 from butterfly.plant.robot import Robot
 
@@ -65,6 +66,7 @@ def stand_alone(
     delay: float = 0.0,
     limit: float = math.inf,
     resolution: float = 0.0,
+    dead_zone: float = 0.0,
     compression: float = 0.0,
 ) -> StandAlone:
     """Return a robot that moves by itself in plain MuJoCo, driven by the first of its commands.
@@ -77,6 +79,11 @@ def stand_alone(
     if resolution > 0:
         left_out.append(
             f"MuJoCo does not round commands: set ctrl to multiples of {resolution:g} yourself"
+        )
+    if dead_zone > 0:
+        left_out.append(
+            "MuJoCo has no command that is lost: take up to "
+            f"{dead_zone:.6g} towards 0 from ctrl yourself"
         )
     if compression > 0:
         left_out.append(
@@ -112,7 +119,7 @@ def stand_alone(
 
 def command_of(parameters: LumpedParameters) -> dict[str, float]:
     """Return what becomes of the command before it is a torque, as `stand_alone` takes it."""
-    return {"delay": float(parameters.delay), "compression": float(parameters.compression)}
+    return {name: float(getattr(parameters, name)) for name in ("delay", *DRIVE)}
 
 
 def models(

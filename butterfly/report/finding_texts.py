@@ -8,16 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError
 from butterfly.identification.derived_quantities import SYMBOLS
-from butterfly.identification.diagnostics.findings import (
-    Ending,
-    Finding,
-    FindingKind,
-    grade,
-    is_impossible,
-)
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.model.terms import TERMS
+from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.format import counted, fit_text
 from butterfly.verdict import Level, Verdict
 
@@ -30,17 +25,35 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # of which one can be left out
-_PRECISION = {FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO}  # in one sentence
+_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
-    """Say how far to trust an estimate: the verdict, how well each value is known, the rest."""
-    return sentences_of(estimate.ending, estimate.findings, values_of(estimate))
+    """Say how far to trust an estimate: the verdict in two lines, then what else was found."""
+    return [*estimate_verdict(estimate).lines, *estimate_notes(estimate)]
+
+
+def estimate_notes(estimate: Estimate) -> list[str]:
+    """Say what was found of an estimate besides what its verdict says."""
+    others = (each for each in estimate.findings if not (each.forbids or each.kind in _OF_MODEL))
+    return [
+        *(finding_text(each, values_of(estimate)) for each in others),
+        *(contrast_text(each, estimate) for each in estimate.agreement[1:]),
+    ]
 
 
 def estimate_verdict(estimate: Estimate) -> Verdict:
-    """Say what may be done with an estimate, and why not more."""
-    return _verdict(estimate.ending, estimate.findings, values_of(estimate))
+    """Say what may be done with an estimate: how well values are known, how the model follows."""
+    level = estimate.level
+    values = values_sentence(estimate)
+    if level is Level.WARNING:
+        forbidding = (each for each in estimate.findings if each.forbids)
+        why = [finding_text(each, values_of(estimate)) for each in forbidding]
+        if estimate.ending is not Ending.CONVERGED:
+            why.append("The fit did not settle.")
+        values = " ".join(why)
+    model = model_sentence(estimate)
+    return Verdict(level, (values, model) if model else (values,))
 
 
 def require_possible(estimate: Estimate) -> Verdict:
@@ -49,8 +62,8 @@ def require_possible(estimate: Estimate) -> Verdict:
     Raises UnusableError if no joint has its values; the verdict is the message.
     """
     verdict = estimate_verdict(estimate)
-    if any(is_impossible(each) for each in estimate.reasons):
-        raise UnusableError(verdict.sentence, verdict.reasons)
+    if any(each.impossible for each in estimate.findings):
+        raise UnusableError(verdict.lines[0], verdict.reasons)
     return verdict
 
 
@@ -59,38 +72,59 @@ def values_of(estimate: Estimate) -> dict[str, float]:
     return estimate.fixed | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
-def sentences_of(ending: Ending, findings: Sequence[Finding], values: Values) -> list[str]:
-    """Say what an ending and findings about parameters mean: verdict, precision, the rest.
-
-    Of values that are not to be used nothing is called known.
-    """
-    precision = [_text(each, values) for each in findings if each.kind in _PRECISION]
-    level, reasons = grade(ending, findings)
-    others = [each for each in findings if each.kind not in _PRECISION and each not in reasons]
-    known = ["; ".join(precision) + "."] if precision and level.usable else []
-    return [
-        _verdict(ending, findings, values).sentence,
-        *known,
-        *(finding_text(each, values) for each in others),
+def values_sentence(estimate: Estimate) -> str:
+    """Say how well each value is known, by its 95 % interval; those of the scale first."""
+    names = sorted(estimate.names, key=lambda name: name not in OF_VERDICT)
+    names = [name for name in names if name not in estimate.unestimated]
+    limits = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
+    zero = {name for name, lower, upper in limits if lower <= 0 <= upper}
+    known = {name: estimate.reach[name] for name in names if name not in zero}
+    ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
+    shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
+    parts = [
+        ", ".join(f"{shown[name]} within {_upwards(known[name])}" for name in group)
+        for group in (
+            [name for name in known if name in OF_VERDICT and math.isfinite(known[name])],
+            [name for name in known if name not in OF_VERDICT and math.isfinite(known[name])],
+        )
     ]
+    unknown = [shown[name] for name, reach in known.items() if not math.isfinite(reach)]
+    parts += [f"how exact {_both(unknown)} {_is(unknown)} is not known"] if unknown else []
+    missing = [name for name in estimate.unestimated if name in OF_VERDICT]
+    parts += [f"{_both(missing)} {_is(missing)} not estimated"] if missing else []
+    at_zero = [shown[name] for name in names if name in zero]
+    parts += [f"{_both(at_zero)} not distinguishable from zero"] if at_zero else []
+    text = "; ".join(part for part in parts if part)
+    return f"{text or 'all values known beforehand'}."
+
+
+def model_sentence(estimate: Estimate) -> str:
+    """Say how near the model follows, and what it misses; nothing where no log was simulated."""
+    found = {each.kind: each for each in estimate.findings}
+    if FindingKind.FOLLOWED not in found:
+        return ""
+    share = found[FindingKind.FOLLOWED].number
+    if share is None or not math.isfinite(share):
+        return "Some logs cannot be simulated with these values, or nothing moves in them."
+    beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
+    times = (beyond or within or found[FindingKind.FOLLOWED]).number
+    text = f"The model follows to {_percent(share)} of the motion"
+    if (beyond or within) and times is not None and math.isfinite(times):
+        text += f", {times:.2g} times what the sensors explain"
+    missing = found.get(FindingKind.MISSING_TERM)
+    misses = []
+    if missing is not None:
+        explained = _percent(_number(missing))
+        misses.append(f"it misses {missing.parameters[0]}, {explained} of the residuals")
+    if estimate.agreement:
+        misses.append(contrast_text(estimate.agreement[0], estimate).removesuffix("."))
+    elif beyond and missing is None:
+        misses.append("it misses something that looks like none of the terms on offer")
+    return f"{'; '.join([text, *misses]).removesuffix('?')}{'?' if estimate.agreement else '.'}"
 
 
 def finding_text(finding: Finding, values: Values) -> str:
-    """Return the sentence that says what one finding means."""
-    text = _text(finding, values)
-    return f"{text}." if finding.kind in _PRECISION else text
-
-
-def _verdict(ending: Ending, findings: Sequence[Finding], values: Values) -> Verdict:
-    level, found = grade(ending, findings)
-    reasons = tuple(finding_text(each, values) for each in found)
-    if not reasons and level is not Level.GOOD:
-        reasons = ("The estimation did not settle.",)
-    return Verdict(level, reasons)
-
-
-def _text(finding: Finding, values: Values) -> str:
-    """Fill in the text of a finding's kind: names, logs, and its number in several forms."""
+    """Return the sentence that says what one finding means: its names, logs, and its number."""
     text = _TEXTS[finding.kind]
     if not isinstance(text, str):
         return text(finding, values)
@@ -122,8 +156,8 @@ def _poor_fit(finding: Finding, _: Values) -> str:
     if not math.isfinite(_number(finding)):
         return f"Simulated with these values, the model runs away. {cure}"
     return (
-        f"The model follows the logs, their velocity too, with a median FIT of "
-        f"{fit_text(_number(finding))} % only: it moves otherwise than this robot. {cure}"
+        "The model does not follow the logs, or their velocity: the median FIT is "
+        f"{fit_text(_number(finding))} %. {cure}"
     )
 
 
@@ -143,23 +177,6 @@ def _known_apart(finding: Finding, _: Values) -> str:
     return (
         "The added masses contradict what was said to be known of "
         f"{' and '.join(finding.parameters)}: they would have it {wanted}. One of the two is wrong."
-    )
-
-
-def _simulations(finding: Finding, _: Values) -> str:
-    how = "converged"
-    if finding.severity is Level.WARNING:
-        how = "did not converge: do not trust the values"
-    return f"The fit {how}, after {counted(_number(finding), 'simulation')} of every log."
-
-
-def _on_bound(finding: Finding, _: Values) -> str:
-    names = ", ".join(finding.parameters)
-    if finding.severity is Level.NOTE:
-        return f"{names} ended on a bound: these data do not show any."
-    return (
-        f"{names} ended on a bound that the data would cross: the model misses something, or a "
-        "sign, a mass or a stamp is wrong."
     )
 
 
@@ -198,26 +215,54 @@ def _missing_term(finding: Finding, _: Values) -> str:
     )
 
 
+def _rests_on(finding: Finding, _: Values) -> str:
+    parts = [_RESTS_ON[name] for name in finding.parameters]
+    lag = "; a lag of the sensors counts as delay" if "time_scale" in finding.parameters else ""
+    return f"All values rest on what no log shows: {_both(parts)}{lag}."
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent, with two digits."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
+
+
+def _upwards(share: float) -> str:
+    """Return a share in per cent, with two digits, rounded up: a limit holds what it says."""
+    percent = 100 * share * (1 - 1e-9)
+    digit = 10.0 ** (math.floor(math.log10(percent)) - 1) if percent > 0 else 1.0
+    return f"{math.ceil(percent / digit) * digit:.4g} %"
+
+
+def _both(names: Sequence[str]) -> str:
+    """Return names in a row."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def _is(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"
+
+
+_RESTS_ON = {
+    "mass_scale": "the masses (1 % of all of them is 1 % of every value but the delay)",
+    "arm": "the arm (1 % is up to 2 % of p1)",
+    "input_scale": "the input's scale (1 % is 1 % of p4)",
+    "angle_scale": "an encoder that is centred and of right scale (1 % is 1 % of p4)",
+    "time_scale": "the clock (1 % is 2 % of p1, or more)",
+}
+
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
-    FindingKind.PRECISE: "{names} known within {percent:.0f} %",
-    FindingKind.ROUGH: "{names} known roughly",
-    FindingKind.NOT_FROM_ZERO: "{names} not distinguishable from zero",
     FindingKind.UNIT_ERROR: lambda finding, _: unit_error_text(finding),
+    FindingKind.SUSPECTED: lambda finding, _: unit_error_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
-    FindingKind.UNFOLLOWED: (
-        "The model does not follow {logs} (FIT {fit} % at worst): look at what is different there, "
-        "or leave out what is not this robot."
-    ),
-    FindingKind.UNFORETOLD: (
-        "Held out, {logs} {are} followed far worse than the logs that were used (FIT {fit} % at "
-        "worst): the values do not hold there."
-    ),
     FindingKind.NO_INERTIA: (
         "No joint has these values: {names} leaves an inertia of {number:.2g} kg m². Check units, "
         "signs and the added masses."
     ),
     FindingKind.NEGATIVE: (
         "No joint has these values: {names} cannot be negative. Check units, signs and stamps."
+    ),
+    FindingKind.EARLY: (
+        "The delay is negative: the motion comes before its command. Check the stamps."
     ),
     FindingKind.NEGATIVE_GAIN: (
         "{names} is negative: a positive input turns the hand towards negative angles. If the "
@@ -263,10 +308,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.INSEPARABLE: (
         "Not fitted, since these data cannot tell {names} from the other terms."
     ),
-    FindingKind.OUTDONE: (
-        "Values that these logs give themselves, with the same p4, follow them far better (median "
-        "FIT {fit} %): identify them, and compare."
-    ),
     FindingKind.ADDS_UP: (
         "Fitted over stretches of {number:g} s, since nothing brings the joint back from what the "
         "model lacks, and over longer ones that adds up to more than the noise."
@@ -279,16 +320,19 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{combined} are known mainly in one combination (condition number {rounded:.0f}): add a "
         "run that tells them apart."
     ),
-    FindingKind.ROUNDS: (
-        "The iteration did not settle in {number:.0f} rounds: do not trust the values."
+    FindingKind.ROUNDS: ("The iteration was stopped after {number:.0f} rounds."),
+    FindingKind.SIMULATIONS: "The fit took {number:.0f} simulations of every log.",
+    FindingKind.ON_BOUND: "{names} ended on a bound: these data do not show any.",
+    FindingKind.PULLED: (
+        "{names} ended on a bound that the data would cross: the model misses something, or a "
+        "sign, a mass or a stamp is wrong."
     ),
-    FindingKind.SIMULATIONS: _simulations,
-    FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
         "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
         "differs from run to run: record more."
     ),
+    FindingKind.SCATTER: "Friction or gain differs from log to log: {names} by {percent:.2g} %.",
     FindingKind.UNCHECKED: (
         "The intervals were not checked by leaving an added mass out, as asked."
     ),
@@ -301,15 +345,11 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{number:.0f} resonance frequencies for {count} parameters leave no room for a statement "
         "of uncertainty."
     ),
-    FindingKind.MISFIT: (
-        "The model misses something: its free runs leave over {number:.3g} times what encoder and "
-        "noise explain, whatever its parameters."
-    ),
-    FindingKind.NO_MISFIT: (
-        "Encoder and noise explain what the free runs leave over, but for the parameters' own "
-        "errors ({number:.2f} times as much)."
-    ),
+    FindingKind.FOLLOWED: "The free runs leave {percent:.2g} % of the motion.",
+    FindingKind.MISFIT: "They leave {number:.3g} times what encoder and noise explain.",
+    FindingKind.NO_MISFIT: "Encoder and noise explain what they leave ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
+    FindingKind.RESTS_ON: _rests_on,
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",
 }

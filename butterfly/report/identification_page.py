@@ -131,7 +131,7 @@ def identification_page(
         verdict=identification.judged,
         facts=_facts(identification),
         lead=_lead(table, data, with_truth=truth is not None),
-        summary=[*identification.summary[1:], *residual_sentences(residuals)],
+        summary=[*identification.notes, *residual_sentences(residuals)],
         sections=sections,
         numbers=identification.to_dict(truth),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
@@ -22,14 +22,12 @@ def rests_on(
     data: DataSet,
     estimate: Estimate,
     estimator: Estimator | None,
-    *,
-    more: Sequence[Finding] = (),
 ) -> dict[str, Any]:
     """Return what every result says of the data and the estimate that it rests on."""
     return {
         "data": about_data(data),
         "chosen": chosen_options(estimator, estimate),
-        **estimate_numbers(estimate, more=more),
+        **estimate_numbers(estimate),
     }
 
 
@@ -39,7 +37,6 @@ def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dic
     return [
         {
             "kind": str(each.kind),
-            "severity": str(each.severity),
             "text": finding_text(each, values),
             "parameters": list(each.parameters),
             "number": each.number,
@@ -49,15 +46,10 @@ def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dic
     ]
 
 
-def estimate_numbers(
-    estimate: Estimate, truth: LumpedParameters | None = None, more: Sequence[Finding] = ()
-) -> dict[str, Any]:
-    """Return an estimate under the keys that all results have which rest on one.
-
-    The truth where it is known, and findings besides the estimate's own.
-    """
+def estimate_numbers(estimate: Estimate, truth: LumpedParameters | None = None) -> dict[str, Any]:
+    """Return an estimate under the keys that all results have which rest on one."""
     content = estimate.to_dict(truth)
-    content["findings"] = finding_numbers((*estimate.findings, *more), estimate)
+    content["findings"] = finding_numbers(estimate.findings, estimate)
     if truth is not None:
         content["truth"] = lumped_numbers(truth, estimate.input_kind, estimate.joint)
     return content

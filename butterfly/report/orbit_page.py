@@ -16,7 +16,7 @@ from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE, panel
-from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import interval, with_error
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact, Page, PageTable, Section, Whisker
@@ -55,7 +55,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Parameters",
             tables=(_parameters_table(study, truth),),
-            text="\n".join(estimate_sentences(study.estimate)[1:]),
+            text="\n".join(estimate_notes(study.estimate)),
         ),
         Section(
             title="Free-run prediction next to the orbit",
@@ -113,7 +113,7 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
         f"{study.name!r} re-calibrated next to its orbit",
         content,
         verdict=verdict,
-        summary=(verdict.sentence, *_sentences(study)),
+        summary=(*verdict.lines, *_sentences(study)),
         units={"free_run_rms_rad": "rad", "amplitudes_rad": "rad", "target_rad": "rad"},
     )
 
@@ -135,8 +135,8 @@ def _sentences(study: OrbitStudy) -> list[str]:
         f"{degrees_said(generic)}°: {better:.3g} times less.",
         f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
         f"terms that did not help on held-out data: {rejected}.",
-        *estimate_sentences(study.estimate)[1:],
-        *([] if begun is None else [f"What it began with: {estimate_verdict(begun).sentence}"]),
+        *estimate_notes(study.estimate),
+        *([] if begun is None else [f"What it began with: {estimate_verdict(begun).lines[0]}"]),
     ]
 
 

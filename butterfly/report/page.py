@@ -212,7 +212,7 @@ class Page:
             return self.badge
         text = self.verdict.level.verdict
         text = text if self.kind == "identification" else f"parameters: {text}"
-        return Badge(self.verdict.level, text.capitalize(), self.verdict.paragraphs)
+        return Badge(self.verdict.level, text.capitalize(), list(self.verdict.reasons))
 
     @property
     def parts(self) -> list[Section]:

@@ -102,7 +102,7 @@ class Separated(Answer):
         numbers = physical_numbers(parameters)
         return cls(
             title=f"{TITLE} of {name!r}",
-            summary=(judged.sentence, *physical_sentences(parameters)),
+            summary=(*judged.lines, *physical_sentences(parameters)),
             content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
             judged=judged,
         )

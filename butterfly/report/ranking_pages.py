@@ -41,7 +41,7 @@ def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
         name="leaderboard",
         description=result.title,
         kind="leaderboard",
-        summary=result.summary[1:],
+        summary=result.notes,
         sections=sections,
         numbers=result.to_dict(),
         verdict=result.judged,
@@ -118,7 +118,7 @@ def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -
         name=data.name,
         description=data.description,
         kind="choice of terms",
-        summary=result.summary[1:],
+        summary=result.notes,
         lead=Section(
             title="FIT by what is fitted",
             text="Median FIT in %, in sample and of what was left out, which decides.",

@@ -38,7 +38,7 @@ def record_document(record: RunRecord) -> dict[str, Any]:
             "estimates": [_estimate(each) for each in record.estimates],
         },
         verdict=verdict,
-        summary=() if verdict is None else (verdict.sentence,),
+        summary=() if verdict is None else verdict.lines,
         units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
     )
 

@@ -18,7 +18,7 @@ from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.report.agreement_texts import agreement_table
-from butterfly.report.finding_texts import REMEDY, estimate_sentences
+from butterfly.report.finding_texts import REMEDY, estimate_notes, estimate_verdict
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
 from butterfly.report.parameter_table import HEADERS, TITLE, parameter_texts, physical_rows
@@ -34,20 +34,20 @@ def summary(identification: Identification) -> list[str]:
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
     known = ", ".join(f"{name} = {value}" for name, value in estimate.known.values.items())
-    verdict, *others = estimate_sentences(estimate)
+    worst = min(identification.fits, key=lambda name: identification.fits[name])
     return [
-        verdict,
+        *estimate_verdict(estimate).lines,
         f"{counted(len(data.logs), 'log')} with {carried}, driven by {drive}, "
         f"method: {estimate.method}.",
         f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit_text(fit.median)} % (mean "
-        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %), and its velocity with "
-        f"{fit_text(identification.velocity_fit.median)} %; 100 % is perfect, 0 % no better than a "
-        "constant.",
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %, of {worst}), and its velocity "
+        f"with {fit_text(identification.velocity_fit.median)} %; 100 % is perfect, 0 % no better "
+        "than a constant.",
         *held_out_sentences(identification.held_out),
         *_thinned(data),
         *([f"Known beforehand: {known}."] if known else []),
-        *others,
+        *estimate_notes(estimate),
         _health(data),
     ]
 

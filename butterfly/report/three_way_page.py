@@ -93,7 +93,7 @@ def three_way_page(
             text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
             figures={"fit": _fit_figure(compared)},
         ),
-        summary=result.summary[1:],
+        summary=result.notes,
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,

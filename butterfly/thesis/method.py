@@ -27,7 +27,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
-from butterfly.verdict import Level
 
 UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
 """Upper bounds of p1, p2, p3 in (102), as the script computes them; the lower ones are 0."""
@@ -174,17 +173,12 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         if share > 0.999 or share < 1e-9  # noqa: PLR2004
     )
     findings = [
-        Finding(FindingKind.NOT_ESTIMATED, _UNESTIMATED, severity=Level.CARE),
-        Finding(
-            FindingKind.NO_UNCERTAINTY,
-            PARAMETERS[:3],
-            number=len(resonances),
-            severity=Level.CARE,
-        ),
+        Finding(FindingKind.NOT_ESTIMATED, _UNESTIMATED),
+        Finding(FindingKind.NO_UNCERTAINTY, PARAMETERS[:3], number=len(resonances)),
         *conditioning.findings,
     ]
     if on_bound:
-        findings.append(Finding(FindingKind.ON_BOUND, on_bound, severity=Level.WARNING))
+        findings.append(Finding(FindingKind.PULLED, on_bound))
     return Estimate(
         method="thesis",
         names=PARAMETERS,

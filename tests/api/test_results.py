@@ -43,7 +43,10 @@ KINDS = [
 def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results, kind, tmp_path):
     each = results[kind]
     assert each.standing == each.to_dict()["verdict"] == "good"
-    assert each.verdict[0] == each.summary[0] == each.page().verdict.sentence
+    lines = each.page().verdict.lines
+    assert tuple(each.verdict[:2]) == each.summary[:2] == lines
+    assert lines[0].startswith("Good: p1 within ")
+    assert lines[1].startswith("The model follows to ")
     assert len(repr(each).splitlines()) == 1
     assert "good" not in repr(each)
     assert len(each.to_dataframe()) == len(each.rows()) > 0
@@ -87,7 +90,7 @@ def test_nothing_is_made_of_values_that_no_joint_has(quick_data, tmp_path):
 
 def test_the_table_of_parameters_is_aligned_and_has_values_units_and_intervals(result):
     assert "p1 0.0032" in repr(result)
-    assert "known within 10 %" in str(result)
+    assert "Good: p1 within " in str(result)
     lines = str(result).splitlines()
     assert [line.split()[0] for line in lines[-6:]] == ["p₁", "p₂", "p₃", "p₄", "T_c", "delay"]
     assert len({len(line) for line in lines[-7:]}) == 1

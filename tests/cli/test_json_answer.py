@@ -15,7 +15,6 @@ from butterfly.cli.output import ExitCode
 from butterfly.result import HEAD
 from tests.cli.one_line import assert_one_line_error
 
-GOOD = "Good: nothing was found that speaks against these values.\n"
 KINDS = {name: command.answer for name, command in COMMANDS.items() if command.answer}
 SLOW = {"reproduce"}
 ON_AN_ESTIMATE = {"identify", "select", "validate", "residual", "compare", "design", "predict"}
@@ -76,7 +75,6 @@ def _assert_tells_an_estimate(said):
     np.testing.assert_allclose(np.sqrt(np.diag(matrix)), errors)
     assert said["findings"]
     for each in said["findings"]:
-        assert each["severity"] in {"note", "care", "warning"}
         assert each["text"].endswith(".")
     for each in said["left_out"]:
         assert each["without"]
@@ -112,7 +110,8 @@ def test_the_file_beside_a_report_tells_the_same_and_can_be_read_again(answer, q
         _ = loaded.data
     assert bf.load(file, root=quick_data).data.logs
     assert_one_line_error(answer("identify", file), "--root")
-    assert answer("identify", file, "--root", quick_data, "--quiet")[:2] == (0, GOOD)
+    code, out, _ = answer("identify", file, "--root", quick_data, "--quiet")
+    assert (code, out.count("\n"), out[:6]) == (0, 2, "Good: ")
 
 
 @pytest.mark.parametrize("command", sorted(KINDS.keys() - SLOW - {"results list"}))
@@ -126,7 +125,8 @@ def test_bad_input_leaves_standard_output_empty(answer, tmp_path, command):
 @pytest.mark.parametrize("words", [("--quiet", "identify"), ("identify", "-q")])
 def test_quietly_the_verdict_is_printed_alone(butterfly, quick_data, tmp_path, words):
     saved = tmp_path / "saved.json"
-    assert butterfly(*words, quick_data, "--save", saved) == (ExitCode.DONE, GOOD, "")
+    code, out, err = butterfly(*words, quick_data, "--save", saved)
+    assert (code, out.count("\n"), out[:6], err) == (ExitCode.DONE, 2, "Good: ", "")
     assert saved.exists()
 
 

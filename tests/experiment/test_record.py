@@ -20,9 +20,8 @@ from butterfly.identification.diagnostics.findings import Ending, Finding, Findi
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.model.parameters import AddedMass
-from butterfly.verdict import Level
 
-ON_BOUND = Finding(FindingKind.ON_BOUND, ("p2",), number=1.5, severity=Level.CARE)
+ON_BOUND = Finding(FindingKind.ON_BOUND, ("p2",), number=1.5)
 FOUND = Estimate(
     method="output error",
     names=("p2", "p3"),

@@ -55,6 +55,7 @@ def simulated(
     time = np.arange(0, duration, step)
     late = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]]) - robot.delay
     inputs = signal(np.maximum(late, 0.0))
+    inputs = np.sign(inputs) * np.maximum(np.abs(inputs) - robot.dead_zone, 0.0)
     inputs /= 1 + robot.compression * np.abs(inputs)
     angle, _ = simulate(robot.with_added_mass(mass), time, inputs, start)
     return Log(

@@ -82,7 +82,6 @@ def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
 @pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
 def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
     found = _identified(cases / f"constant-velocity-{ripple}")
-    assert found.fit.median > 99
     assert found.velocity_fit.median < 50
     assert found.judged.level is not Level.GOOD
 

@@ -137,7 +137,7 @@ def test_a_log_that_hardly_moves_rests_and_one_that_says_nothing_is_guessed():
 def test_the_weak_form_says_that_it_rests_on_a_guess(monkeypatch):
     monkeypatch.setattr("butterfly.identification.encoder_offset.fitted_offset", lambda _: None)
     found = PLAIN(DataSet.of(_logs(0.3, turns=(0, 0, 0))))
-    assert FindingKind.ZERO_GUESSED in {each.kind for each in found.reasons}
+    assert FindingKind.ZERO_GUESSED in {each.kind for each in found.findings}
 
 
 def test_an_uncertain_zero_adds_what_it_moves_the_estimate_by():

@@ -217,7 +217,26 @@ def test_the_speed_per_volt_is_the_gain_from_input_to_velocity_at_low_frequency(
 def test_a_derived_quantity_that_is_not_known_from_0_or_does_not_exist_is_not_told():
     loose = np.diag([1e-12, VALUES[1] ** 2, 1e-12, 1e-12])
     names = {each.name for each in _of_logs({}, covariance=loose).found}
-    assert names & DERIVED == {"resonance"}  # p2 may be 0
+    assert names & DERIVED == {"resonance"}  # p2 may be 0, p1 and p3 are known
     balanced = np.where(np.array(NAMES) == "p3", 0.0, VALUES)
     names = {each.name for each in _of_logs({}, balanced).found}
     assert names & DERIVED == {"decay_time", "speed_gain"}
+
+
+def test_a_combination_is_told_where_what_it_is_made_of_is_not_known():
+    values = np.array([0.6, 0.1, 3.0, 2.0, 0.5])
+    names = (*NAMES, "coulomb")
+    alike = 0.3 * np.array([0.6, 0.0, 3.0, 0.0, 0.0])  # p1 and p3 are uncertain together
+    apart = np.array([0.0, 0.05, 0.0, 0.0, -0.2])  # friction is known at 4 rad/s
+    covariance = np.diag((1e-3 * values) ** 2) + np.outer(alike, alike) + np.outer(apart, apart)
+    found = physical_parameters(
+        estimate_of(values, covariance, names=names), Prior(), InputKind.VOLTAGE, NO_ADDED_MASS
+    )
+    assert found["stiffness_ratio"].value == pytest.approx(5.0)
+    assert found["stiffness_ratio"].standard_error == pytest.approx(5 * 2**0.5 * 1e-3, rel=0.01)
+    assert found["friction_speed"].value == pytest.approx(4.0, rel=1e-3)
+    assert found["friction"].value == pytest.approx(0.9, rel=1e-3)
+    assert found["friction"].standard_error < 1e-3
+    sure = estimate_of(values, np.diag((1e-4 * values) ** 2), names=names)
+    told = physical_parameters(sure, Prior(), InputKind.VOLTAGE, NO_ADDED_MASS).found
+    assert not {each.name for each in told} & {"stiffness_ratio", "friction", "friction_speed"}

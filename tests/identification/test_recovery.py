@@ -26,6 +26,9 @@ PRESENT = {
     "tilt": {"tilt": -0.5},
     "cogging": {"cogging": -2e-3, "cogging_periods": 3.0},
     "cogging_cosine": {"cogging_cosine": 2e-3, "cogging_periods": 3.0},
+    "mass_inertia": {"mass_inertia": 0.06},
+    "spring": {"spring": 4e-3},
+    "dead_zone": {"dead_zone": 2e-3},
     "compression": {"compression": 4.0},
 }
 """What the robot has of each term: several per cent of the torque of its motor."""

@@ -16,7 +16,6 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.estimators.steady_response import RestAngles, steady_sines
 from butterfly.logs.log import Sine
-from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, response, simulated, steady
 
@@ -118,7 +117,7 @@ def test_a_sine_without_a_steady_swing_at_home_is_left_out(calm, changed):
     data = DataSet.of([replace(calm[0], angle=changed(calm[0])), *calm[1:]])
     steady, (finding,) = steady_sines(data)
     assert steady == [1, 2, 3, 4, 5]
-    assert (finding.kind, finding.severity) == (FindingKind.LEFT_OUT, Level.NOTE)
+    assert finding.kind is FindingKind.LEFT_OUT
     assert (finding.logs, finding.number) == ((data.logs[0].name,), 6)
 
 
@@ -135,9 +134,9 @@ def test_of_sines_that_settle_and_of_other_inputs_nothing_is_said(calm, change, 
     assert steady_sines(DataSet.of([change(calm[0]), *calm[1:]])) == (kept, [])
 
 
-def test_where_a_third_is_left_out_the_rest_needs_care(calm):
+def test_what_is_left_out_is_named_and_the_rest_kept(calm):
     moved = [replace(log, angle=log.angle + 1.5) for log in (calm[0], calm[3])]
     data = DataSet.of([moved[0], *calm[1:3], moved[1], *calm[4:]])
     steady, (said,) = steady_sines(data)
     assert steady == [1, 2, 4, 5]
-    assert said.severity is Level.CARE
+    assert said.logs == (data.logs[0].name, data.logs[3].name)

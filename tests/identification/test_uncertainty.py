@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
@@ -15,7 +16,7 @@ from butterfly.identification.test_functions import (
     HALF_WIDTH,
     Averaging,
 )
-from butterfly.model.prior import NO_PRIOR
+from butterfly.model.prior import NO_PRIOR, SCALES, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, noisy, steady, wild
@@ -117,6 +118,38 @@ def test_a_mass_in_two_spellings_is_left_out_as_one(sines):
     for limits in ("lower", "upper"):
         expected = getattr(once, limits)
         np.testing.assert_allclose(getattr(twice, limits), expected, rtol=1e-6)
+
+
+def _rescaled(log, scale, share):
+    """Return a log in whose recording one scale is off by some share."""
+    mass, sine = log.added_mass, log.excitation
+    if scale == "mass_scale":
+        return replace(log, added_mass=replace(mass, mass=mass.mass / (1 + share)))
+    if scale == "time_scale":
+        sine = replace(sine, omega=sine.omega * (1 + share))
+        return replace(log, time=log.time / (1 + share), excitation=sine)
+    column = scale.removesuffix("_scale")
+    return replace(log, **{column: getattr(log, column) / (1 + share)})
+
+
+@pytest.mark.parametrize("scale", sorted(SCALES))
+def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, scale):
+    share, estimator = 0.002, HarmonicBalance(terms=(), check=False)
+    told = replace(sines, known=Prior.of({scale: (1.0, share)}))
+    plain, wide = estimator(sines), estimator(told)
+    off = estimator(DataSet.of([_rescaled(log, scale, share) for log in sines.logs]))
+    added = np.sqrt(np.diag(wide.covariance) - np.diag(plain.covariance))
+    moved = np.abs(off.values - plain.values)
+    for name in ("p1", "p2", "p3", "p4"):
+        k = plain.names.index(name)
+        size = share * abs(plain.values[k])
+        assert added[k] == pytest.approx(moved[k], abs=0.1 * moved[k] + 0.15 * size), name
+
+
+def test_a_scale_is_not_uncertain_beside_an_exact_value(sines):
+    known = Prior.of({"p4": 0.025, "input_scale": (1.0, 0.01)})
+    with pytest.raises(InputError, match="beside what is uncertain"):
+        HarmonicBalance(terms=())(replace(sines, known=known))
 
 
 def _kinds(found):

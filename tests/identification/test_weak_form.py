@@ -11,7 +11,7 @@ from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import FrictionTerms
+from butterfly.model.terms import IDEAL, DriveTerms, FrictionTerms
 from tests.conftest import MASSES
 from tests.identification.simulated import TONES, noisy, simulated
 
@@ -80,15 +80,16 @@ def test_on_a_slow_clock_a_held_input_s_gain_is_right():
 
 def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
     kept = Averaging(logs[1], 0.3, 0.25, FrictionTerms())
-    for names, delay, compression in (
-        (("p1", "p4"), 0.0, 0.0),
-        (("p4", "coulomb", "delay"), 0.004, 0.0),
-        (("p1", "compression", "p4"), 0.0041, 2.0),
-        (("p4", "p1", "p3"), 0.0, 2.0),
-        (("delay", "p4"), 0.004, 0.0),
+    yielding = DriveTerms(compression=2.0, dead_zone=0.01)
+    for names, delay, drive in (
+        (("p1", "p4"), 0.0, IDEAL),
+        (("p4", "coulomb", "delay"), 0.004, IDEAL),
+        (("p1", "compression", "p4"), 0.0041, yielding),
+        (("p4", "p1", "p3", "dead_zone"), 0.0, yielding),
+        (("delay", "p4"), 0.004, IDEAL),
     ):
         found, fresh = (
-            each.signals(names, delay=delay, compression=compression)
+            each.signals(names, delay=delay, drive=drive)
             for each in (kept, Averaging(logs[1], 0.3, 0.25, FrictionTerms()))
         )
         assert list(found.mean) == list(names)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from butterfly.errors import ButterflyError
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.model.terms import PARAMETERS, FrictionTerms
@@ -65,6 +64,7 @@ class Score:
     excess: float = float("nan")  # cost over that of a fit begun at the truth, if there is one
     misfit: float = float("nan")  # what is left over what sensors explain, where it was asked for
     text: str = ""  # the answer in words, the same
+    follows: list[str] = field(default_factory=list)  # which parameter follows which condition
     seconds: float = 0.0  # that the identification took
 
     @property
@@ -122,12 +122,7 @@ def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
 
 def readings_of(estimate, truth, heaviest):
     """Compare an estimate with true values by name; the heaviest added moment sizes p3's error."""
-    claimed = {
-        name
-        for each in estimate.findings
-        if each.kind is FindingKind.PRECISE
-        for name in each.parameters
-    }
+    claimed = {row.name for row in estimate.table() if row.claim == "precise"}
     rows = zip(estimate.names, estimate.values, estimate.lower, estimate.upper, strict=True)
     limits = {name: row for name, *row in rows}
     readings = {}

@@ -180,6 +180,29 @@ def test_an_input_on_its_limit_is_saturated_and_a_constant_or_switched_one_is_no
         assert saturated(values) == np.count_nonzero((values == low) | (values == high))
 
 
+def _rounded(rng, top=np.inf):
+    """Return a random sine that a drive cuts off at a share of its amplitude, and rounds."""
+    time = np.arange(0, 20, 10 ** rng.uniform(-3, -2))
+    amplitude = 10 ** rng.uniform(-2.3, 0.5)
+    wave = np.sin(10 ** rng.uniform(0, 1.3) * time + rng.uniform(0, 2 * np.pi))
+    step = 1e-3 if np.isinf(top) else rng.choice([1e-3, 1e-4]) * amplitude
+    return step * np.round(amplitude * np.clip(wave, -top, top) / step + rng.uniform(-1, 1))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_sine_that_is_rounded_is_not_saturated_and_one_that_is_cut_off_is(seed):
+    rng = np.random.default_rng(seed)
+    assert saturated(_rounded(rng)) == 0
+    assert saturated(_rounded(rng, top=rng.uniform(0.5, 0.9))) > 0
+
+
+def test_levels_held_in_turn_are_not_saturated():
+    rng = np.random.default_rng(0)
+    for count in range(3, 30):
+        levels = rng.choice([-1.0, -0.5, 0.0, 0.3, 0.5, 1.0], size=count)
+        assert saturated(np.repeat(levels, 200)) == 0
+
+
 LONG = np.arange(3000) * 5e-3
 NO_GAPS = np.zeros(LONG.size - 1, dtype=bool)
 TURN = 2 * np.pi

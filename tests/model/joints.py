@@ -7,9 +7,10 @@ from butterfly.model.parameters import LumpedParameters
 PENDULUM = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025)
 SLIDING = LumpedParameters(
     **vars(PENDULUM)
-    | {"p3_offset": 1e-3, "tilt": 0.1, "delay": 0.0033, "compression": 0.05}
+    | {"p3_offset": 1e-3, "tilt": 0.1, "delay": 0.0033, "compression": 0.05, "dead_zone": 0.013}
     | {"coulomb": 8e-4, "load": 1e-4, "stribeck": 3e-4, "stribeck_velocity": 0.15, "drag": 1e-5}
-    | {"bias": 2e-4, "cogging": 1e-4, "cogging_cosine": 2e-4, "cogging_periods": 3.0}
+    | {"bias": 2e-4, "spring": 2e-3, "mass_inertia": 0.05}
+    | {"cogging": 1e-4, "cogging_cosine": 2e-4, "cogging_periods": 3.0}
 )
 """All terms at work, but for those that make a state."""
 

@@ -11,7 +11,7 @@ from butterfly.model.greybox import simulate
 from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import TERMS, torque_of
+from butterfly.model.terms import DRIVE, TERMS, torque_of
 from tests.model.joints import SLIDING
 
 ADDED = AddedMass(mass=0.3, arm=0.1)
@@ -28,6 +28,7 @@ def _torque(p, x, v, u):
         - friction * np.sign(v)
         - p.drag * abs(v) * v
         + p.bias
+        - p.spring * x
         + p.cogging * np.sin(p.cogging_periods * x)
         + p.cogging_cosine * np.cos(p.cogging_periods * x)
     )
@@ -39,7 +40,7 @@ def test_the_torques_of_the_table_and_of_the_kernel_are_those_of_the_equation(ve
     loaded = SLIDING.with_added_mass(ADDED)
     expected = _torque(loaded, angle, velocity, command)
     motion = Motion.of(loaded, angle, velocity, input=command)
-    rows = [row for row in TERMS.values() if row.basis and row.name not in {"load", "compression"}]
+    rows = [row for row in TERMS.values() if row.basis and row.name not in {"load", *DRIVE}]
     assert -torque_of(loaded, motion, rows) == pytest.approx(expected, rel=1e-12)
     h = 1e-4
     _, found = simulate(loaded, np.array([0, h]), np.full((1, 3), command), angle, velocity)
@@ -54,6 +55,7 @@ def test_pull_stiffness_and_potential_are_those_written_out_by_hand(angle):
         - p.p3_offset * np.sin(angle)
         - p.cogging * n * np.cos(n * angle)
         + p.cogging_cosine * n * np.sin(n * angle)
+        + p.spring
     )
     assert stiffness(p, angle) == pytest.approx(expected, rel=1e-12)
     assert Linearisation.of(p, angle).stiffness == pytest.approx(expected, rel=1e-12)

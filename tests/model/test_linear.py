@@ -33,7 +33,9 @@ from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, instants
 from tests.signals.sines import fit_sine
 
 THESIS = replace(PENDULUM, p4=10)
-WHOLE = replace(SLIDING, delay=0.0, coulomb=0.0, load=0.0, stribeck=0.0, compression=0.3, **LAG)
+WHOLE = replace(
+    SLIDING, delay=0.0, coulomb=0.0, load=0.0, stribeck=0.0, compression=0.3, dead_zone=0.0, **LAG
+)
 OTHERS = {
     "bristles": replace(SLIDING, delay=0.0, **BRISTLES),
     "friction that creeps at rest": replace(PENDULUM, coulomb=1e-4, drag=1e-4),
@@ -63,7 +65,7 @@ def test_the_response_is_that_of_the_small_motion_about_rest():
     """By hand, with offset and cogging, delay, and back EMF behind the armature's lag."""
     p = replace(WHOLE, p2=2e-3, back_emf=1.5e-3, time_constant=0.08, delay=0.03)
     lag = 1 / (1 + 1j * OMEGA * 0.08)
-    spring = p.p3 - p.cogging * 3
+    spring = p.p3 - p.cogging * 3 + p.spring
     below = spring - p.p1 * OMEGA**2 + 1j * OMEGA * (p.p2 - 1.5e-3 + 1.5e-3 * lag)
     undelayed = p.p4 * lag / below
     response = frequency_response(p, OMEGA)
@@ -126,7 +128,7 @@ def test_the_nonlinear_system_is_the_whole_equation(robot):
         solve_ivp_method="LSODA",
         solve_ivp_kwargs={"rtol": 1e-8, "atol": 1e-10, "max_step": 5e-3},
     )
-    angle, _ = simulate(robot, time, command / (1 + robot.compression * np.abs(command)), 0.3)
+    angle, _ = simulate(robot, time, robot.delivered(command), 0.3)
     assert np.ptp(angle) > 0.5
     np.testing.assert_allclose(moved.outputs[0], angle, atol=2e-4)
 

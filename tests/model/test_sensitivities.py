@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, simulate
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.signals import hold
 from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, instants
@@ -44,15 +44,14 @@ class _Log:
         self.readings = Readings.angles(grid.size - 1)
 
     def angles(self, parameters, start=START):
-        inputs = self._parabolas(compressed(self.input, parameters.compression), parameters)[0]
+        inputs = self._parabolas(parameters.delivered(self.input), parameters)[0]
         return simulate(parameters.with_added_mass(ADDED), self.grid, inputs, *start)[0][1:]
 
     def sensitivities(self, names, parameters, added=ADDED):
         """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
         p, columns = parameters, Columns.of(names, parameters, added)
-        delivered = compressed(self.input, p.compression)
-        weaker = self._parabolas(-delivered * abs(delivered), p)[:1]
-        inputs = np.concatenate([self._parabolas(delivered, p), weaker])
+        slopes = [self._parabolas(each, p)[:1] for each in p.slopes(self.input).values()]
+        inputs = np.concatenate([self._parabolas(p.delivered(self.input), p), *slopes])
         loaded = p.with_added_mass(added)
         values, rows = differentiate(loaded, self.grid, inputs, START, self.readings, columns)
         return values, rows @ columns.mixture
@@ -187,7 +186,7 @@ def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(seed):
 def test_scaling_all_torques_and_the_inertia_together_moves_nothing(regime):
     """It is the factor that only a known added mass tells."""
     parameters, scale = REGIMES[regime]
-    names = ["p1", "p2", "p3", "p3_offset", "p4", "coulomb", "stribeck", "drag", "bias"]
+    names = ["p1", "p2", "p3", "p3_offset", "p4", "coulomb", "stribeck", "drag", "bias", "spring"]
     names += ["cogging", "cogging_cosine", "back_emf", "bristle_stiffness", "bristle_damping"]
     names = [name for name in names if getattr(parameters, name)]
     _, rows = _Log(scale).sensitivities(names, parameters, added=NO_ADDED_MASS)

@@ -16,9 +16,8 @@ from butterfly.model.parameters import (
     Hand,
     LumpedParameters,
     TorqueDrive,
-    compressed,
 )
-from butterfly.model.terms import TERMS, FrictionTerms
+from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
 
@@ -28,10 +27,14 @@ PLAIN = LumpedParameters(p1=0.004, p2=0.0, p3=0.0, p4=0.0, **SETTINGS)
 VALUE = 0.013
 STATES = [(0.7, 0.9), (-2.1, -0.3), (3.0, 1.7)]
 COMMAND = 0.6
+YIELDED = {
+    "compression": lambda c: COMMAND / (1 + c * COMMAND),
+    "dead_zone": lambda d: COMMAND - d,
+}
 
 STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]
-SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt"]
+SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt", "mass_inertia"]
 
 
 def _motion(angle, velocity, **more):
@@ -60,12 +63,13 @@ def test_a_potential_has_the_basis_for_slope_and_is_0_at_angle_0(name):
 @pytest.mark.parametrize(("a", "w"), [(0.02, 14.0), (0.8, 3.0), (2.9, 1.2)])
 @pytest.mark.parametrize("name", [n for n, row in TERMS.items() if row.describing])
 def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
-    row, still = TERMS[name], _motion(0.0, 0.0, weight=ADDED.weight)
+    row, still = TERMS[name], _motion(0.0, 0.0, weight=ADDED.weight, carried=1.0)
 
     def torque(t):
         angle, velocity = a * math.cos(t), -a * w * math.sin(t)
         motion = Motion.of(PLAIN, angle, velocity, weight=ADDED.weight)
-        return -(w**2) * angle if row.derivative == 2 else float(row.basis(motion))
+        inertial = row.derivative == 2 or name == "mass_inertia"
+        return -(w**2) * angle if inertial else float(row.basis(motion))
 
     def integral(weight):
         weighed = quad(lambda t: torque(t) * weight(t), 0, 2 * math.pi, points=[math.pi], limit=200)
@@ -79,24 +83,24 @@ def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
 @pytest.mark.parametrize(("angle", "velocity"), STATES)
 def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
     row = TERMS[name]
-    moving = {name: VALUE} if name != "compression" else {name: VALUE, "p4": 0.5}
+    moving = {name: VALUE} if name not in DRIVE else {name: VALUE, "p4": 0.5}
     bare = replace(PLAIN, **moving)
     loaded = bare.with_added_mass(ADDED)
-    gain = loaded.p4 * float(compressed(np.array([COMMAND]), loaded.compression)[0])
+    gain = loaded.p4 * float(loaded.delivered(np.array([COMMAND]))[0])
     state = (angle, velocity, 0.0, 0.0)
     acceleration, *_ = rates(state, gain, float(np.sign(velocity)), Constants.of(loaded))
     motion = _motion(angle, velocity, weight=ADDED.weight, input=COMMAND)
     expected = -VALUE * float(row.basis(motion))
-    if name == "compression":
-        expected = 0.5 * COMMAND / (1 + VALUE * COMMAND)  # of which the basis is the derivative
+    if name in DRIVE:
+        expected = 0.5 * YIELDED[name](VALUE)  # of which the basis is the derivative
         step = 1e-6
-        slope = 0.5 * COMMAND * (1 / (1 + (VALUE + step) * COMMAND) - 1 / (1 + VALUE * COMMAND))
-        delivered = motion._replace(input=COMMAND / (1 + VALUE * COMMAND))
+        slope = 0.5 * (YIELDED[name](VALUE + step) - YIELDED[name](VALUE))
+        delivered = motion._replace(input=YIELDED[name](VALUE))
         assert -0.5 * float(row.basis(delivered)) == pytest.approx(slope / step, rel=1e-5)
     assert acceleration * loaded.p1 == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", [n for n in STATIC if n not in {"p4", "compression"}])
+@pytest.mark.parametrize("name", [n for n in STATIC if n not in {"p4", *DRIVE}])
 @pytest.mark.parametrize(("angle", "velocity"), STATES)
 def test_mujoco_has_the_torque_of_every_row(name, angle, velocity):
     """Accelerations of a hand with the term, less those of the same hand without it."""
@@ -131,6 +135,32 @@ def _mujoco_torque(robot, added, angle, velocity):
     data.qpos[0], data.qvel[0] = angle, velocity
     mujoco.mj_forward(model, data)
     return float(data.qacc[0]) * 0.004
+
+
+@pytest.mark.parametrize("size", [0.3, 2.0])
+def test_a_drive_s_fundamental_on_a_sine_is_the_describing_function(size):
+    """Of a dead zone in closed form; that it falls with compression from its slope."""
+    share = 0.1 / size
+    gain = 1 - 2 / math.pi * (math.asin(share) + share * math.sqrt(1 - share**2))
+    delivered, slopes = DriveTerms(dead_zone=0.1).of_sines(np.array([size * 1j]))
+    assert complex(delivered[0]) == pytest.approx(1j * size * gain, rel=1e-4)
+    lost = -4 / math.pi * math.sqrt(1 - share**2)
+    assert complex(slopes["dead_zone"][0]) == pytest.approx(1j * lost, rel=1e-2)
+    _, slopes = DriveTerms().of_sines(np.array([size * 1j]))
+    assert complex(slopes["compression"][0]) == pytest.approx(
+        -8j / (3 * math.pi) * size**2, rel=1e-4
+    )
+
+
+def test_a_drive_loses_its_dead_zone_and_then_saturates():
+    both, command = (
+        DriveTerms(dead_zone=0.1, compression=0.5),
+        np.array([-0.6, -0.05, 0.0, 0.1, 1.1]),
+    )
+    np.testing.assert_allclose(both.delivered(command), [-0.4, 0.0, 0.0, 0.0, 2 / 3], atol=1e-15)
+    for name, slope in both.slopes(command).items():
+        more = replace(both, **{name: getattr(both, name) + 1e-7}).delivered(command)
+        np.testing.assert_allclose(slope, (more - both.delivered(command)) / 1e-7, atol=1e-6)
 
 
 def test_friction_is_refused_below_the_bounds_of_the_table():

@@ -19,6 +19,8 @@ PRESENT = {
     "stribeck": {"stribeck": 3e-3, "stribeck_velocity": 1.0},
     "drag": {"drag": 4e-4},
     "cogging": {"cogging": 3e-3, "cogging_periods": 3.0},
+    "spring": {"spring": 5e-3},
+    "dead_zone": {"dead_zone": 3e-4},
     "compression": {"compression": 400.0},
 }
 STEP = 5e-4
@@ -28,7 +30,7 @@ def _observed(robot, believed, zero=0.0):
     """Velocity that an observer sees of a driven swing, and the true one."""
     time = np.arange(0, 5, STEP)
     held = 1e-3 * np.sin(3 * time[:-1])
-    delivered = held / (1 + robot.compression * abs(held))
+    delivered = robot.delivered(held)
     angle, velocity = simulate(robot, time, np.column_stack([delivered] * 3), 1.0)
     observer = Observer(believed, zero=zero)
     commands = np.concatenate([[0.0], held])

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import UnitError
-from butterfly.report.finding_texts import sentences_of
-from butterfly.verdict import Level
+from butterfly.report.finding_texts import finding_text
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
@@ -31,36 +30,36 @@ def _holds(text, quoted):
 
 
 def _said(finding):
-    return " ".join(sentences_of(Ending.CONVERGED, [finding], VALUES))
+    return finding_text(finding, VALUES)
 
 
-KINDS = [kind for kind in FindingKind if kind is not FindingKind.UNIT_ERROR]
-_PRECISION = {FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO}
-_CONCERNED = {FindingKind.CONTRADICTED: ("inertia",)}
+# the second line of every verdict
+_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
+_SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
+KINDS = [kind for kind in FindingKind if kind not in _SLIPS | _OF_MODEL]
+_CONCERNED = {
+    FindingKind.CONTRADICTED: ("inertia",),
+    FindingKind.RESTS_ON: ("mass_scale", "time_scale"),
+}
 _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
 
 
 def _examples(kind):
-    """Return findings of a kind, of each severity and with numbers that make a difference."""
-    severities = (Level.NOTE,) if kind in _PRECISION else tuple(Level)
+    """Return findings of a kind, with numbers that make a difference."""
     return [
         Finding(
             kind,
             _CONCERNED.get(kind, ("stribeck_velocity", "p1")),
             number=number,
-            severity=severity,
             logs=("a.mat", "b.mat"),
         )
-        for severity in severities
         for number in _NUMBERS.get(kind, (2.0, 3.0))
     ]
 
 
 def _example_of_slip(slip):
     parameters = ("mass", "50 g", "3") if slip is UnitError.MASS else (str(slip),)
-    return Finding(
-        FindingKind.UNIT_ERROR, parameters, number=0.001, severity=Level.WARNING, logs=("a.mat",)
-    )
+    return Finding(FindingKind.UNIT_ERROR, parameters, number=0.001, logs=("a.mat",))
 
 
 @cache

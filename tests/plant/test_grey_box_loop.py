@@ -90,6 +90,7 @@ PATHS = st.builds(
     limit=st.just(math.inf) | st.floats(0.01, 1),
     resolution=_or_none(st.floats(1e-4, 0.1)),
     delay=_or_none(st.floats(1e-5, 0.05)),
+    dead_zone=_or_none(st.floats(0, 0.1)),
     compression=_or_none(st.floats(0, 1)),
 )
 ENCODERS = st.builds(

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import Hand, TorqueDrive
+from butterfly.model.terms import DriveTerms
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.rollout import replay_input
 from tests.plant.setting import ADDED, JOINTS, robot
@@ -96,9 +97,9 @@ def test_a_replayed_ramp_turns_a_weightless_hand_as_the_closed_form_says(joint, 
 
 
 @pytest.mark.parametrize("joint", JOINTS)
-def test_a_compressing_drive_delivers_less(joint):
-    log = _log(ZERO, 0.002, np.full(500, 0.3))
-    weak = replay_input(joint(ROBOT, ADDED), log, compression=0.5)
+def test_a_compressing_drive_with_a_dead_zone_delivers_less(joint):
+    log = _log(ZERO, 0.002, np.full(500, 0.35))
+    weak = replay_input(joint(ROBOT, ADDED), log, 0.0, DriveTerms(dead_zone=0.05, compression=0.5))
     less = _log(ZERO, 0.002, np.full(500, 0.3 / 1.15))
     np.testing.assert_allclose(weak, replay_input(joint(ROBOT, ADDED), less), atol=1e-12)
 

@@ -133,8 +133,7 @@ def judged(estimate):
         "ending": str(estimate.ending),
         "on_bound": list(estimate.on_bound),
         "findings": [
-            " ".join([str(each.kind), f"({each.severity})", *each.parameters, *each.logs])
-            for each in estimate.findings
+            " ".join([str(each.kind), *each.parameters, *each.logs]) for each in estimate.findings
         ],
     }
 
@@ -183,7 +182,7 @@ def orbit(experiment, folder):
     return _facts(
         numbers={key: flat(told[key])[0] for key in ORBIT},
         texts={key: told[key] for key in ("verdict", "ending", "method")}
-        | {"findings": [f"{each['kind']} ({each['severity']})" for each in told["findings"]]},
+        | {"findings": [each["kind"] for each in told["findings"]]},
         words=told["summary"],
     )
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import re
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.report.finding_texts import estimate_sentences
+from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, finding_text
 from butterfly.report.inspection import conditions_text
 from butterfly.verdict import Level
+from tests.identification.simulated import estimate_of
 
 NUMBERS = {
-    FindingKind.PRECISE: (0.1, "10 %"),
     FindingKind.POOR_FIT: (61.3, "61.3 %"),
-    FindingKind.UNFOLLOWED: (-7.2, "-7.2 %"),
     FindingKind.NO_INERTIA: (-2e-4, "-0.0002 kg"),
     FindingKind.LEFT_OUT: (12.0, "was left out"),
     FindingKind.MISSING_TERM: (0.31, "31 %"),
@@ -27,14 +27,14 @@ NUMBERS = {
     FindingKind.FEW_MASSES: (2.0, "Fewer than three"),
     FindingKind.TORQUE_DRIVEN: (0.004, "0.004 Ohm"),
     FindingKind.NO_UNCERTAINTY: (3.0, "3 resonance"),
+    FindingKind.FOLLOWED: (0.0123, "1.2 %"),
     FindingKind.MISFIT: (41.3, "41.3 times"),
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
+    FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
-    FindingKind.UNFORETOLD: (41.2, "41.2 %"),
     FindingKind.ADDS_UP: (0.5, "0.5 s"),
-    FindingKind.OUTDONE: (99.52, "99.5 %"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
@@ -42,93 +42,165 @@ NUMBERS = {
 }
 OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""
-OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE}
-OF_LOGS |= {FindingKind.UNFORETOLD, FindingKind.ZERO_GUESSED}
+OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
+"""What values rest on instead."""
+OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
     *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY, FindingKind.ADDS_UP),
-    *(FindingKind.OUTDONE, FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT),
-    FindingKind.NO_MISFIT,
+    *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
+    *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
-PLAIN = [kind for kind in FindingKind if kind is not FindingKind.UNIT_ERROR]
+PLAIN = [
+    kind for kind in FindingKind if kind not in {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
+]
 """Wrong units have sentences of their own, each its test."""
+VALUES = {"p2": 1e-3, "p4": -0.5, "tilt": 0.2}
 
 
-def _verdict_and_more(*findings, ending=Ending.CONVERGED):
-    estimate = SimpleNamespace(
-        names=("p2", "p4", "tilt"),
-        values=np.array([1e-3, -0.5, 0.2]),
-        fixed={},
-        findings=findings,
-        ending=ending,
-    )
-    return estimate_sentences(estimate)
+def _estimate(*findings, ending=Ending.CONVERGED, reach=0.05, **more):
+    """Return an estimate whose limits lie some share of its values off."""
+    values = np.array([2e-3, 1e-3, 0.5, 1e-4])
+    shares = np.broadcast_to(reach, values.shape)
+    plain = estimate_of(values, np.diag((shares * values / 2) ** 2), reach=2)
+    names = ("p1", "p2", "p4", "coulomb")
+    return replace(plain, names=names, findings=findings, ending=ending, **more)
 
 
 def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_parameters():
     sentences = set()
     for kind in PLAIN:
         number, shown = NUMBERS.get(kind, (None, ""))
-        names = OF_BODY.get(kind, ("p2", "tilt"))
-        finding = Finding(kind=kind, parameters=names, number=number, logs=("first",))
-        verdict, text = _verdict_and_more(finding)
-        assert verdict.startswith("Good: ")
+        names = OF_BODY.get(kind, OF_SCALES.get(kind, ("p2", "tilt")))
+        text = finding_text(Finding(kind, names, number=number, logs=("first",)), VALUES)
         assert re.fullmatch(r"\S.*\.", text)
         assert shown in text, kind
         assert ("first" in text) is (kind in OF_LOGS)
-        named = () if kind in NAMELESS else ("k_f", "J_p") if kind in OF_BODY else names
+        named = () if kind in NAMELESS else names
+        named = {FindingKind.CONTRADICTED: ("k_f", "J_p")}.get(kind, named)
+        named = ("masses", "arm") if kind in OF_SCALES else named
         assert all(name in text for name in named), kind
         sentences.add(text)
     assert len(sentences) == len(PLAIN)
 
 
 @pytest.mark.parametrize(
-    ("severity", "opening"),
-    [(Level.CARE, "Use with care: "), (Level.WARNING, "Do not use: ")],
+    ("reach", "level", "text"),
+    [
+        (0.05, Level.GOOD, "p1 within 5 %, p4 within 5 %; p2 within 5 %, coulomb within 5 %."),
+        ((0.0999, 0.9, 0.0999, 2.0), Level.GOOD, "p1 within 10 %, p4 within 10 %; p2 within 90 %; "
+         "coulomb not distinguishable from zero."),
+        ((0.25, 1.5, 0.04, 1.5), Level.CARE, "p1 within 25 %, p4 within 4 %; p2 and coulomb not "
+         "distinguishable from zero."),
+        ((0.05, 0.05, 0.1002, 0.05), Level.CARE, "p1 within 5 %, p4 within 11 %; "),
+        ((np.nan, 0.05, 0.05, 0.05), Level.CARE, "how exact p1 is is not known."),
+    ],
+)  # fmt: skip
+def test_values_are_good_if_the_limits_of_the_scale_are_within_a_tenth(reach, level, text):
+    verdict = estimate_verdict(_estimate(reach=reach))
+    assert verdict.level is level
+    assert text in verdict.reasons[0]
+
+
+def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
+    estimate = _estimate()
+    estimate = replace(estimate, upper=estimate.values * 1.2)
+    assert estimate.reach["p1"] == pytest.approx(0.2)
+    assert estimate.level is Level.CARE
+
+
+def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
+    ratios = replace(_estimate(reach=(0.5, 0.5, 0.01, 0.5)), ratios=True)
+    ratios = replace(
+        ratios,
+        names=("p2", "p3", "p4", "delay"),
+    )
+    verdict = estimate_verdict(ratios)
+    assert verdict.level is Level.GOOD
+    assert (
+        "p4/p1 within 1 %; p2/p1 within 50 %, p3/p1 within 50 %, delay within 50 %"
+        in (verdict.reasons[0])
+    )
+    known = replace(_estimate(reach=0.5), names=("p2", "p3", "delay", "coulomb"))
+    assert known.level is Level.GOOD
+
+
+FOLLOWED = Finding(FindingKind.FOLLOWED, number=0.0123)
+MISFIT = Finding(FindingKind.MISFIT, number=3.456)
+LACKS = Finding(FindingKind.MISSING_TERM, ("drag or load", "p2"), number=0.614)
+WITH_MASS = Contrast(
+    parameter="p1",
+    condition=Condition.MASS,
+    least=0.0,
+    largest=1e-3,
+    first=2e-3,
+    last=2.2e-3,
+    share=0.4,
+    chance=1e-3,
 )
-def test_the_verdict_comes_first_with_its_reasons_which_are_not_said_again(severity, opening):
-    known = Finding(kind=FindingKind.PRECISE, parameters=("p4",), number=0.1)
-    reason = Finding(kind=FindingKind.POOR_FIT, number=61.3, severity=severity)
-    verdict, *others = _verdict_and_more(known, reason, Finding(kind=FindingKind.UNCHECKED))
-    assert verdict.startswith(opening)
-    assert "61.3 %" in verdict
-    assert not any("61.3 %" in each for each in others)
-    assert ("p4 known within 10 %." in others) is (severity is Level.CARE)
-
-
-def test_what_did_not_settle_is_not_to_be_used_and_says_why():
-    verdict, *others = _verdict_and_more(ending=Ending.STOPPED)
-    assert verdict == "Do not use: The estimation did not settle."
-    assert others == []
-
-
-def test_how_well_parameters_are_known_comes_first_and_in_one_sentence():
-    known = Finding(kind=FindingKind.PRECISE, parameters=("p4",), number=0.1)
-    hidden = Finding(kind=FindingKind.NOT_FROM_ZERO, parameters=("p2", "tilt"))
-    _, *said = _verdict_and_more(Finding(kind=FindingKind.UNCHECKED), known, hidden)
-    assert said[0] == "p4 known within 10 %; p2, tilt not distinguishable from zero."
-    assert len(said) == 2
+_TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors explain"
 
 
 @pytest.mark.parametrize(
-    ("kind", "number", "severity", "text"),
+    ("findings", "agreement", "text"),
     [
-        (FindingKind.POOR_FIT, -np.inf, Level.WARNING, "the model runs away"),
-        (FindingKind.POOR_FIT, 98.76, Level.WARNING, "a median FIT of 98.8 % only"),
-        (FindingKind.POOR_FIT, -3e28, Level.WARNING, "a median FIT of less than -1000 % only"),
-        (FindingKind.ON_BOUND, None, Level.NOTE, "do not show any"),
-        (FindingKind.ON_BOUND, None, Level.CARE, "would cross"),
-        (FindingKind.SIMULATIONS, 60.0, Level.NOTE, "The fit converged, after"),
-        (FindingKind.SIMULATIONS, 60.0, Level.WARNING, "do not trust the values"),
-        (FindingKind.FEW_MASSES, 2.0, Level.NOTE, "Fewer than three added masses: "),
-        (FindingKind.FEW_MASSES, 3.0, Level.NOTE, "Without any one added mass"),
-        (FindingKind.TORQUE_DRIVEN, 0.004, Level.NOTE, "below 0.002 V s/rad"),  # k = R p4
+        ([FOLLOWED], (), "The model follows to 1.2 % of the motion."),
+        ([FOLLOWED, Finding(FindingKind.NO_MISFIT, number=3.456)], (), f"{_TIMES}."),
+        (
+            [FOLLOWED, MISFIT],
+            (),
+            f"{_TIMES}; it misses something that looks like none of the terms on offer.",
+        ),
+        (
+            [FOLLOWED, MISFIT, LACKS],
+            (),
+            f"{_TIMES}; it misses drag or load, 61 % of the residuals.",
+        ),
+        (
+            [FOLLOWED, MISFIT],
+            (WITH_MASS,),
+            f"{_TIMES}; p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
+            "own inertia (or its arm, the clock, a base that gives)?",
+        ),
     ],
 )
-def test_a_sentence_depends_on_the_number_and_how_grave_it_is(kind, number, severity, text):
-    finding = Finding(kind=kind, parameters=("p2",), number=number, severity=severity)
-    assert text in " ".join(_verdict_and_more(finding))
+def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(
+    findings, agreement, text
+):
+    verdict = estimate_verdict(_estimate(*findings, agreement=agreement))
+    assert verdict.level is Level.GOOD
+    assert verdict.reasons[1] == text
+
+
+def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
+    reason = Finding(FindingKind.POOR_FIT, number=31.3)
+    note = Finding(FindingKind.UNCHECKED)
+    verdict, *others = estimate_sentences(_estimate(reason, note))
+    assert verdict.startswith("Do not use: ")
+    assert "31.3 %" in verdict
+    assert "within" not in verdict
+    assert others == [finding_text(note, {})]
+
+
+def test_what_did_not_settle_is_not_to_be_used_and_says_why():
+    verdict, *others = estimate_sentences(_estimate(ending=Ending.STOPPED))
+    assert verdict == "Do not use: The fit did not settle."
+    assert others == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "text"),
+    [
+        (FindingKind.POOR_FIT, -np.inf, "the model runs away"),
+        (FindingKind.POOR_FIT, -3e28, "the median FIT is less than -1000 %"),
+        (FindingKind.FEW_MASSES, 2.0, "Fewer than three added masses: "),
+        (FindingKind.FEW_MASSES, 3.0, "Without any one added mass"),
+        (FindingKind.TORQUE_DRIVEN, 0.004, "below 0.002 V s/rad"),  # k = R p4
+    ],
+)
+def test_a_sentence_depends_on_the_number(kind, number, text):
+    assert text in finding_text(Finding(kind, ("p2",), number=number), VALUES)
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def _page(kind, verdict):
 
 
 def test_the_answer_stands_first_be_it_a_verdict_or_words():
-    judged = rendered(_page("comparison", Verdict(Level.GOOD)))
+    judged = rendered(_page("comparison", Verdict(Level.GOOD, ("p1 within 1 %.",))))
     assert judged.index("Parameters: good") < judged.index("Lead") < judged.index("Said.")
     plain = rendered(_page("change", None))
     assert plain.index("Said.") < plain.index("Lead")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
 from typing import Any
-
-from butterfly.verdict import Level
 
 
 class Ending(StrEnum):
@@ -22,15 +20,12 @@ class Ending(StrEnum):
 class FindingKind(StrEnum):
     """What was found; the number that goes with it stands behind."""
 
-    PRECISE = "precise"  # half-width over value that counts as known
-    ROUGH = "rough"
-    NOT_FROM_ZERO = "not-from-zero"
     UNIT_ERROR = "slip"  # its name; the factor that undoes it
-    POOR_FIT = "poor-fit"  # median FIT in per cent
-    UNFOLLOWED = "unfollowed"  # least FIT in per cent of the logs that are named
-    UNFORETOLD = "unforetold"  # the same, of logs that were held out
+    SUSPECTED = "suspected-slip"  # the same, of one that would not move the values beyond limits
+    POOR_FIT = "poor-fit"  # median FIT in per cent, so low that the model does not follow
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # what cannot be
+    EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
     TOLD_APART = "told-apart"  # standard uncertainties between two things that were told
     CONTRADICTED = "contradicted"  # physical parameters that would be below 0; standard errors
@@ -43,15 +38,16 @@ class FindingKind(StrEnum):
     SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
-    OUTDONE = "outdone"  # median FIT in per cent of values that the logs give themselves
     ADDS_UP = "adds-up"  # s, the longest stretch fitted, since what the model lacks adds up
     OTHER_END = "other-end"  # cost of the next best end over that of the best
     COMBINATION = "combination"  # the same, of parameters known in one combination only
     ROUNDS = "rounds"  # of an iteration that stopped
     SIMULATIONS = "simulations"  # of every log, that a fit took
     ON_BOUND = "on-bound"
+    PULLED = "pulled"  # on a bound that the data would cross
     FEW_MASSES = "few-masses"  # different added masses, too few to leave one out
     FEW_LOGS = "few-logs"  # how many there are, in blocks of which the scatter was taken
+    SCATTER = "scatter"  # standard deviation from log to log, over the value
     UNCHECKED = "unchecked"  # not checked by leaving masses out, as asked
     SIGN_UNKNOWN = "sign-unknown"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
@@ -59,11 +55,16 @@ class FindingKind(StrEnum):
     NO_UNCERTAINTY = "no-uncertainty"  # equations there are
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
-    MISFIT = "misfit"  # times what sensors explain, that free runs leave over
-    NO_MISFIT = "no-misfit"  # the same, where sensors explain it
     # terms that the model lacks, then parameters that they move by more than their intervals; share
     # of the squared residuals that they explain
     MISSING_TERM = "missing-term"
+    FOLLOWED = "followed"  # rms of what free runs leave, over that of the motion
+    MISFIT = "misfit"  # times what sensors explain, that free runs leave
+    NO_MISFIT = "no-misfit"  # the same, where sensors explain it
+    RESTS_ON = "rests-on"  # what no log can show, and was not told with an uncertainty
+
+
+KINDS = frozenset(map(str, FindingKind))
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,19 @@ class Finding:
     parameters: tuple[str, ...] = ()
     _: KW_ONLY
     number: float | None = None
-    severity: Level = Level.NOTE
     logs: tuple[str, ...] = ()
+
+    @property
+    def impossible(self) -> bool:
+        """Whether no joint has such values, or none that could be simulated."""
+        if self.kind is FindingKind.POOR_FIT:
+            return self.number is not None and not math.isfinite(self.number)
+        return self.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}
+
+    @property
+    def forbids(self) -> bool:
+        """Whether values of which it is true are not to be used."""
+        return self.impossible or self.kind in {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Finding:
@@ -89,29 +101,5 @@ class Finding:
             kind=FindingKind(content["kind"]),
             parameters=tuple(map(str, content["parameters"])),
             number=None if number is None else float(number),
-            severity=Level(content["severity"]),
             logs=tuple(map(str, content.get("logs", ()))),
         )
-
-
-def grade(ending: Ending, findings: Sequence[Finding]) -> tuple[Level, tuple[Finding, ...]]:
-    """Return what may be done with values, and the findings for which that is no more.
-
-    There are none of values that are good, or that no solver settled on.
-    """
-    warnings, cares = (
-        tuple(each for each in findings if each.severity is level)
-        for level in (Level.WARNING, Level.CARE)
-    )
-    if warnings or ending is not Ending.CONVERGED:
-        unit_errors = (each for each in cares if each.kind is FindingKind.UNIT_ERROR)
-        return Level.WARNING, (*unit_errors, *warnings)
-    return (Level.CARE, cares) if cares else (Level.GOOD, ())
-
-
-def is_impossible(finding: Finding) -> bool:
-    """Whether no joint has such values, or none that could be simulated."""
-    if finding.kind is FindingKind.POOR_FIT:
-        return finding.number is not None and not math.isfinite(finding.number)
-    never = finding.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}
-    return never and finding.severity is Level.WARNING

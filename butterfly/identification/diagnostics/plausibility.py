@@ -18,16 +18,9 @@ from butterfly.identification.physical import physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
-from butterfly.verdict import Level
-
-GOOD_FIT = 80.0
-"""Median FIT in per cent below which parameters need care."""
 
 LEAST_FIT = 50.0
 """Median FIT in per cent below which parameters say nothing of the robot."""
-
-_FAR_WORSE = 6.0  # times the median misfit, of a log that is not followed as the others are
-_NOTABLE = 0.15  # misfit below which a log is followed, however well the others are
 
 _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
@@ -47,28 +40,25 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     judged = []
     least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
     if not least > 0:
-        judged.append(
-            Finding(FindingKind.NO_INERTIA, ("p1",), number=least, severity=Level.WARNING)
-        )
+        judged.append(Finding(FindingKind.NO_INERTIA, ("p1",), number=least))
+    rows = _rows(estimate)
     negative = [
-        name
-        for name, value, error in _rows(estimate)
-        if (name == "delay" or TERMS[name].lower == 0)
-        and value < -max(_CLEARLY * error, _EARLY if name == "delay" else 0.0)
+        name for name, value, error in rows if TERMS[name].lower == 0 and value < -_CLEARLY * error
     ]
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
     if negative:
-        severity = Level.CARE if negative == ["delay"] else Level.WARNING
-        judged.append(Finding(FindingKind.NEGATIVE, tuple(negative), severity=severity))
+        judged.append(Finding(FindingKind.NEGATIVE, tuple(negative)))
+    if any(n == "delay" and value < -max(_CLEARLY * e, _EARLY) for n, value, e in rows):
+        judged.append(Finding(FindingKind.EARLY, ("delay",)))
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
-        judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",), severity=Level.CARE))
+        judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",)))
     return judged
 
 
 def is_possible(estimate: Estimate, masses: Sequence[AddedMass]) -> bool:
     """Whether a joint can have the parameters (see `judge_physics`)."""
-    return all(each.severity is not Level.WARNING for each in judge_physics(estimate, masses))
+    return not any(each.impossible for each in judge_physics(estimate, masses))
 
 
 def _drives(estimate: Estimate, mass: AddedMass) -> bool:
@@ -117,7 +107,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     carrier = data.logs[0].added_mass
     sources = apart(data.given, data.input_kind, carrier.joint)
     found = [
-        Finding(FindingKind.TOLD_APART, (name,), number=far, severity=Level.CARE)
+        Finding(FindingKind.TOLD_APART, (name,), number=far)
         for name, far in sources.items()
         if far > CLEARLY_APART
     ]
@@ -126,46 +116,27 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
         each.name: each.below_zero for each in physical.found if each.below_zero > CLEARLY_APART
     }
     if below:
-        found.append(
-            Finding(
-                FindingKind.CONTRADICTED,
-                tuple(below),
-                number=max(below.values()),
-                severity=Level.CARE,
-            )
-        )
+        found.append(Finding(FindingKind.CONTRADICTED, tuple(below), number=max(below.values())))
     return found
 
 
-def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
-    """Judge by the (n,) FIT in % of the free runs of n logs."""
+def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
+    """Tell on what all values rest that no log shows, as far as its uncertainty was not told."""
+    loads = [mass for mass in data.masses if mass.mass]
+    open_ = {
+        "mass_scale": loads and not any(mass.mass_uncertainty for mass in loads),
+        "arm": loads and not any(mass.arm_uncertainty for mass in loads),
+        "input_scale": "p4" in estimate.names,
+        "angle_scale": True,
+        "time_scale": True,
+    }
+    rests = tuple(
+        name for name, is_open in open_.items() if is_open and name not in data.known.values
+    )
+    return [Finding(FindingKind.RESTS_ON, rests)] if rests else []
+
+
+def judge_fit(fits: NDArray[np.float64]) -> list[Finding]:
+    """Tell whether the model does not follow, by the (n,) FIT in % of the free runs of n logs."""
     median = float(np.median(fits))
-    if not median >= GOOD_FIT:
-        severity = Level.CARE if median >= LEAST_FIT else Level.WARNING
-        return [Finding(FindingKind.POOR_FIT, number=median, severity=severity)]
-    return _lost(fits, names, median, FindingKind.UNFOLLOWED)
-
-
-def judge_held_out(
-    fits: NDArray[np.float64], names: Sequence[str], seen: NDArray[np.float64]
-) -> list[Finding]:
-    """Judge by the (n,) FIT in % of logs that were held out, beside the (m,) of those used."""
-    return _lost(fits, names, float(np.median(seen)), FindingKind.UNFORETOLD)
-
-
-def _lost(
-    fits: NDArray[np.float64], names: Sequence[str], median: float, kind: FindingKind
-) -> list[Finding]:
-    """Name the logs that are followed far worse than a median FIT."""
-    misfits = 1 - fits / 100
-    lost = np.flatnonzero(~(misfits <= max(_FAR_WORSE * (1 - median / 100), _NOTABLE)))
-    if not lost.size:
-        return []
-    return [
-        Finding(
-            kind,
-            number=float(fits[lost].min()),
-            severity=Level.CARE,
-            logs=tuple(names[k] for k in lost.tolist()),
-        )
-    ]
+    return [] if median >= LEAST_FIT else [Finding(FindingKind.POOR_FIT, number=median)]

@@ -48,11 +48,10 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-_ALLOWED = 7e-4  # misfit over rms motion that counts for nothing: no free run is more exact
+_ALLOWED = 7e-4  # misfit over rms swing that counts for nothing: no free run is more exact
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _DRAWN = 24  # sets of sensor errors
 _BY_CHANCE = 0.25  # share of logs that may be outside
@@ -148,9 +147,8 @@ class MissingTerms:
         """Tell which they are, and what they move."""
         if not self.terms:
             return []
-        concerned, level = (self.names, *self.moved), Level.CARE if self.moved else Level.NOTE
-        kind = FindingKind.MISSING_TERM
-        return [Finding(kind, concerned, number=self.share, severity=level)]
+        concerned = (self.names, *self.moved)
+        return [Finding(FindingKind.MISSING_TERM, concerned, number=self.share)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,9 +195,10 @@ class Residuals:
 
     @property
     def findings(self) -> list[Finding]:
-        """Whether the misfit is beyond the sensors, how many times, and which terms are missing."""
+        """How near the model follows, how far beyond the sensors, and which terms are missing."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        return [Finding(kind, number=self.times), *self.missing.findings]
+        followed = Finding(FindingKind.FOLLOWED, number=self.left)
+        return [followed, Finding(kind, number=self.times), *self.missing.findings]
 
     def numbers(self) -> dict[str, Any]:
         """Return it for programs but for its findings: shares of the rms motion, over all logs."""
@@ -361,6 +360,13 @@ class _Linearised:
         """What makes squared errors add up to their mean over that of the motion."""
         return float(1 / (self.motion * self.errors.size**0.5))
 
+    @property
+    def unsure(self) -> float:
+        """What counts for nothing, in rad: a share of the motion about its straight line."""
+        time, angle = (each[self.counted] for each in (self.run.log.time, self.run.log.angle))
+        line = np.column_stack([np.ones(time.size), time - time.mean()])
+        return _ALLOWED * _rms(angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0])
+
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
 
@@ -375,8 +381,7 @@ class _Linearised:
         sensor = SensorErrors.of(measured, angle[self.counted])
         if sensor.white:
             return sensor, np.empty((self.whole.size, 0))
-        unsure = _ALLOWED * self.motion
-        drawn = (sensor.draw(angle, random, unsure=unsure) for _ in range(_DRAWN))
+        drawn = (sensor.draw(angle, random, unsure=self.unsure) for _ in range(_DRAWN))
         return sensor, _less(self.own, np.column_stack([*map(self.simulation.averaged, drawn)]))
 
     def judged(self, errors: Samples, sensor: SensorErrors) -> LogResiduals:
@@ -384,7 +389,7 @@ class _Linearised:
         left, count, step = _rms(errors[:, 0]), errors.shape[0], self.simulation.step
         lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
         lag = step * np.arange(lags + 1)
-        allowed = _ALLOWED * self.motion / left if left else 0.0
+        allowed = self.unsure / left if left else 0.0
         inputs = self.simulation.mean_inputs(self.setting.parameters)
         own, crossed = correlations(errors, inputs, lags)
         # the spread of the parameters, to first order, beside that of the readings
@@ -421,11 +426,16 @@ def _directions(logs: Sequence[_Linearised]) -> Samples:
 def _reduced(
     logs: Sequence[_Linearised], directions: Samples, errors: Sequence[Samples]
 ) -> list[Samples]:
-    """Take from each log's (m, k) errors what a change of what the model has explains, jointly."""
+    """Take from each log's (m, k) errors what a change of what the model has explains, jointly.
+
+    A log may have none.
+    """
     pairs = list(zip(logs, errors, strict=True))
-    pulls = sum(each.unit**2 * each.known.T @ own for each, own in pairs)
-    change = directions @ (directions.T @ pulls)
-    return [own - each.known @ change for each, own in pairs]
+    pulls = [each.unit**2 * each.known.T @ own for each, own in pairs if own.size]
+    if not pulls:
+        return list(errors)
+    change = directions @ (directions.T @ sum(pulls))
+    return [own - each.known @ change if own.size else own for each, own in pairs]
 
 
 def _missing_terms(
@@ -506,7 +516,7 @@ class ResidualTorque:
         width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
         acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
         signals = Averaging(log, setting.zero, width, values).signals(
-            acting, delay=values.delay, compression=values.compression
+            acting, delay=values.delay, drive=values.drive
         )
         sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}
         sizes |= {"p1": loaded.p1, "p3": loaded.p3}

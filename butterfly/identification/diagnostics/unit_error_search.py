@@ -37,7 +37,6 @@ from butterfly.identification.estimators import Estimator, HarmonicBalance, Weak
 from butterfly.identification.inference.consistency import Correction, disagreeing
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.verdict import Level
 
 _CLEARLY = 0.5  # share of the misfit that a mistake undone must leave at most
 _FAR_MORE = 0.3  # share of the misfit that a far-fetched mistake must leave at most to come first
@@ -46,7 +45,7 @@ _LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are 
 _EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no mistake
 _ROOM = 0.005  # misfit that makes no difference
 
-_TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
+_TELLING = {FindingKind.TORQUE_DRIVEN}
 _LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
 _LONGEST_LOG = 3600.0  # s
 _LONGEST_ARM = 5.0  # m
@@ -61,6 +60,8 @@ _SETTLED = 1e-3  # relative change of a mass that is none
 _LOGS = 3  # that are suspected alone, the most evident ones
 _LEAST = -0.05  # of the largest mass, below which a mass is no rounding's
 _MASSES = 41  # that are tried in the place of a log's own
+_FAR_WORSE = 6.0  # times the median misfit, of a log that is not followed as the others are
+_NOTABLE = 0.15  # misfit below which a log is followed, however well the others are
 _FOLLOWED_AGAIN = 0.3  # share of a log's misfit that another mass must leave at most
 _CERTAIN = 100.0  # F statistic of a mass that is wrong for certain
 
@@ -72,7 +73,7 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
     """
     if of_omega := unit_errors_of_omega(data.logs, data.points):
         return of_omega
-    grams = unit_error(UnitError.GRAMS, 1e-3, severity=Level.CARE)
+    grams = unit_error(UnitError.GRAMS, 1e-3)
     heavy = [grams] if _too_heavy(data.masses, estimate) else []
     calm = set(data.calm)
     corrections = [each for each in estimate.corrections if calm.issuperset(each.logs)]
@@ -156,7 +157,8 @@ def _ordered(tried: list[Explanation]) -> list[Explanation]:
 def _suspicious(data: DataSet, estimate: Estimate) -> bool:
     """Whether an estimate, or the sizes in its data, are those of a mistake."""
     return (
-        any(each.severity is Level.WARNING or each.kind in _TELLING for each in estimate.findings)
+        any(each.forbids or each.kind in _TELLING for each in estimate.findings)
+        or not (data.simulations.fits(estimate) > 100 * (1 - _NOTABLE)).all()
         or any(mass.arm > _LONGEST_ARM for mass in data.masses)
         or any(point.amplitude > math.pi for point in data.sines)
         or all(_angle_step(log) >= _COARSEST for log in data.logs)
@@ -237,17 +239,12 @@ def _mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
 
 def _mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
     """Return the logs that the model does not follow, but would with another mass."""
-    unfollowed = {
-        name
-        for each in estimate.findings
-        if each.kind is FindingKind.UNFOLLOWED
-        for name in each.logs
-    }
-    numbers = [k for k, log in enumerate(data.logs) if log.name in unfollowed]
-    if not 0 < len(numbers) <= _LOGS:
-        return []
     trial = trial_of(data, estimate)
     if trial is NOTHING:
+        return []
+    worst = max(_FAR_WORSE * float(np.median(trial.misfits)), _NOTABLE)
+    numbers = np.flatnonzero(trial.misfits > worst).tolist()
+    if not 0 < len(numbers) <= _LOGS:
         return []
     found = []
     for number in numbers:
@@ -355,6 +352,6 @@ def _explanation(
         str(suspect.given),
         str(ways),
         logs=() if whole else [data.logs[k] for k in suspect.logs],
-        severity=Level.WARNING if suspect.evidence > _CERTAIN else Level.CARE,
+        moves=suspect.evidence > _CERTAIN,
     )
     return Explanation(finding=finding, misfit=misfit, last=whole and suspect.given.mass == 0)

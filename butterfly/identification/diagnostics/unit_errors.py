@@ -19,7 +19,6 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -91,16 +90,11 @@ def unit_error(
     factor: float,
     *more: str,
     logs: Iterable[Log] = (),
-    severity: Level = Level.WARNING,
+    moves: bool = True,
 ) -> Finding:
-    """Return the finding that names a mistake, and what undoes it."""
-    return Finding(
-        FindingKind.UNIT_ERROR,
-        (error, *more),
-        number=factor,
-        severity=severity,
-        logs=tuple(log.name for log in logs),
-    )
+    """Return the finding that names a mistake, what undoes it, and whether that moves values."""
+    kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED
+    return Finding(kind, (error, *more), number=factor, logs=tuple(log.name for log in logs))
 
 
 def unit_error_text(finding: Finding) -> str:

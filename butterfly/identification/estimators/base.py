@@ -9,7 +9,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import PARAMETERS, TERMS, offered
+from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, offered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +92,9 @@ _SETTINGS = {"stribeck_velocity", "cogging_periods"}
 
 TAKES = {
     "harmonic-balance": {row.name for row in TERMS.values() if row.describing}
-    | {"p4", "delay", *_SETTINGS},
+    | {"p4", "delay", *DRIVE, *_SETTINGS},
     "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative}
-    - {"compression"}
-    | {"delay", *_SETTINGS},
+    | {"delay", "mass_inertia", *_SETTINGS},
     "output-error": set(TERMS),
 }
 """What may be known beforehand, by the methods that make use of it."""

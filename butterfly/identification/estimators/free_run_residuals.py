@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
 from butterfly.identification.estimators.gauss_newton import (
@@ -38,7 +38,7 @@ from butterfly.identification.inference.term_choice import (
 )
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
-from butterfly.identification.simulation import Simulation
+from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
@@ -46,7 +46,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
 from butterfly.signals.frequency_response import first_counted
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -127,6 +126,7 @@ class FreeRunResiduals:
         scale = np.array([sizes[name] for name, _ in keys])
         names = [name for name, _ in keys]
         least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
+        least["p1"] = _least_inertia(logs, start)
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
         return cls(
@@ -149,14 +149,18 @@ class FreeRunResiduals:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
-    def equations(self, scaled: Samples) -> Equations:
-        """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
-        values = scaled * self.scale
-        numbers = range(len(self.motion))
+    def equations(self, scaled: Samples, apart: Samples | None = None) -> Equations:
+        """Return errors relative to each log's rms motion; a log's squares sum to their mean.
+
+        ``scaled``, ``apart``: (n,) values, and (k, n) how far those of each log are from them.
+        """
+        values = np.broadcast_to(scaled, (len(self.motion), scaled.size)) * self.scale
+        if apart is not None:
+            values = values + apart * self.scale
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in numbers))
+            return Equations(logs=tuple(map(self._of_log, range(len(values)), values)))
         with ThreadPoolExecutor(self.workers) as pool:
-            return Equations(logs=tuple(pool.map(lambda k: self._of_log(k, values), numbers)))
+            return Equations(logs=tuple(pool.map(self._of_log, range(len(values)), values)))
 
     def weighed(self, at: Equations, point: Samples) -> Equations:
         """Return equations about (n,) scaled values beside what is known of these.
@@ -249,27 +253,23 @@ class FreeRunResiduals:
             n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
         )
 
-    def solved(self, end: Minimum) -> CellEquations:
+    def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, in the parameters themselves."""
-        cells = cells_of(len(self.simulations), len(self.keys))
+        cells = cells or cells_of(len(self.simulations), len(self.keys))
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
-        took = Finding(
-            FindingKind.SIMULATIONS,
-            number=end.evaluations,
-            severity=Level.NOTE if end.converged else Level.WARNING,
-        )
+        took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
-        return replace(
+        found = replace(
             scaled,
             names=tuple(name for name, _ in self.keys),
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,
             prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
-            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
+        return found if end.converged else found.stopped(found.next_step, took)
 
     def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""
@@ -311,6 +311,13 @@ def _impossible(count: int) -> LogEquations:
     return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
 
 
+def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
+    """Return the least p1: the speed settles in a hundredth of a clock's step, which none shows."""
+    carried = min(log.added_mass.inertia for log in logs)
+    settled = start.p2 * min(log.mean_step for log in logs) / FINEST
+    return max(settled, np.finfo(float).eps ** 0.5 * (start.p1 + carried)) - carried
+
+
 def _rms_motion(log: Log, first: int) -> float:
     """Return that of the angle in rad from a sample on, by which its errors are divided."""
     motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
@@ -349,7 +356,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = Motion.of(start, angle, velocity, weight=weight)
+    motion = Motion.of(start, angle, velocity, weight=weight, input=command * np.sin(_PHASES))
     sizes = {
         "p1": inertia,
         "p3": torque / swing,
@@ -360,6 +367,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     for row in TERMS.values():
         if row.size is not None:
             sizes.setdefault(row.name, row.size(speed, rate))
-        elif row.basis is not None and not row.of_gain and row.name not in sizes:
-            sizes[row.name] = 0.1 * torque / float(np.abs(row.basis(motion)).max())
+        elif row.basis is not None and row.name not in sizes:
+            whole = command if row.of_gain else torque
+            sizes[row.name] = 0.1 * whole / float(np.abs(row.basis(motion)).max())
     return sizes

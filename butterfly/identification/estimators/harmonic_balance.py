@@ -49,6 +49,7 @@ from butterfly.identification.inference.identifiability import refuse_without_sc
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
+    CANDIDATES,
     SCANNED,
     candidates,
     requested_terms,
@@ -84,7 +85,8 @@ class HarmonicBalanceTerms:
 
         ``fit``: without any; ``terms``: told, or None.
         """
-        offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
+        able = {*offered("harmonic-balance")} - {SCANNED, _OF_REST}
+        offers = [name for name in CANDIDATES if name in able]
         known = fit.phasors.known
         every = candidates(offers, fit.phasors.masses, known)
         told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})

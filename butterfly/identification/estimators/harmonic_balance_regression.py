@@ -22,9 +22,8 @@ from butterfly.identification.normal_equations import Regression
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
+from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.verdict import Level
 
 _SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
@@ -97,10 +96,19 @@ class Phasors:
             doubt=self.doubt[rows],
         )
 
-    def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
-        late = self.input * np.exp(-1j * self.omega * delay)
-        driven = {"p4": -late, "delay": 1j * self.omega * late}
+    def equations(
+        self, about: LumpedParameters
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """(n, p) regressors of the parameters, and (n,) targets, ``about`` a delay and a drive.
+
+        For what p4 multiplies, the unknown is p4 times what is added to its value there.
+        """
+        late = self.input * np.exp(-1j * self.omega * about.delay)
+        driven = {}
+        if about.drive != IDEAL or not set(DRIVE).isdisjoint(self.names):
+            late, slopes = about.of_sines(late)
+            driven = {name: -slope for name, slope in slopes.items()}
+        driven |= {"p4": -late, "delay": 1j * self.omega * late}
         columns = [driven[name] if name in driven else self._columns[name] for name in self.names]
         gain = self.known.fixed.get("p4", 0.0)
         return np.column_stack(columns), self._target - gain * driven["p4"]
@@ -152,7 +160,8 @@ class Phasors:
         weight = np.array([mass.weight for mass in self.masses])
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
-        motion = Motion.of(settings, 0.0, 0.0, weight=weight)
+        swung = np.array([mass.swung for mass in self.masses])
+        motion = Motion.of(settings, 0.0, 0.0, weight=weight, carried=swung)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()
@@ -187,13 +196,13 @@ class HarmonicBalanceFit:
     def of(cls, phasors: Phasors) -> HarmonicBalanceFit:
         """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
         count = len(phasors.names)
-        known = phasors.known.fixed
         values, weights = np.zeros(count), np.ones(phasors.omega.size)
-        delay, gain = known.get("delay", 0.0), known.get("p4", 0.0)
         for _ in range(_MAX_ITERATIONS):
-            matrix, target = phasors.equations(delay)
-            regression = _regression(phasors, (matrix, target), weights, delay, gain)
+            about = phasors.described(values)
+            matrix, target = phasors.equations(about)
+            regression = _regression(phasors, (matrix, target), weights, about)
             solution = regression.solve()
+            moved = solution.values - values
             before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
             values = solution.values
             slope = phasors.slope(values)
@@ -206,16 +215,13 @@ class HarmonicBalanceFit:
             variance = phasors.variance + phasors.doubt
             spread = _model_variance(errors, variance / swing**2, count)
             weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
-            if "delay" in phasors.names:
-                delay = float(values[phasors.names.index("delay")])
-            if "p4" in phasors.names:
-                gain = float(values[phasors.names.index("p4")])
             change = np.linalg.norm(regression.rows @ (unknowns - before))
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
-        solved = CellEquations.of(regression, solution, unsettled=None if settled else rounds)
+        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS)
+        solved = CellEquations.of(regression, solution)
+        solved = solved if settled else solved.stopped(moved, rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 
     @property
@@ -240,13 +246,12 @@ class HarmonicBalanceFit:
     def nested(self, phasors: Phasors) -> Submodels:
         """Return the equations of a balance with more terms, as this one weighs them.
 
-        Their unknowns are the parameters, but for the delay: of that, p4 (delay - this one's).
+        Their unknowns are the parameters, but for what p4 multiplies: p4 (delay - this one's).
         """
         known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
-        balance = phasors.equations(self.parameters.delay)
-        gain = self.parameters.p4
-        regression = _regression(phasors, balance, self.weights, self.parameters.delay, gain)
-        unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
+        balance = phasors.equations(self.parameters)
+        regression = _regression(phasors, balance, self.weights, self.parameters)
+        unknowns = np.array([0.0 if TERMS[n].of_gain else known.get(n, 0.0) for n in phasors.names])
         left = regression.rows @ unknowns - regression.target
         count = phasors.omega.size
         slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
@@ -268,10 +273,13 @@ class HarmonicBalanceFit:
 
     def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
         """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
-        found = unknowns
-        if "delay" in unknowns:
-            gain = unknowns.get("p4", self.parameters.p4) or np.inf
-            found = unknowns | {"delay": self.parameters.delay + unknowns["delay"] / gain}
+        gain = unknowns.get("p4", self.parameters.p4) or np.inf
+        products = {
+            n: getattr(self.parameters, n) + each / gain
+            for n, each in unknowns.items()
+            if TERMS[n].of_gain
+        }
+        found = unknowns | products
         return np.array([found.get(name, 0.0) for name in names])
 
 
@@ -279,18 +287,17 @@ def _regression(
     phasors: Phasors,
     balance: tuple[NDArray[np.complex128], NDArray[np.complex128]],
     weights: NDArray[np.float64],
-    delay: float,
-    gain: float,
+    about: LumpedParameters,
 ) -> Regression:
-    """Weigh the equations of a balance about a delay."""
+    """Weigh the equations of a balance about a delay and a drive."""
     matrix, target = balance
     return Regression(
         names=phasors.names,
         rows=_real(matrix * weights[:, None]),
         target=_real(target * weights),
         cluster=np.tile(np.arange(phasors.omega.size), 2),
-        about={"delay": delay},
-        gain=gain,
+        about={name: getattr(about, name) for name in ("delay", *DRIVE)},
+        gain=about.p4,
         prior=Penalty.of(phasors.names, phasors.known.parameters),
     )
 

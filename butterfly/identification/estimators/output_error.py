@@ -32,6 +32,7 @@ from butterfly.identification.estimators.free_run_residuals import (
 from butterfly.identification.estimators.gauss_newton import Loss
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
+from butterfly.identification.estimators.weighed_logs import weighed
 from butterfly.identification.inference.agreement import Conditions
 from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
@@ -183,10 +184,14 @@ class OutputError(Estimator):
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
 
+        solved = cells = problem.solved(end)
+        if with_scatter := weighed(problem, end):
+            end, differing = with_scatter
+            solved, said = problem.solved(end, cells=1), (*said, *differing)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        solved = problem.solved(end)
         return infer(
             reference.whole(solved),
+            unweighted=reference.whole(cells),
             method="output error",
             check=self.check,
             driven=driven,

@@ -27,8 +27,8 @@ from butterfly.identification.inference.term_choice import choose_terms, submode
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
+from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 _EXACT = Known(value=0.0)
@@ -41,7 +41,6 @@ LARGEST_SINE = 1.6
 _UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
 _CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
 _ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
-_MANY = 1 / 3  # share of the sines left out, from which on it is no detail
 
 SETTLED = 0.1
 """Of the errors, by which one more correction would move a fit that has settled."""
@@ -219,7 +218,6 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
         Finding(
             FindingKind.LEFT_OUT,
             number=len(sines),
-            severity=Level.CARE if len(lost) >= _MANY * len(sines) else Level.NOTE,
             logs=tuple(data.logs[k].name for k in lost),
         )
     ]
@@ -301,8 +299,8 @@ def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> P
         odd[own] &= np.mean(odd[own]) < _FEW
     none = np.zeros_like(phasors.remainder)
     model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)
-    matrix, target = model.equations(fit.parameters.delay)
-    values = [0.0 if n == "delay" else getattr(fit.parameters, n) for n in phasors.names]
+    matrix, target = model.equations(fit.parameters)
+    values = [0.0 if TERMS[n].of_gain else getattr(fit.parameters, n) for n in phasors.names]
     left = matrix @ np.array(values) - target
     doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
     return replace(phasors, remainder=np.where(told, left, 0.0), doubt=doubt)

@@ -54,7 +54,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms, offered
-from butterfly.verdict import Level
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -137,14 +136,14 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
-            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
+            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed)
             found = found.with_findings(care)
         if not data.unread:
             return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
-        care = Finding(FindingKind.REST_APART, number=apart, severity=Level.CARE)
+        care = Finding(FindingKind.REST_APART, number=apart)
         return found.with_findings(care)
 
     def of_logs(

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
@@ -35,13 +35,14 @@ from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import PARAMETERS
-from butterfly.verdict import Level
+from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
 
 Samples = NDArray[np.float64]
 
 _ROUNDS = 20  # about delay and scatter
-_SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
+_BY_MASS = "mass_inertia"
+_UNMOVED = 1e-3  # of a term of the drive
 _LATEST = 0.25  # of the shortest log, for a delay
 _SCATTERED = 0.05  # share of the scatter, by which it may be another in the end
 _LEAST = np.finfo(float).tiny
@@ -61,9 +62,7 @@ class Windows(NamedTuple):
     def equations(
         self,
         names: tuple[str, ...],
-        delay: float,
-        slow: float,
-        known: Mapping[str, float],
+        about: About,
         use: NDArray[np.bool_] | None = None,
     ) -> tuple[Samples, Samples]:
         """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
@@ -71,11 +70,18 @@ class Windows(NamedTuple):
         Of the test functions in which the joint moves, or of those that are to be used; what is
         known exactly goes to the targets.
         """
+        known = about.known.fixed
         told = {name: known[name] for name in known if name not in _SETTINGS}
         every = (*names, *told, "p1", "p3")
-        signals = self.averaging.signals(every, delay=delay, stribeck_velocity=slow)
+        signals = self.averaging.signals(
+            [name for name in every if name != _BY_MASS],
+            delay=about.delay,
+            drive=about.drive,
+            stribeck_velocity=about.slow,
+        )
         used = signals.moving if use is None else use
-        mean = {name: signals.mean[name][used] for name in every}
+        mean = {name: each[used] for name, each in signals.mean.items()}
+        mean[_BY_MASS] = self.added.swung * mean["p1"]
         inertia, gravity = mean["p1"], mean["p3"]
         size = float(np.linalg.norm(inertia)) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
@@ -92,6 +98,7 @@ class About:
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
     delay: float  # from input to torque, in s
+    drive: DriveTerms  # what becomes of the input
     gain: float  # p4, as far as it is known
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
@@ -100,20 +107,17 @@ class About:
     ) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
         pairs = zip(windows, use or [None] * len(windows), strict=True)
-        exact = self.known.fixed
-        equations = [
-            each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
-        ]
+        equations = [each.equations(self.names, self, used) for each, used in pairs]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
-        if "delay" in self.names and not self.gain:
-            rows[:, self.names.index("delay")] = 0.0  # p4 is found first
+        if not self.gain:  # p4 is found first
+            rows[:, [TERMS[name].of_gain for name in self.names]] = 0.0
         return Regression(
             names=self.names,
             rows=rows,
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
-            about={"delay": self.delay},
+            about={"delay": self.delay, **vars(self.drive)},
             least=self.known.lower,
             gain=self.gain,
             prior=Penalty.of(
@@ -124,8 +128,15 @@ class About:
     def moved(self, values: Samples, latest: float, variance: float) -> About:
         """Return what equations about (n,) values of the names are about, no delay too late."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
+        drive = DriveTerms(**{name: found[name] for name in DRIVE if name in found})
         delay = min(max(found["delay"], -latest), latest)
-        return replace(self, delay=delay, gain=found["p4"], variance=variance)
+        return replace(self, delay=delay, gain=found["p4"], drive=drive, variance=variance)
+
+    def near(self, other: About) -> bool:
+        """Whether delay and drive are where others are."""
+        mine, theirs = vars(self.drive), vars(other.drive)
+        still = all(abs(mine[n] - theirs[n]) <= _UNMOVED * mine[n] for n in DRIVE)
+        return still and abs(self.delay - other.delay) < _SETTLED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,6 +162,7 @@ class WeakFit:
             slow=slow,
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
+            drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
         held = cls.settled(windows, about)
         if not known.uncertain:
@@ -164,18 +176,19 @@ class WeakFit:
 
     @classmethod
     def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
-        """Solve, and again about what was found, until delay and scatter no longer move.
+        """Solve, and again about what was found, until delay, drive and scatter no longer move.
 
         The scatter of the rows tells how much what is uncertain weighs beside them; nothing, where
         their variance is 0 from the first.
         """
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
-        step, share = 0.0, 1.0
+        step, share, values = 0.0, 1.0, np.zeros(len(about.names))
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
             solved = CellEquations.of(regression, solution, cells=cells)
+            moved, values = solution.values - values, solution.values
             variance = solved.realised_variance if weighs else about.variance
             before, about = about, about.moved(solution.values, latest, variance)
             if step * (about.delay - before.delay) < 0:  # it goes to and fro
@@ -183,15 +196,14 @@ class WeakFit:
             step = share * (about.delay - before.delay)
             about = replace(about, delay=before.delay + step)
             settled = bool(
-                abs(about.delay - before.delay) < _SETTLED
-                and abs(variance - before.variance) <= _SCATTERED * variance
+                about.near(before) and abs(variance - before.variance) <= _SCATTERED * variance
             )
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
+        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS)
         if not settled:
-            solved = replace(solved, ending=Ending.STOPPED, findings=(rounds,))
+            solved = solved.stopped(moved, rounds)
         return cls(about=about, regression=regression, solved=solved)
 
     @property

@@ -158,13 +158,23 @@ def disagreements_of(
         if not chance < _LEVEL:
             break
         rivals = [_rival(equations, each, limit) for limit in _limits(each)]
-        if _matters(equations, each, rivals, steady=steady, sines=conditions.sines):
+        moved = rivals or [equations.values + each.moves]
+        if _matters(equations, each, moved, steady=steady, sines=conditions.sines):
             accepted.append((_contrast(equations, each, chance), rivals))
     accepted.sort(key=lambda each: -each[0].share)
     return (
         tuple(contrast for contrast, _ in accepted),
         tuple(rival for _, rivals in accepted for rival in rivals),
     )
+
+
+def weighed_within(contrasts: Sequence[Contrast]) -> float:
+    """Return within which share masses are weighed, as they tell of each other; 0 if they agree.
+
+    The least change of one of them that makes them agree.
+    """
+    wrong = [each for each in contrasts if each.condition is Condition.WEIGHED]
+    return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
 
 
 def _of_parameters(equations: CellEquations, conditions: Conditions) -> list[_Tried]:
@@ -234,17 +244,16 @@ def _tried(equations: CellEquations, direction: Samples, about: _About) -> _Trie
     cost = float(equations.cost.sum())
     explained = gamma**2 * information
     logs = np.unique(equations.log, return_inverse=True)[1]
-    if logs.max() + 1 == logs.size:
+    own_scores = np.asarray(np.bincount(logs, scores), dtype=float)
+    own_parts = np.asarray(np.bincount(logs, parts), dtype=float)
+    of_logs = _chance(own_scores, own_parts, gamma, information)
+    if own_scores.size == logs.size:
         freedom = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - free.sum() - 1
         left = max(cost - explained, np.finfo(float).tiny)
         chance = float(fdtrc(1, freedom, explained * freedom / left)) if freedom > 0 else 1.0
-        of_logs = chance
     else:
         chance = _chance(scores, parts, gamma, information)
-        own_scores = np.asarray(np.bincount(logs, scores), dtype=float)
-        own_parts = np.asarray(np.bincount(logs, parts), dtype=float)
-        few = logs.max() < FEW
-        of_logs = chance if few else _chance(own_scores, own_parts, gamma, information)
+        of_logs = chance if own_scores.size <= FEW else of_logs
     return _Tried(
         about=about,
         gamma=gamma,
@@ -267,16 +276,19 @@ def _chance(scores: Samples, parts: Samples, gamma: float, information: float) -
 
 
 def _limits(each: _Tried) -> tuple[float, ...]:
-    """Where a condition would disturb no more: at 0; of the input's sign there is no such place."""
+    """Where a condition would disturb no more: at 0; of the input's sign there is no such place.
+
+    Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
+    """
+    if each.about.condition is Condition.WEIGHED:
+        return ()
     return (-1.0, 1.0) if each.about.condition is Condition.DIRECTION else (0.0,)
 
 
 def _rival(equations: CellEquations, each: _Tried, limit: float) -> Samples:
     """(n,) values at the limit of a condition."""
     moved = equations.values + each.moves
-    about = each.about
-    if about.condition is not Condition.WEIGHED:
-        moved[equations.names.index(about.parameter)] += each.gamma * (limit - about.mean)
+    moved[equations.names.index(each.about.parameter)] += each.gamma * (limit - each.about.mean)
     return np.maximum(moved, equations.lower)
 
 
@@ -294,9 +306,9 @@ def _matters(
         ),
         default=0.0,
     )
-    if steady:
-        return moved > _MOVES_STEADY
-    return each.of_logs < _LEVEL and (each.share > _SHARES[not sines] or moved > _MOVES)
+    if not each.of_logs < _LEVEL:
+        return False
+    return moved > _MOVES_STEADY if steady else each.share > _SHARES[not sines] or moved > _MOVES
 
 
 def _contrast(equations: CellEquations, each: _Tried, chance: float) -> Contrast:

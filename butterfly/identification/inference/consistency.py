@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ from butterfly.identification.inference.identifiability import SINGULAR_CONDITIO
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -123,37 +122,63 @@ def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, .
     return [*whole, *single]
 
 
-def moved_by_masses(
-    rows: Samples, names: Sequence[str], carried: Sequence[AddedMass]
+_OF_SCALES: dict[str, dict[str, float]] = {
+    "mass_scale": {},
+    "input_scale": {"p4": 1.0},
+    "angle_scale": {"p4": 1.0, "coulomb": 1.0, "stribeck": 1.0, "bias": 1.0},
+    "time_scale": {"p1": 2.0, "p2": 1.0, "drag": 2.0, "delay": 1.0},
+}
+"""Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
+
+
+def moved_by_givens(
+    cells: CellEquations, carried: Sequence[AddedMass], known: Prior
 ) -> Samples | None:
-    """Return what uncertain added masses, and their arms, do to the residuals of k cells.
+    """Return what is uncertain of added masses, arms and scales does to the residuals of k cells.
 
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, an arm that
     is off by dl adds dl m (2 l r_1 + g r_3), with r_1 and r_3 their derivatives by p1 and p3. Equal
-    masses are taken to be the same piece of metal, equal arms the same hole.
+    masses are taken to be the same piece of metal, equal arms the same hole. A scale moves all
+    masses, or the parameters that grow with it.
 
     Of (k, m, n) rows it is (k, m, q) for q uncertain quantities, each times its standard
-    uncertainty; None if all are exact. InputError if p1 or p3 is known exactly although the mass
-    that is added to it is not.
+    uncertainty; None if all are exact. InputError if a parameter is known exactly although what is
+    added to it, or drives it, is not.
     """
-    moves: dict[tuple[str, float], list[tuple[float, float]]] = {}
-    zero = (0.0, 0.0)
+    count, names = len(cells.rows), cells.names
+    inertia, gravity = (
+        np.array([getattr(each, name) for each in carried] or np.zeros(count))
+        for name in ("inertia", "gravity_moment")
+    )
+    moves: dict[tuple[str, float], Samples] = {}
     for position, added in enumerate(carried):
         for key, by_inertia, by_gravity in _moves(added):
-            own = moves.setdefault(key, [zero] * len(carried))
-            own[position] = (by_inertia, by_gravity)
-    if not moves:
-        return None
-    shares = np.array(list(moves.values()))  # (q, k, 2)
-    result = np.zeros((*rows.shape[:2], shares.shape[0]))
-    for part, name in enumerate(("p1", "p3")):
-        if not shares[:, :, part].any():
+            own = moves.setdefault(key, np.zeros((2, count)))
+            own[:, position] = by_inertia, by_gravity
+    columns = [_moved(cells, {"p1": own[0], "p3": own[1]}) for own in moves.values()]
+    values = dict(zip(names, cells.values.tolist(), strict=True))
+    for scale, share in known.scales.items():
+        grows = _OF_SCALES[scale]
+        if "p4" in grows and "p4" in known.fixed:
+            grows = grows | {"p4": np.nan}  # it is not among the names, and refused
+        by = {name: np.full(count, power * values.get(name, 0.0)) for name, power in grows.items()}
+        of_masses = 1.0 if scale == "mass_scale" else grows.get("p1", 0.0)
+        by["p1"] = by.get("p1", 0.0) + of_masses * inertia
+        by["p3"] = (gravity if scale == "mass_scale" else 0.0) + by.get("p3", np.zeros(count))
+        columns.append(share * _moved(cells, by))
+    return np.stack(columns, axis=2) if columns else None
+
+
+def _moved(cells: CellEquations, by: Mapping[str, Samples]) -> Samples:
+    """Return (k, m) changes of the residuals if parameters change by (k,) amounts."""
+    result = np.zeros(cells.rows.shape[:2])
+    for name, change in by.items():
+        if not change.any():
             continue
-        if name not in names:
-            expected = f"added masses that are exact, or {name} with an uncertainty"
-            raise InputError("known", name, "an exact value beside uncertain masses", expected)
-        column = rows[:, :, list(names).index(name)]
-        result += column[:, :, None] * shares[:, :, part].T[:, None, :]
+        if name not in cells.names:
+            expected = f"masses and scales that are exact, or {name} with an uncertainty"
+            raise InputError("known", name, "an exact value beside what is uncertain", expected)
+        result += cells.rows[:, :, cells.names.index(name)] * change[:, None]
     return result
 
 
@@ -193,9 +218,7 @@ def disagreements(
             continue
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
         if apart > CLEARLY_APART:
-            findings.append(
-                Finding(FindingKind.PRIOR_APART, (names[k],), number=apart, severity=Level.CARE)
-            )
+            findings.append(Finding(FindingKind.PRIOR_APART, (names[k],), number=apart))
     return findings
 
 
@@ -229,4 +252,4 @@ def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]
     sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
     if abs(share) <= max(sure * error, _CONTRADICTS):
         return []
-    return [Finding(FindingKind.KNOWN_APART, fixed, number=share, severity=Level.CARE)]
+    return [Finding(FindingKind.KNOWN_APART, fixed, number=share)]

@@ -15,7 +15,6 @@ from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -26,7 +25,10 @@ SINGULAR_CONDITION = 1e7
 """Above this one, the regression is singular for every practical purpose."""
 
 _INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
-_PRECISE = 0.10  # of the value, within which a parameter counts as known
+
+PRECISE = 0.10
+"""Share of a value, within which it counts as known."""
+
 _FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
 
 OTHER_LOGS = (
@@ -81,36 +83,16 @@ class Conditioning:
         """What there is to say of it: nothing of a good one."""
         if self.number <= WEAK_CONDITION:
             return []
-        return [
-            Finding(FindingKind.COMBINATION, self.weakest, number=self.number, severity=Level.CARE)
-        ]
+        return [Finding(FindingKind.COMBINATION, self.weakest, number=self.number)]
 
 
-def precision(values: Samples, lower: Samples, upper: Samples) -> list[FindingKind]:
-    """Return how well each of (n,) parameters is known: well, roughly, or not from zero."""
+def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
+    """Return how well each of (n,) parameters is known: precise, rough, or not-from-zero."""
     zero = (lower <= 0) & (upper >= 0)
-    precise = _FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values)
+    precise = _FOR_CERTAIN * (upper - lower) / 2 <= PRECISE * np.abs(values)
     return [
-        FindingKind.NOT_FROM_ZERO
-        if at_zero
-        else (FindingKind.PRECISE if well else FindingKind.ROUGH)
+        "not-from-zero" if at_zero else "precise" if well else "rough"
         for at_zero, well in zip(zero, precise, strict=True)
-    ]
-
-
-def sort_by_precision(
-    values: Samples, lower: Samples, upper: Samples, names: tuple[str, ...]
-) -> list[Finding]:
-    """Return a finding of each claim that is made of some of the (n,) parameters."""
-    claims = precision(values, lower, upper)
-    groups = {
-        kind: tuple(name for name, claim in zip(names, claims, strict=True) if claim is kind)
-        for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
-    }
-    return [
-        Finding(kind, parameters, number=_PRECISE if kind is FindingKind.PRECISE else None)
-        for kind, parameters in groups.items()
-        if parameters
     ]
 
 
@@ -165,4 +147,4 @@ def of_few_logs(count: int) -> list[Finding]:
     """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
     if count > FEW:
         return []
-    return [Finding(FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]
+    return [Finding(FindingKind.FEW_LOGS, number=count)]

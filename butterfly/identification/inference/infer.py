@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.consistency import (
     corrections,
     disagreements,
-    moved_by_masses,
+    moved_by_givens,
     scale_apart,
 )
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
@@ -23,22 +28,23 @@ from butterfly.identification.inference.identifiability import (
     Conditioning,
     of_few_logs,
     refuse_without_scale,
-    sort_by_precision,
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.normal_equations import pulled_below
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
-from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
+
+_SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
 
 
 def infer(
     equations: CellEquations,
     *,
     method: str,
+    unweighted: CellEquations | None = None,
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
@@ -56,12 +62,13 @@ def infer(
 ) -> Estimate:
     """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
 
-    ``masses``: what each log carried; ``conditions``: under which the cells were recorded;
-    ``left_out``: estimates from parts of the data, those without one added mass if not given, which
-    ``check`` asks for; ``rivals``: other fits that predict as well; both widen the intervals. The
-    first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken
-    as given, added to that of the equations. IdentifiabilityError says that these are singular for
-    every practical purpose.
+    ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
+    agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
+    were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
+    not given, which ``check`` asks for; ``rivals``: other fits that predict as well; both widen
+    the intervals. The first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance
+    of what was taken as given, added to that of the equations. IdentifiabilityError says that these
+    are singular for every practical purpose.
     """
     cells = equations.independent
     whole, left = cells.with_prior
@@ -69,8 +76,14 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
-    carried = [masses[number] for number in cells.log] if masses else []
-    considered = moved_by_masses(cells.rows, cells.names, carried)
+    about = unweighted or equations
+    contrasts, limits_of_conditions = (
+        ((), ()) if conditions is None else disagreements_of(about, conditions)
+    )
+    shift = equations.values - about.values
+    share = weighed_within(contrasts)
+    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
+    considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
         covariance = robust(covariance, whole.T @ whole, equations.bread)
@@ -83,18 +96,18 @@ def infer(
     if left_out is None:
         left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
         apart += few
-    contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
-    )
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *(each[own] for each in limits_of_conditions)]
+    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
     limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
     lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
+    ending, moved = equations.ending, equations.unsettled
+    if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
+        ending = Ending.CONVERGED
     logs = equations.of_logs
     enough = masses and cells.log.size == logs.log.size
     return Estimate(
@@ -107,9 +120,8 @@ def infer(
         left_out=partial,
         condition=conditioning.number,
         on_bound=on_bound,
-        ending=equations.ending,
+        ending=ending,
         findings=(
-            *sort_by_precision(values, lower, limits[1], names),
             *conditioning.findings,
             *equations.findings,
             *_of_bounds_and_signs(names, on_bound, pulled),
@@ -127,6 +139,11 @@ def infer(
         freedom=freedom[own],
         ratios=ratios,
     )
+
+
+def _weighed(mass: AddedMass, share: float) -> AddedMass:
+    """Return a mass that is weighed within a share of it, if no better."""
+    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
 
 
 def without_each_mass(
@@ -159,17 +176,17 @@ def without_each_mass(
         values = without_logs(equations, lost)
         if np.isfinite(values).all():
             left_out[mass] = values
-    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
+    few = Finding(FindingKind.FEW_MASSES, number=len(different))
     return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
 def _of_bounds_and_signs(
     names: Sequence[str], on_bound: Sequence[str], pulled: set[str]
 ) -> list[Finding]:
-    """Say what a bound holds, with care where the data would go far beyond; and unseen signs."""
+    """Say what a bound holds, and whether the data would go far beyond; and unseen signs."""
     groups = (
-        (FindingKind.ON_BOUND, Level.CARE, [name for name in on_bound if name in pulled]),
-        (FindingKind.ON_BOUND, Level.NOTE, [name for name in on_bound if name not in pulled]),
-        (FindingKind.SIGN_UNKNOWN, Level.CARE, [n for n in names if not TERMS[n].sign_observable]),
+        (FindingKind.PULLED, [name for name in on_bound if name in pulled]),
+        (FindingKind.ON_BOUND, [name for name in on_bound if name not in pulled]),
+        (FindingKind.SIGN_UNKNOWN, [n for n in names if not TERMS[n].sign_observable]),
     )
-    return [Finding(kind, tuple(own), severity=level) for kind, level, own in groups if own]
+    return [Finding(kind, tuple(own)) for kind, own in groups if own]

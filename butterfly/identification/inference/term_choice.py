@@ -86,15 +86,18 @@ class TermChoice:
 def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
-    What grows with the added weight shows with three of them: by two the scale of all is set. What
-    is known is not tried, nor what comes with it, nor gravity beside its line where there is none,
+    What grows with the added mass shows with three of them: by two the scale of all is set. What
+    is known is not tried, nor what comes with it, nor masses' own inertia where it is given, or
+    sets the scale, nor gravity beside its line where there is none,
     or where p3 is known and no second mass tells it from a turn of the encoder.
     """
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
     if len(effects) < _LEAST_FOLDS:
-        lost.add("load")
+        lost |= {"load", "mass_inertia"}
+    if known.weightless(carried) or any(mass.own_inertia for mass in carried):
+        lost.add("mass_inertia")
     if known.weightless(carried) or ("p3" in known.parameters and len(effects) < _LEAST_FOLDS):
         lost.add("p3_offset")
     return tuple(name for name in names if name not in lost)

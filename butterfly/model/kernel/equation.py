@@ -9,6 +9,7 @@ import numpy as np
 
 from butterfly.compiled import compiled, inlined
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import DRIVE
 
 State = tuple[float, float, float, float]
 """Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
@@ -33,6 +34,7 @@ class Constants(NamedTuple):
     bristle_damping: float
     drag: float
     bias: float
+    spring: float
     cogging: float
     cogging_cosine: float
     cogging_periods: float
@@ -55,16 +57,15 @@ class Constants(NamedTuple):
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-COLUMNS = {
-    name: number for number, name in enumerate((*Constants._fields, "p4", "delay", "compression"))
-}
+COLUMNS = {name: number for number, name in enumerate((*Constants._fields, "p4", "delay", *DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 
 DRIVES = len(Constants._fields)
 MOST_DRIVES = len(COLUMNS) - DRIVES
 
 P1, VISCOUS, BACK_EMF, LAG, P3, P3_OFFSET, COULOMB, STRIBECK = range(8)
-STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, COGGING, COGGING_COSINE, PERIODS = range(8, 16)
+STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, SPRING = range(8, 14)
+COGGING, COGGING_COSINE, PERIODS = range(14, 17)
 
 BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
@@ -100,8 +101,8 @@ def rates(state, drive, sign, c):
 
 @compiled
 def pull(x, c):
-    """Torque in N m that depends on the angle alone: gravity, cogging and bias."""
-    torque = c.bias - c.p3 * math.sin(x)
+    """Torque in N m that depends on the angle alone: gravity, spring, cogging and bias."""
+    torque = c.bias - c.p3 * math.sin(x) - c.spring * x
     if c.p3_offset != 0.0:
         torque -= c.p3_offset * math.cos(x)
     if c.cogging != 0.0 or c.cogging_cosine != 0.0:
@@ -154,7 +155,7 @@ def linearise(state, rate, shape, sign, c, ripples, stages, i):
     share = v * width
     narrowing = 2.0 * c.stribeck * excess * share * width  # -dg/dv
     rub = -sign * push
-    stages[i, V, X] = push * (c.p3_offset * sine - c.p3 * cosine)
+    stages[i, V, X] = push * (c.p3_offset * sine - c.p3 * cosine - c.spring)
     stages[i, V, V] = -push * (c.viscous + c.back_emf + 2.0 * c.drag * speed) - rub * narrowing
     stages[i, V, BASIS + P1] = -push * rate[0]
     stages[i, V, BASIS + VISCOUS] = stages[i, V, BASIS + BACK_EMF] = -push * v
@@ -165,6 +166,7 @@ def linearise(state, rate, shape, sign, c, ripples, stages, i):
     stages[i, V, BASIS + STRIBECK_VELOCITY] = rub * narrowing * share
     stages[i, V, BASIS + DRAG] = -push * speed * v
     stages[i, V, BASIS + BIAS] = push
+    stages[i, V, BASIS + SPRING] = -push * x
     if ripples:
         wave, other = math.sin(c.cogging_periods * x), math.cos(c.cogging_periods * x)
         ripple = push * (c.cogging * other - c.cogging_cosine * wave)

@@ -22,6 +22,7 @@ from butterfly.model.kernel.equation import (
     P3_OFFSET,
     PERIODS,
     RATE,
+    SPRING,
     STRIBECK,
     WEIGHT,
     M,
@@ -149,7 +150,7 @@ def break_loose(drives, tape, row, c, own, stages, tangents, column):
     for j in range(column.size):
         k, late = column[j], tangents[LATE, j]
         pull = c.p1 * stages[0, V, X] * tangents[X, j]
-        if k in (P3, P3_OFFSET, BIAS) or COGGING <= k <= PERIODS:
+        if k in (P3, P3_OFFSET, BIAS, SPRING) or COGGING <= k <= PERIODS:
             pull += c.p1 * stages[0, V, BASIS + k]
         hold = sign if k in (COULOMB, STRIBECK) else 0.0
         if c.lag == 0.0:

@@ -20,7 +20,6 @@ from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.plant.sensors import Encoder
-from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
@@ -81,9 +80,21 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert misfit.outside <= 1
     assert misfit.times == pytest.approx(1.0, abs=0.1)
     assert misfit.missing.terms == ()
-    (finding,) = misfit.findings
+    followed, finding = misfit.findings
+    assert followed.number == misfit.left
     assert finding.kind is FindingKind.NO_MISFIT
-    assert finding.severity is Level.NOTE
+
+
+def test_logs_of_white_and_of_lasting_errors_are_judged_together(logs):
+    """Noise above half a step of the encoder in half of the logs, none in the others."""
+    parts = [
+        _read(logs[k::2], Encoder(steps=8192, noise=noise)) for k, noise in enumerate((0, 1e-3))
+    ]
+    data = DataSet.of([*parts[0].logs, *parts[1].logs])
+    found = residuals_of(data, FIT(data))
+    assert [log.sensor.white for log in found.logs] == [False] * 3 + [True] * 3
+    assert found.outside == 0
+    assert found.times == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize("term", MISSING)
@@ -97,10 +108,10 @@ def test_a_missing_term_is_seen_and_named(term):
     assert misfit.missing.share == pytest.approx(
         np.mean([log.share for log in misfit.logs]), abs=0.2
     )
-    misfit_of_all, missing = misfit.findings
+    _, misfit_of_all, missing = misfit.findings
     assert misfit_of_all.kind is FindingKind.MISFIT
     assert missing.kind is FindingKind.MISSING_TERM
-    assert (missing.severity is Level.CARE) == bool(misfit.missing.moved)
+    assert missing.parameters[1:] == misfit.missing.moved
     assert term in missing.parameters[0]
 
 

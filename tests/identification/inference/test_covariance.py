@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
@@ -145,6 +145,24 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
     )
     moved = uncertainty * np.array([arm**2, arm * exact.gravity])
     np.testing.assert_allclose(wider - alone, np.outer(moved, moved), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("share", "ending"), [(0.05, "converged"), (0.3, "stopped")])
+def test_a_fit_that_stopped_within_a_fraction_of_its_intervals_has_settled(share, ending):
+    rng = np.random.default_rng(9)
+    equations = _solved(rng.standard_normal((40, 2)), rng.standard_normal(40))
+    found = infer(equations, method="test", left_out={})
+    assert found.ending is Ending.CONVERGED
+    moved = share * (found.upper - found.lower) / 2
+    stopped = equations.stopped(moved * [1.0, -1.0], Finding(FindingKind.ROUNDS, number=9))
+    assert infer(stopped, method="test", left_out={}).ending == ending
+
+
+def test_the_next_step_goes_to_the_least_squares():
+    rng = np.random.default_rng(10)
+    rows, residuals = rng.standard_normal((40, 2)), rng.standard_normal(40)
+    expected = np.linalg.lstsq(rows, -residuals, rcond=None)[0]
+    np.testing.assert_allclose(_solved(rows, residuals).next_step, expected, rtol=1e-9)
 
 
 def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
