@@ -95,3 +95,13 @@ def test_a_motor_faster_than_its_clock_has_the_damping_known_and_its_inertia_abo
     # That integrator's own steps, of an eighth of the time constant, shorten it by 6 %.
     assert 0 < estimate.parameters.p1 == pytest.approx(true["p1"], rel=0.1)
     assert found.separated()["speed_gain"].value == pytest.approx(1 / true["p2"], rel=1e-3)
+
+
+@pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
+def test_where_ripple_outweighs_inertia_the_interval_holds_the_truth(cases, ripple):
+    folder = cases / f"constant-velocity-{ripple}"
+    estimate = WeakForm()(read_data_set(read_manifest(folder / "manifest.yaml")))
+    k = estimate.names.index("p1")
+    assert estimate.lower[k] < _truth(folder)["p1"] < estimate.upper[k]
+    assert estimate.values[k] > 5 * _truth(folder)["p1"]
+    assert estimate.level is not Level.GOOD

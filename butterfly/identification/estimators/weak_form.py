@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import require_number
+from butterfly.identification.blocks import cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
-from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.weak_regression import (
@@ -190,6 +190,7 @@ class WeakForm(Estimator):
             masses=masses,
             known=known,
             besides=doubt,
+            torques=True,
         )
 
     def _windows(self, log: Log, zero: float, periods: float) -> Windows:

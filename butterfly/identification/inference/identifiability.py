@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
