@@ -178,7 +178,7 @@ class CellEquations:
         basis, singular, _ = np.linalg.svd(
             flat / np.where(size > 0, size, 1.0), full_matrices=False
         )
-        told = basis[:, singular > _TOLD * singular[0]]
+        told = basis[:, singular > _TOLD * singular.max(initial=0.0)]
         if not told.size:
             raise IdentifiabilityError("these logs do not move any parameter")
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)

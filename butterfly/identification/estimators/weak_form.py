@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -168,12 +167,11 @@ class WeakForm(Estimator):
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
-        window = partial(self._windows, periods=periods)
-        windows = [window(log, reading_of(log, zeros)) for log in logs]
+        windows = [self._windows(log, reading_of(log, zeros), periods) for log in logs]
         plain, terms = fitted_terms(windows, self.terms, reference.fixed)
         fixed = terms.settings | {"cogging_periods": periods}
         parameters = LumpedParameters(**fixed | plain.values)
-        pairs = seen(logs, windows, parameters, zeros, window)
+        pairs = seen(logs, windows, parameters, zeros)
         fit = refined(plain, pairs)
 
         solved = fit.solved
@@ -195,7 +193,7 @@ class WeakForm(Estimator):
             torques=True,
         )
 
-    def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
+    def _windows(self, log: Log, zero: float, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
         settings = FrictionTerms(cogging_periods=periods)
         half_width = min(self.half_width, period / 4)
