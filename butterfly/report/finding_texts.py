@@ -114,8 +114,8 @@ def model_sentence(estimate: Estimate) -> str:
         shown = f"{times.number:.1f}" if times.number < _WHOLE else f"{times.number:.0f}"
         text += f", {shown} times what the sensors explain"
     if missing is not None:
-        share = _percent(_number(missing))
-        text += f"; it misses {missing.parameters[0]}, {share} of what is left"
+        of_left = _percent(_number(missing))
+        text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
     elif beyond and not estimate.agreement:
         text += "; it misses something that looks like none of the terms on offer"
     first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
