@@ -5,6 +5,7 @@ The integrator is ``cases/make.py`` of the shared data, which knows nothing of t
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.identify import identify
@@ -31,8 +33,8 @@ def cases(tmp_path_factory) -> Path:
     return folder
 
 
-def _identified(folder: Path):
-    return identify(read_data_set(read_manifest(folder / "manifest.yaml")))
+def _identified(folder: Path, *method):
+    return identify(read_data_set(read_manifest(folder / "manifest.yaml")), *method)
 
 
 def _truth(folder: Path) -> dict[str, float]:
@@ -49,6 +51,32 @@ def test_one_known_mass_on_a_balanced_rotor_sets_the_scale(cases):
     values = {row.name: row.value for row in found.estimate.table()}
     for name, true in _truth(folder).items():
         assert values[name] == pytest.approx(true, rel=2e-3, abs=1e-12), name
+
+
+@pytest.mark.parametrize("case", ["torque-steps", "p-law-steps", "constant-velocity-0"])
+def test_values_are_within_their_intervals_whatever_tells_no_delay(cases, case):
+    """Nor does a start at rest need a velocity of its own: the spin-up tells of the inertia."""
+    found = _identified(cases / case)
+    assert found.judged.level is Level.GOOD
+    rows = {row.name: row for row in found.estimate.table()}
+    for name, true in _truth(cases / case).items():
+        assert rows[name].value == pytest.approx(true, rel=0.04), name
+        assert rows[name].lower <= true <= rows[name].upper, name
+    assert 0 <= rows["delay"].value < 1e-4
+
+
+@pytest.mark.parametrize("case", ["torque-steps", "p-law-steps"])
+def test_so_are_those_of_the_weak_form(cases, case):
+    found = _identified(cases / case, WeakForm())
+    for name, true in _truth(cases / case).items():
+        assert getattr(found.estimate.parameters, name) == pytest.approx(true, rel=5e-3), name
+
+
+def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
+    with pytest.raises(IdentifiabilityError) as refused:
+        _identified(cases / "torque-steps-one-level")
+    assert "do not determine p1 and coulomb separately" in str(refused.value)
+    assert not re.search("degrees|counts|delay", str(refused.value))
 
 
 @pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])

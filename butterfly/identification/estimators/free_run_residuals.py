@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.identification.blocks import FEW, cells_of, independent_cells_of
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.gauss_newton import (
     MOST,
     Equations,
@@ -28,7 +29,6 @@ from butterfly.identification.estimators.local_parameters import (
     local_keys,
 )
 from butterfly.identification.inference.agreement import Conditions
-from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,

@@ -18,7 +18,6 @@ from butterfly.identification.inference.agreement import (
     weighed_within,
 )
 from butterfly.identification.inference.consistency import (
-    corrections,
     disagreements,
     moved_by_givens,
     scale_apart,
@@ -114,7 +113,6 @@ def infer(
     if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
         ending = Ending.CONVERGED
     logs = equations.of_logs
-    enough = masses and cells.log.size == logs.log.size
     return Estimate(
         method=method,
         names=names,
@@ -136,7 +134,6 @@ def infer(
         ),
         fixed=known.fixed | (fixed or {}),
         local=local or {},
-        corrections=corrections(logs, masses) if enough else (),
         agreement=contrasts,
         known=known,
         rivals=tuple(others),
