@@ -188,7 +188,7 @@ class WeakForm(Estimator):
         pairs = seen(logs, windows, parameters, zeros)
         fit = refined(plain, pairs)
 
-        solved = fit.solved
+        solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
         rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
@@ -197,7 +197,7 @@ class WeakForm(Estimator):
             method="weak form",
             check=self.check,
             driven=driven,
-            conditions=Conditions.of(logs, cells_of(len(logs), len(solved.names))),
+            conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=terms.findings,
             fixed=fixed,
