@@ -28,7 +28,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CELLS
+from butterfly.identification.blocks import CELLS
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
@@ -172,11 +172,15 @@ class Likelihood:
         weighed = weight @ self._both
         sums = np.einsum("kqi,kqj->ij", self._both, weighed)
         normal = sums[:-1, :-1] + np.diag(self._known)
+        normal += np.diag(np.where(np.diag(normal) > 0, 0.0, 1.0))  # of what has no effect
         scale = np.sqrt(np.diag(normal))
-        inverse = np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+        eigenvalues, axes = np.linalg.eigh(normal / np.outer(scale, scale))
+        eigenvalues = np.maximum(eigenvalues, np.finfo(float).eps * eigenvalues[-1])
+        inverse = (axes / eigenvalues) @ axes.T / np.outer(scale, scale)
         pull = sums[:-1, -1] + self._pull
         change = inverse @ pull
-        logarithms = np.linalg.slogdet(variance)[1].sum() - np.linalg.slogdet(inverse)[1]
+        logarithms = np.linalg.slogdet(variance)[1].sum() + np.log(eigenvalues).sum()
+        logarithms += 2 * np.log(scale).sum()
         rows, left = weighed[:, :, :-1], weighed[:, :, -1] - weighed[:, :, :-1] @ change
         slope = weight - rows @ inverse @ np.swapaxes(rows, 1, 2)
         slope -= left[:, :, None] * left[:, None, :]
