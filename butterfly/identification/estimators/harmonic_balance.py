@@ -174,11 +174,18 @@ class HarmonicBalance(Estimator):
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
-        chosen = HarmonicBalanceTerms.of(fit, self.terms)
-        fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
-        while self.terms is None and (idle := fit.idle):
-            chosen = chosen.without(idle)
-            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+        always = fit.phasors.names
+        while True:
+            chosen = HarmonicBalanceTerms.of(fit, self.terms)
+            fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
+            while self.terms is None and (idle := fit.idle):
+                chosen = chosen.without(idle)
+                fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+            lacking = fit.lacking(always) if self.terms is None else None
+            if lacking is None:
+                break
+            always = (*always, lacking)
+            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
         known = robot.rest if robot.rest.bias is not None else None
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1)
         return _judged(

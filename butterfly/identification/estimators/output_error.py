@@ -37,6 +37,7 @@ from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
+    RARER,
     candidates,
     requested_terms,
 )
@@ -162,20 +163,21 @@ class OutputError(Estimator):
         problems = [
             self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
         ]
-        problem, end, said = lowest_end(problems)
+        wide, rarer = problems[0], set(RARER) if self.terms is None else set()
+        problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[NDArray[np.float64], ...] = ()
-        if self.terms is None:
-            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
-            names = [label for label in problem.labels if label in choice.names]
-            ends = [
-                np.array([values[name] for name in names])
-                for values in (choice.values, *choice.rivals)
-            ]
-            kept = np.flatnonzero([label in names for label in problem.labels])
-            problem = problem.keeping(kept, ends[0])
-            rivals = tuple((each * problem.scale)[: problem.shared] for each in ends[1:])
-            end = problem.descend(problem.initial)
-            said = (*said, *choice.findings)
+        always, lacking = tuple(known.uncertain), None
+        while self.terms is None:
+            here = wide.without(rarer)
+            point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
+            choice = here.choose_terms(point, at, always)
+            problem, end, rivals = here.fitted(choice)
+            absent = {*TRIED} - {name for name, _ in problem.keys}
+            lacking = wide.without(absent).lacking(problem, end.point) if rarer else None
+            if lacking is None:
+                said = (*said, *choice.findings)
+                break
+            rarer, always = rarer - {lacking}, (*always, lacking)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
@@ -259,7 +261,7 @@ class OutputError(Estimator):
         """Return the terms that are fitted, or tried."""
         terms = self.terms
         if terms is None:
-            terms = candidates(TRIED, masses, known)
+            terms = candidates((*TRIED, *RARER), masses, known)
         else:
             terms = requested_terms(terms, known.uncertain)
         leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
