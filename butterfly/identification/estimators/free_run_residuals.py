@@ -32,6 +32,7 @@ from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
+    RARER,
     SCANNED,
     TermChoice,
     choose_terms,
@@ -228,7 +229,7 @@ class FreeRunResiduals:
         ``point``, ``at``: (n,) scaled values, and the equations about them; ``always``: names of
         parameters that are not to be chosen, but fitted. Values of the choice are scaled.
         """
-        optional = {name for name in TRIED if name not in always}
+        optional = {name for name in (*TRIED, *RARER) if name not in always}
         masses = [each.log.added_mass for each in self.simulations]
         cells = independent_cells_of(len(masses), len(self.keys))
         nested = submodels_of(self._equations(point, at, cells), masses)
@@ -260,7 +261,7 @@ class FreeRunResiduals:
 
     def lacking(self, problem: FreeRunResiduals, point: Samples) -> str | None:
         """Return the rarer term, of those here, that fewer parameters lack where they ended."""
-        tried = [name for name, _ in self.keys if (name, None) not in problem.keys]
+        tried = [n for n, _ in self.keys if n in RARER and (n, None) not in problem.keys]
         if not tried:
             return None
         values, at = self.about(problem, point)

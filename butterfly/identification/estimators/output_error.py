@@ -163,7 +163,7 @@ class OutputError(Estimator):
         problems = [
             self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
         ]
-        wide, rarer = problems[0], set(RARER) if self.terms is None else set()
+        wide, rarer = problems[0], self._unseen(first)
         problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[NDArray[np.float64], ...] = ()
         always, lacking = tuple(known.uncertain), None
@@ -173,7 +173,7 @@ class OutputError(Estimator):
             choice = here.choose_terms(point, at, always)
             problem, end, rivals = here.fitted(choice)
             absent = {*TRIED} - {name for name, _ in problem.keys}
-            lacking = wide.without(absent).lacking(problem, end.point) if rarer else None
+            lacking = wide.without(absent).lacking(problem, end.point)
             if lacking is None:
                 said = (*said, *choice.findings)
                 break
@@ -219,6 +219,12 @@ class OutputError(Estimator):
         adds_up = Finding(FindingKind.ADDS_UP, number=horizon)
         again = replace(self, horizon=horizon).of_starts(logs, first, known)
         return again.with_findings(adds_up)
+
+    def _unseen(self, first: Sequence[Start]) -> set[str]:
+        """Return the rarer terms that no first guess has: they are tried in the end."""
+        if self.terms is not None:
+            return set()
+        return {n for n in RARER if not any(getattr(each.parameters, n) for each in first)}
 
     def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
