@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.consistency import Correction
 from butterfly.identification.inference.identifiability import PRECISE, precision
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
@@ -52,8 +51,6 @@ class Estimate:
     # ``zero`` (the encoder's reading in rad at the model's angle 0), ``velocity`` (at the first
     # sample, in rad/s) and ``bias``
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
-    # what added masses would have to be for the logs to agree better, the best explained first
-    corrections: tuple[Correction, ...] = ()
     # what follows a condition though it should be the same in all, the most telling first
     agreement: tuple[Contrast, ...] = ()
     # (n,) fits with other terms that predict as well, and what would hold at the limits of
@@ -133,7 +130,7 @@ class Estimate:
         }
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
-        """Return all that it holds but its corrections, as JSON can hold it."""
+        """Return all that it holds, as JSON can hold it."""
         rows = {row["name"]: row for row in map(asdict, self.table(truth))}
         values = dict(zip(self.names, self.values.tolist(), strict=True))
         content: dict[str, Any] = {

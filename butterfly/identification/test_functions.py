@@ -4,13 +4,17 @@ The test functions are bumps (1 - s^2)^4 that overlap. With a bump phi of compac
 int phi thdd = int phi'' th: nothing is differentiated that carries noise. Multiplied by phi the
 equation is the balance of momentum; multiplied by phi thd it is the balance of energy, whose terms
 are powers.
+
+A log that begins at rest is as good as one that came the same way before, backwards: its mirror
+image obeys the equation at |t|, and has no kink. So bumps may reach beyond the beginning, where a
+joint's spin-up may be all that tells of its inertia.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
@@ -143,7 +147,8 @@ class Averaging:
         settings: FrictionTerms,
         balance: Balance = Balance.MOMENTUM,
     ) -> None:
-        self._log, self._half_width = log, half_width
+        self._log, self._zero, self._half_width = log, zero, half_width
+        self._settings, self._balance = settings, balance
         self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
         self._grid = uniform_grid(log.time)
         self._step = float(self._grid[1] - self._grid[0])
@@ -152,7 +157,15 @@ class Averaging:
         self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
+        self._rests = log.initial_state.velocity == 0
         self._places: dict[int, _Place] = {}
+
+    def moving_so(self, angle: NDArray[np.float64]) -> Averaging:
+        """Return the same of other (n,) angles in rad, with the same test functions."""
+        log, settings = replace(self._log, angle=angle), self._settings
+        found = Averaging(log, self._zero, self._half_width, settings, self._balance)
+        found._rests = self._rests
+        return found
 
     def signals(
         self,
@@ -178,8 +191,8 @@ class Averaging:
         if not _DRIVEN.isdisjoint(missing):
             motion = self._driven(motion, delay, drive)
         for name in missing:
-            place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
-        centres = place.bumps.centres
+            place.mean[keys[name]] = place.means(*self._column_of(TERMS[name], motion))
+        centres = place.bumps.centres - place.lead
         return WeakSignals(
             time=self._grid[centres],
             angle=self._motion.angle[centres],
@@ -212,22 +225,34 @@ class Averaging:
             if time.size < 2 * margin + 1:
                 longer = f"{2 * margin * self._step:.3g} s or more"
                 raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
-            bumps = Bumps(
-                half_width=self._half_width, step=self._step, size=time.size, margin=margin
-            )
-            self._places[margin] = _Place(bumps, bumps.means(self._still), {})
+            lead = margin if self._rests else 0
+            size = time.size + lead
+            bumps = Bumps(half_width=self._half_width, step=self._step, size=size, margin=margin)
+            place = _Place(bumps, lead, np.empty(0), {})
+            self._places[margin] = place._replace(still=place.means(self._still))
         return self._places[margin]
 
 
 class _Place(NamedTuple):
     """Test functions, the share of each that stands still, and means over them.
 
-    The means are kept by name; what the input enters by name, delay and drive.
+    The means are kept by name; what the input enters by name, delay and drive. As many samples as
+    ``lead`` are mirrored before the first.
     """
 
     bumps: Bumps
+    lead: int
     still: NDArray[np.float64]
     mean: dict[tuple[Hashable, ...], NDArray[np.float64]]
+
+    def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
+        """(m,) means of an (n,) signal and its mirror image (see `Bumps.means`).
+
+        What is integrated by parts once is odd about its first value.
+        """
+        mirror = signal[self.lead : 0 : -1]
+        before = 2 * signal[0] - mirror if order % 2 else mirror
+        return self.bumps.means(np.concatenate([before, signal]), order)
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:

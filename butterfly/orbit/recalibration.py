@@ -20,7 +20,8 @@ from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import infer
-from butterfly.identification.inference.submodels import without_logs
+from butterfly.identification.inference.submodels import Submodels, without_logs
+from butterfly.identification.inference.term_choice import SLACK_OF_STRETCHES, choose_terms
 from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Log
@@ -44,7 +45,6 @@ FOLDS = 5
 SEGMENT = 10
 """Test functions in a row, which share noise; such stretches count as independent."""
 
-_SIGNIFICANT = 2.0  # standard errors by which a term must lower the held-out loss
 _COMPRESSION_ROUNDS = 5  # about the compression, which alone is not linear
 _FEWEST_RUNS = 3  # to leave one out
 
@@ -161,15 +161,15 @@ def recalibrate(
     """
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
-    selection = LoopSelection(logs, zero, options)
-    _, plain, run = selection.fit(base)
-    if np.unique(plain.cluster).size <= 2 * FOLDS:
+    loop = LoopEquations(logs, zero, options)
+    solution, regression, run = loop.fit((*base, *options.candidates))
+    if np.unique(regression.cluster).size <= 2 * FOLDS:
         moving = run.size * options.half_width / 2
         raise IdentifiabilityError(
             f"{moving:.3g} s of motion are too little to re-calibrate: record longer runs"
         )
-    names = (*base, *selection.select(base, options.candidates))
-    solution, regression, run = selection.fit(names)
+    names = chosen_terms(CellEquations.of(regression, solution), base)
+    solution, regression, run = loop.fit(names)
     conditioning = Conditioning.of(regression.rows, names)
     if conditioning.number > SINGULAR_CONDITION:
         raise IdentifiabilityError(
@@ -216,7 +216,14 @@ def estimate_of(
     )
 
 
-class LoopSelection:
+def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the base and those of all terms that help to predict stretches that were held out."""
+    folds = np.arange(equations.log.size) % FOLDS
+    submodels = Submodels(equations=equations, folds=folds, slack=SLACK_OF_STRETCHES)
+    return choose_terms([submodels], always=base).names
+
+
+class LoopEquations:
     """The equations of all logs of a re-calibration, with any terms.
 
     ``zero`` is the encoder reading in rad of the hanging hand.
@@ -238,38 +245,6 @@ class LoopSelection:
             regression, run = self._equations(names, about)
             solution = regression.solve()
         return solution, regression, run
-
-    def select(self, base: tuple[str, ...], candidates: Sequence[str]) -> tuple[str, ...]:
-        """Add terms one by one, the most helpful first, while held-out stretches gain by it."""
-        chosen: tuple[str, ...] = ()
-        losses = self._held_out_losses(base)
-        while True:
-            gains = {
-                name: losses - self._held_out_losses((*base, *chosen, name))
-                for name in candidates
-                if name not in chosen
-            }
-            helpful = {
-                name: float(gain.mean())
-                for name, gain in gains.items()
-                if gain.mean() > _SIGNIFICANT * gain.std(ddof=1) / gain.size**0.5
-            }
-            if not helpful:
-                return chosen
-            best = max(helpful, key=lambda name: helpful[name])
-            chosen = (*chosen, best)
-            losses = losses - gains[best]
-
-    def _held_out_losses(self, names: tuple[str, ...]) -> NDArray[np.float64]:
-        """(k,) mean squared residuals of k stretches, each by a fit that has not seen it."""
-        _, regression, _ = self.fit(names)
-        squares = np.empty(regression.target.size)
-        for fold in range(FOLDS):
-            held = regression.cluster % FOLDS == fold
-            values = regression.solve(~held).values
-            squares[held] = regression.residuals(values)[held] ** 2
-        sums = np.bincount(regression.cluster, squares)
-        return np.asarray(sums / np.bincount(regression.cluster))
 
     def _equations(
         self, names: tuple[str, ...], about: float

@@ -25,7 +25,7 @@ def clean():
 
 def _windows(logs):
     estimator = WeakForm(terms=())
-    return [estimator._windows(log, 0.0, periods=1.0) for log in logs]  # noqa: SLF001 - the step before
+    return [estimator._windows(log, 0.0, 1.0) for log in logs]  # noqa: SLF001 - the step before
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
@@ -62,17 +62,13 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
 
 def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clean):
     windows = _windows(clean)
-
-    def cut(log, zero):
-        return WeakForm()._windows(log, zero, periods=1.0)  # noqa: SLF001
-
     for parameters in (replace(ROBOT, p1=-0.01), replace(ROBOT, p4=-0.5)):
-        pairs = seen(clean, windows, parameters, ZEROS, cut)
+        pairs = seen(clean, windows, parameters, ZEROS)
         assert all(each.instruments is each.windows for each in pairs)
     fit = fitted_terms(windows, (), NO_PRIOR)[0]
     kept = refined(fit, pairs).solved.values
     np.testing.assert_allclose(kept, fit.solved.values, rtol=1e-5, atol=1e-7)
-    pairs = seen(clean, windows, ROBOT, ZEROS, cut)
+    pairs = seen(clean, windows, ROBOT, ZEROS)
     assert all(each.instruments is not each.windows for each in pairs)
 
 

@@ -4,7 +4,7 @@ python -m tests.independent.bench --robots 20 --seed 1 --out FILE.json
 python -m tests.independent.bench --rows base clock --method output-error --against FILE.json
 
 A cause is asked for where the parameters that the defect moves are off by more than `MOVED` in the
-answers of ``--against``, or in these.
+answers of ``--against``, or in these: in the verdict, and (in brackets) anywhere.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from tests.independent.scores import Reading, Score, scored
 MOVED = 2.0
 """Error in % of a parameter that a defect has moved."""
 
+_GIVEN = "All values rest on"  # begins a line that names what no log shows
 _KEY = ("p1", "p4")  # what *good* vouches for
 
 
@@ -60,7 +61,7 @@ def score(row, number, method, seed):
         lambda: bf.identify(robot.logs, method),
         robot.truth,
         robot.heaviest,
-        lambda found: {"misfit": found.misfit.times, "text": "\n".join(found.paragraphs())},
+        lambda found: {"misfit": found.residuals.times, "text": "\n".join(found.paragraphs())},
         family=row,
         number=number,
         repeat=0,
@@ -82,7 +83,7 @@ def table(scores: list[Score], against: list[Score] = ()) -> str:
     others = {(each.family, each.number): each for each in against}
     heads = (
         *("bench", "robots", "refused", *PARAMETERS, "width p1", "p4", "width over"),
-        *("misfit", "FIT", "good", "good with p1 or p4 outside", "named", "s"),
+        *("misfit", "FIT", "flagged", "good", "good with p1 or p4 outside", "named", "s"),
     )
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for row in dict.fromkeys(each.family for each in scores):
@@ -111,12 +112,14 @@ def _cells(row, asked, others):
     yield " ".join(f"{each:.2f}" for each in ratios)
     yield f"{np.median([each.misfit for each in found]):.3g}" if found else ""
     yield f"{np.median([each.fit for each in found]):.2f}" if found else ""
+    yield sum(each.flagged for each in found)
     good = [each for each in found if each.verdict == Level.GOOD.verdict]
     outside = [worst for each in good if (worst := _outside(each))]
     yield f"{len(good)}/{len(found)}"
     yield f"{len(outside)}" + (f", up to {max(outside):.2g} %" if outside else "")
-    named = [names_cause(each) for each, then in pairs if moved(each) or (then and moved(then))]
-    yield f"{sum(named)}/{len(named)}" if ROWS[row].words else ""
+    wrong = [each for each, then in pairs if moved(each) or (then and moved(then))]
+    first, anywhere = (sum(names_cause(each, part) for each in wrong) for part in (2, None))
+    yield f"{first} ({anywhere})/{len(wrong)}" if ROWS[row].words else ""
     yield f"{np.median([each.seconds for each in asked]):.2f}"
 
 
@@ -137,9 +140,10 @@ def moved(each):
     return any(abs(each.readings[name].error) > MOVED for name in names)
 
 
-def names_cause(each):
-    """Whether the words of an answer name the cause, or an alias of it."""
-    return bool(re.search(ROWS[each.family].words, each.text, re.IGNORECASE))
+def names_cause(each, count=None):
+    """Whether the words of an answer name the cause, or an alias; its verdict has two lines."""
+    lines = [line for line in each.text.splitlines()[:count] if not line.startswith(_GIVEN)]
+    return bool(re.search(ROWS[each.family].words, "\n".join(lines), re.IGNORECASE))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from butterfly.errors import ButterflyError
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.model.terms import PARAMETERS, FrictionTerms
+from butterfly.verdict import Level
 
 METHODS = {
     "harmonic-balance": (HarmonicBalance(), "AB"),
@@ -64,12 +65,18 @@ class Score:
     excess: float = float("nan")  # cost over that of a fit begun at the truth, if there is one
     misfit: float = float("nan")  # what is left over what sensors explain, where it was asked for
     text: str = ""  # the answer in words, the same
+    follows: list[str] = field(default_factory=list)  # which parameter follows which condition
     seconds: float = 0.0  # that the identification took
 
     @property
     def local_minimum(self) -> bool:
         """Whether a fit begun at the truth ends lower."""
         return self.excess > LOCAL_MINIMUM
+
+    @property
+    def flagged(self) -> bool:
+        """Whether the verdict is not good, or conditions are said to disagree."""
+        return self.verdict != Level.GOOD.verdict or bool(self.follows)
 
     @property
     def name(self) -> str:
@@ -109,6 +116,7 @@ def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
             condition=estimate.condition,
             ending=str(estimate.ending),
             verdict=str(found.standing),
+            follows=[f"{each.parameter} by {each.condition}" for each in estimate.agreement],
             seconds=seconds,
             **besides(found),
         )

@@ -15,6 +15,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.logs.log import Log
@@ -72,6 +73,13 @@ def _one_omega(logs: Logs, draw: np.random.Generator) -> Logs:
     return changed
 
 
+def _one_late(logs: Logs, draw: np.random.Generator) -> Logs:
+    chosen = int(draw.integers(len(logs)))
+    log = logs[chosen]
+    late = replace(log, input=np.interp(log.time - 0.05, log.time, log.input))
+    return [late if k == chosen else log for k, log in enumerate(logs)]
+
+
 @dataclass(frozen=True)
 class Case:
     """A slip: what it does to logs, and the words that name it."""
@@ -82,6 +90,7 @@ class Case:
 
 CASES = {
     "degrees": Case(every(lambda log: replace(log, angle=np.degrees(log.angle))), ("degrees",)),
+    "turns": Case(every(lambda log: replace(log, angle=log.angle / (2 * np.pi))), ("turns",)),
     "ms": Case(every(lambda log: replace(log, time=log.time * 1e3)), ("millisec",)),
     "us": Case(every(lambda log: replace(log, time=log.time * 1e6)), ("microsec",)),
     "swapped": Case(
@@ -90,6 +99,9 @@ CASES = {
     "rpm": Case(every(_in_rpm), ("revolutions per minute",)),
     "counts": Case(_counts, ("counts",)),
     "arm in mm": Case(every(lambda log: _heavier(log, 1.0, 1e3)), ("millimetres",)),
+    "arm in cm": Case(every(lambda log: _heavier(log, 1.0, 1e2)), ("centimetres",)),
+    "diameter": Case(every(lambda log: _heavier(log, 1.0, 2.0)), ("diameters",)),
+    "late": Case(_one_late, ("late",)),
     "one mass": Case(_one_mass, ()),
     "mass of a log": Case(_one_log, ()),
     "omega": Case(_one_omega, ()),
@@ -98,6 +110,7 @@ CASES = {
     "grams": Case(every(lambda log: _heavier(log, 1e3)), ("grams",)),
 }
 OF_SINES = {"rpm", "omega"}
+NAMED = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
 
 
 @dataclass(frozen=True)
@@ -116,9 +129,10 @@ def ask(logs: Logs, family: str) -> Answer:
         found = identify(DataSet.of(logs), estimator).estimate
     except ButterflyError as error:
         return Answer(recognised=True, text=str(error))
-    good = found.level is Level.GOOD
+    slips = any(each.kind in NAMED for each in found.findings)
     text = " ".join(estimate_sentences(found))
-    return Answer(recognised=not good, text=text, standing=found.level.verdict)
+    recognised = slips or found.level is not Level.GOOD
+    return Answer(recognised=recognised, text=text, standing=found.level.verdict)
 
 
 def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
@@ -127,15 +141,12 @@ def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
     differ = [
         k
         for k, (a, b) in enumerate(pairs)
-        if (a.added_mass, a.excitation) != (b.added_mass, b.excitation)
+        if (a.added_mass, a.excitation) != (b.added_mass, b.excitation) or a.input is not b.input
     ]
     if name == "one mass":
         return f"if {slipped[differ[0]].added_mass} was" in text
-    if name in {"mass of a log", "omega"}:
-        return (
-            f"{'in' if name != 'omega' else 'for'} {with_unique_names(slipped)[differ[0]].name}"
-            in text
-        )
+    if before := {"mass of a log": "in", "omega": "for", "late": "In"}.get(name):
+        return f"{before} {with_unique_names(slipped)[differ[0]].name}" in text
     return all(word in text for word in CASES[name].words)
 
 

@@ -32,6 +32,7 @@ NUMBERS = {
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
+    FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.ADDS_UP: (0.5, "0.5 s"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
@@ -154,12 +155,12 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
         (
             [FOLLOWED, MISFIT, LACKS],
             (),
-            f"{_TIMES}; it misses drag or load, 61 % of the residuals.",
+            f"{_TIMES}; it misses drag or load, 61 % of what is left.",
         ),
         (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),
-            f"{_TIMES}; p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
+            f"{_TIMES}. p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
             "own inertia (or its arm, the clock, a base that gives)?",
         ),
     ],

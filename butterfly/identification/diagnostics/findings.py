@@ -47,6 +47,7 @@ class FindingKind(StrEnum):
     PULLED = "pulled"  # on a bound that the data would cross
     FEW_MASSES = "few-masses"  # different added masses, too few to leave one out
     FEW_LOGS = "few-logs"  # how many there are, in blocks of which the scatter was taken
+    SCATTER = "scatter"  # standard deviation from log to log, over the value
     UNCHECKED = "unchecked"  # not checked by leaving masses out, as asked
     SIGN_UNKNOWN = "sign-unknown"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import (
@@ -30,7 +31,7 @@ from butterfly.identification.diagnostics.sensor_errors import (
     correlations,
 )
 from butterfly.identification.draws import covariance_root, honest_covariance
-from butterfly.identification.equations import CellEquations, compressed, independent_cells_of
+from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.covariance import SPREADS

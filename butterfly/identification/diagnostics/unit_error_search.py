@@ -1,69 +1,60 @@
-"""Look for the mistake that explains what is wrong with an identification, or with its refusal."""
+"""Look for the mistake that explains what is wrong with an identification, or with its refusal.
+
+Every mistake is a hypothesis about the same equations, those of the weak form. A unit of the angle
+changes its sine, one of arms or stamps what an added mass is beside the joint's own inertia and
+gravity moment; another mass, or a delay of one log, is one column more. So each is one linear fit.
+It is named where it explains what the logs as they are do not, where no parameter that follows the
+added mass explains more, and where the logs, identified again without it, are followed.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from numpy.typing import NDArray
 
-from butterfly.errors import ButterflyError
+from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_error_trials import (
-    CLOCKS,
-    FOLLOWED,
-    NOTHING,
-    OTHERS,
-    Explanation,
-    Hypothesis,
-    Trial,
-    attempt,
-    attempt_roughly,
-    carrying,
-    fitting_counts,
-    thinned,
-    trial_of,
-)
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.plausibility import LEAST_FIT, is_possible
 from butterfly.identification.diagnostics.unit_errors import (
+    COUNTS,
+    TABLE,
     UnitError,
     unit_error,
+    unit_errors_of_masses,
     unit_errors_of_omega,
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
-from butterfly.identification.inference.consistency import Correction, disagreeing
+from butterfly.identification.inference.agreement import Condition
+from butterfly.identification.inference.identifiability import PRECISE
+from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import FrictionTerms
+from butterfly.signals.frequency_response import response_point
+from butterfly.verdict import Level
 
-_CLEARLY = 0.5  # share of the misfit that a mistake undone must leave at most
-_FAR_MORE = 0.3  # share of the misfit that a far-fetched mistake must leave at most to come first
+Samples = NDArray[np.float64]
+
+_LEFT = 0.5  # share of the misfit that a mistake undone must leave at most
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
-_LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are right
-_EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no mistake
-_ROOM = 0.005  # misfit that makes no difference
-
-_TELLING = {FindingKind.TORQUE_DRIVEN}
+_NOISE = 3.0  # times the noise of the angle, above which something else is left over
+_FITS = 4  # that are made at most
+_LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
+_SWINGS = (0.02, math.pi)  # rad, that the widest log may have
 _LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
 _LONGEST_LOG = 3600.0  # s
-_LONGEST_ARM = 5.0  # m
-_COARSEST = 0.02  # rad that an encoder tells apart; 314 counts per turn
-_HEAVIEST = 10.0  # kg
-_HEAVY = 1.0  # kg, of a motor whose resistance seems to be none
-_STEEL = 7850.0  # kg/m^3
-_LOOKED_AT = 1000  # samples
+_UNSEEN = 1e-8  # share of a column that the others leave, below which it is one of them
+_SAMPLES = 2000  # of a log, where its shape alone matters
 
-_ROUNDS = 8  # in which a mass is corrected about the parameters found with it
-_SETTLED = 1e-3  # relative change of a mass that is none
-_LOGS = 3  # that are suspected alone, the most evident ones
-_LEAST = -0.05  # of the largest mass, below which a mass is no rounding's
-_MASSES = 41  # that are tried in the place of a log's own
-_FAR_WORSE = 6.0  # times the median misfit, of a log that is not followed as the others are
-_NOTABLE = 0.15  # misfit below which a log is followed, however well the others are
-_FOLLOWED_AGAIN = 0.3  # share of a log's misfit that another mass must leave at most
-_CERTAIN = 100.0  # F statistic of a mass that is wrong for certain
+_NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
 
 def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
@@ -73,285 +64,344 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
     """
     if of_omega := unit_errors_of_omega(data.logs, data.points):
         return of_omega
-    grams = unit_error(UnitError.GRAMS, 1e-3)
-    heavy = [grams] if _too_heavy(data.masses, estimate) else []
-    calm = set(data.calm)
-    corrections = [each for each in estimate.corrections if calm.issuperset(each.logs)]
-    disagree = bool(disagreeing(corrections, data.masses))
-    if not (disagree or _suspicious(data, estimate)):
-        return heavy
-    quick = _quick(data, estimator)
-    units = _tried(data, quick, OTHERS) if _suspicious(data, estimate) else []
-    masses = _wrong_masses(data, quick)
-    before = _before(data, estimator, estimate, quick)
-    best = _best([*units, *masses], before)
-    if disagree and not best:
-        best = [each.finding for each in _ordered(masses)]
-    alone = [each.finding for each in _mass_of_unfollowed(data, estimate)]
-    if best or alone:
-        return best or alone
-    spoiling = _mass_of_one_log(data, quick) if before.misfit > FOLLOWED else []
-    return _best(spoiling, before) or heavy
+    misfits = 1 - data.simulations.fits(estimate) / 100
+    found: list[Finding] = []
+    if estimate.level is Level.WARNING or not (misfits < _NOISE * _noise(data)).all():
+        found = _Search(data, estimator, estimate).named()
+    return found or unit_errors_of_masses(data.masses)
 
 
 def find_unit_errors_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the mistakes but for which there would be an estimate."""
-    quick = _quick(data, estimator)
-    before = attempt(thinned(data), quick)
-    if before.misfit < _EXPLAINED:
-        return []
-    return _best(_tried(data, quick, (*CLOCKS, *OTHERS)), before)
+    return _Search(data, estimator).named()
 
 
 def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the mistake that makes stamps advance slowly, before they are simulated for ages."""
-    if not _slow_clock(data):
-        return []
-    quick, some = _quick(data, estimator), thinned(data)
-    span = sum(float(log.time[-1] - log.time[0]) for log in some.logs)
-    before = attempt(some, quick) if span < _LONGEST_TRIAL else NOTHING
-    return _best(_tried(data, quick, CLOCKS), before)
+    return _Search(data, estimator, of_clock=True).named() if _is_slow(data) else []
 
 
-def _before(data: DataSet, estimator: Estimator, estimate: Estimate, quick: Estimator) -> Trial:
-    """Return how well a joint explains logs as they are: a poor method is no mistake of theirs."""
-    found = trial_of(data, estimate)
-    if isinstance(estimator, type(quick)):
-        return found
-    return min(found, attempt(data, quick), key=lambda trial: trial.misfit)
+def _noise(data: DataSet) -> Samples:
+    """(n,) noise of each log's angle over its motion, by what neighbours have not in common."""
+    angles = [log.angle for log in data.logs]
+    return np.array([np.sqrt(np.mean(np.diff(each, 2) ** 2) / 6) / each.std() for each in angles])
 
 
-def _quick(data: DataSet, estimator: Estimator) -> Estimator:
-    """Return an estimator of the same kind that takes no time."""
-    if isinstance(estimator, HarmonicBalance | WeakForm):
-        return estimator.unchecked()
-    sines = all(point is not None for point in data.points)
-    return HarmonicBalance(check=False) if sines else WeakForm(check=False)
+def _is_whole(readings: Samples) -> bool:
+    return bool((readings == np.rint(readings)).all())
 
 
-def _tried(data: DataSet, quick: Estimator, hypotheses: Iterable[Hypothesis]) -> list[Explanation]:
-    some = thinned(data)
-    return [*(each.tried(some, quick) for each in hypotheses), *fitting_counts(some, quick)]
-
-
-def _best(tried: list[Explanation], before: Trial) -> list[Finding]:
-    """Return what explains the logs clearly better than they are, and what does so as well."""
-    order = _ordered(tried)
-    if not order:
-        return []
-    first = order[0]
-    if not first.misfit < min(FOLLOWED, _CLEARLY * before.misfit):
-        return []
-    most = _AS_GOOD * first.misfit + _ROOM
-    return [each.finding for each in order if each.misfit <= most or each.of_a_mass(first)]
-
-
-def _ordered(tried: list[Explanation]) -> list[Explanation]:
-    """Sort by what is left, the far-fetched after the others unless it explains far more."""
-    likely = min((each.misfit for each in tried if not each.last), default=math.inf)
-    return sorted(
-        tried, key=lambda each: (each.last and each.misfit > _FAR_MORE * likely, each.misfit)
-    )
-
-
-def _suspicious(data: DataSet, estimate: Estimate) -> bool:
-    """Whether an estimate, or the sizes in its data, are those of a mistake."""
-    return (
-        any(each.forbids or each.kind in _TELLING for each in estimate.findings)
-        or not (data.simulations.fits(estimate) > 100 * (1 - _NOTABLE)).all()
-        or any(mass.arm > _LONGEST_ARM for mass in data.masses)
-        or any(point.amplitude > math.pi for point in data.sines)
-        or all(_angle_step(log) >= _COARSEST for log in data.logs)
-    )
-
-
-def _slow_clock(data: DataSet) -> bool:
+def _is_slow(data: DataSet) -> bool:
     """Whether the stamps of a data set advance as those of no robot that is controlled."""
     steps = [log.mean_step for log in data.logs]
     spans = [log.time[-1] - log.time[0] for log in data.logs]
     return bool(np.median(steps) > _LONGEST_STEP or np.median(spans) > _LONGEST_LOG)
 
 
-def _too_heavy(masses: Sequence[AddedMass], estimate: Estimate) -> bool:
-    """Whether a mass is too heavy for its place: so heavy, so large, or for such a motor.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Mistake:
+    """A hypothesis, and the share of the torques that is left over without it."""
 
-    In grams all masses, and with them all parameters but the delay, are a thousand times too large,
-    which the motion does not tell. A ball of steel that reaches halfway to the pivot is too large;
-    a voltage-fed motor of almost no resistance is one whose torque is too large.
-    """
-    driven = any(each.kind is FindingKind.TORQUE_DRIVEN for each in estimate.findings)
-    return any(
-        mass.mass
-        > min(_HEAVY if driven else _HEAVIEST, _STEEL * 4 / 3 * math.pi * (mass.arm / 2) ** 3)
-        for mass in masses
-        if mass.arm > 0
-    )
+    error: UnitError
+    number: float  # factor; of a mass the right one in kg, of an input its delay in s
+    misfit: float = math.inf
+    logs: tuple[int, ...] = ()  # numbers of those that it concerns; none of a unit
+    place: AddedMass | None = None  # where the wrong mass is
+    alone: bool = False  # whether it is in one log only
 
+    def undone(self, data: DataSet) -> DataSet:
+        """Return the data set as it is without the mistake."""
+        numbers = self.logs or range(len(data.logs))
+        logs = [self._undone(log) if k in numbers else log for k, log in enumerate(data.logs)]
+        points = (
+            point if log is old else response_point(log) if log.excitation else None
+            for log, old, point in zip(logs, data.logs, data.points, strict=True)
+        )
+        return replace(data, logs=tuple(logs), points=tuple(points))
 
-def _angle_step(log: Log) -> float:
-    """Return the least distance in rad between readings of the angle in the middle of a log."""
-    middle = log.angle.size // 2
-    changes = np.abs(np.diff(log.angle[middle : middle + _LOOKED_AT]))
-    return float(np.min(changes[changes > 0], initial=math.inf)) if changes.any() else 0.0
+    def _undone(self, log: Log) -> Log:
+        column = TABLE[self.error].column if self.error in TABLE else self.error
+        if column == "time":
+            return replace(log, time=self.number * log.time, lead=None)
+        if column in {"angle", UnitError.COUNTS}:
+            return replace(log, angle=self.number * log.angle)
+        if column == UnitError.SWAPPED:
+            return replace(log, input=log.angle, angle=log.input, lead=None)
+        if column == UnitError.LATE:
+            delivered = np.interp(log.time + self.number, log.time, log.input)
+            return replace(log, input=delivered, lead=None)
+        mass = log.added_mass
+        if self.place is not None:
+            right = replace(self.place, mass=self.number)
+        else:
+            right = replace(mass, arm=self.number * mass.arm)
+        return replace(log, added_mass=right)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Corrected:
-    """A data set with one mass corrected: whose and to what, and how it is explained then."""
+class _Equations:
+    """The weak form of some logs: (m, n) of what `_NAMES` multiply, and (m,) numbers of logs."""
 
-    suspect: Correction
-    mass: AddedMass
-    misfit: float
-    left: float  # evidence that masses still disagree
+    columns: Samples
+    log: NDArray[np.intp]
+    masses: tuple[AddedMass, ...]  # that each log carried
+    known: dict[str, float]  # parameters
+
+    @classmethod
+    def of(cls, data: DataSet) -> _Equations:
+        """Average logs over test functions; IdentifiabilityError if an angle stands still."""
+        if any(np.ptp(log.angle) == 0 for log in data.logs):
+            raise IdentifiabilityError("a joint that does not move")
+        parts = [_averages(log, data.zero_of(log)) for log in data.logs]
+        return cls(
+            columns=np.concatenate(parts),
+            log=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+            masses=tuple(log.added_mass for log in data.logs),
+            known={name: value for name, value in data.known.fixed.items() if name in _NAMES},
+        )
+
+    @cached_property
+    def misfit(self) -> float:
+        """Share of the torques that is left over; infinite where no joint has such an inertia."""
+        _, torques, rest = self._solved
+        sizes = math.hypot(*torques.values(), float(np.linalg.norm(self._target)))
+        least = min(mass.inertia for mass in self.masses)
+        if not (sizes > 0 and self.values["p1"] + least > 0):
+            return math.inf
+        return float(np.linalg.norm(rest) / sizes)
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Parameters that fit best."""
+        _, torques, _ = self._solved
+        sizes = np.linalg.norm(self.columns, axis=0)
+        found = {name: torque / sizes[_NAMES.index(name)] for name, torque in torques.items()}
+        return {"p1": 0.0, "p4": 0.0} | found | self.known
+
+    def following(self, weights: Samples, *names: str) -> Samples:
+        """(m,) sum of some columns, each times a weight by log: (k, n) for n names."""
+        places = [_NAMES.index(name) for name in names]
+        return np.asarray(np.sum(self.columns[:, places] * weights[self.log], axis=1))
+
+    def beside(self, column: Samples) -> tuple[float, float]:
+        """Return the misfit beside one column more, and its value."""
+        basis, _, rest = self._solved
+        own = column - basis @ (basis.T @ column)
+        length = float(own @ own)
+        if not length > _UNSEEN * float(column @ column):
+            return self.misfit, 0.0
+        value = float(own @ rest) / length
+        left = max(0.0, 1 - value**2 * length / float(rest @ rest))
+        return self.misfit * math.sqrt(left), value
+
+    @cached_property
+    def _target(self) -> Samples:
+        """(m,) torques of what is known, with the sign turned."""
+        loads = np.array([[mass.inertia, mass.gravity_moment] for mass in self.masses])
+        whole = self.following(loads, "p1", "p3")
+        for name, value in self.known.items():
+            whole = whole + value * self.columns[:, _NAMES.index(name)]
+        return -whole
+
+    @cached_property
+    def _solved(self) -> tuple[Samples, dict[str, float], Samples]:
+        """A basis of the columns, the torque of each by name, and what is left over."""
+        sizes = np.linalg.norm(self.columns, axis=0)
+        names = [n for n, size in zip(_NAMES, sizes, strict=True) if size and n not in self.known]
+        places = [_NAMES.index(name) for name in names]
+        basis, factor = np.linalg.qr(self.columns[:, places] / sizes[places])
+        along = basis.T @ self._target
+        torques = np.linalg.lstsq(factor, along)[0]
+        return basis, dict(zip(names, torques.tolist(), strict=True)), self._target - basis @ along
 
 
-def _wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
-    """Return the masses that may be wrong, one at a time; with three, any may be."""
-    data = _used(data, quick)
-    whole = _estimated(data, quick)
-    found = whole.corrections if whole else ()
-    evident = [each for each in found if each.evident]
-    disagree = any(_is_whole(each, data) for each in evident)
-    groups = [each for each in found if disagree and _is_whole(each, data)]
-    singles = [each for each in disagreeing(found, data.masses) if not _is_whole(each, data)][
-        :_LOGS
-    ]
-    tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
-    possible = [each for each in tried if each is not None and each.misfit < FOLLOWED]
-    least = min((each.left for each in possible), default=0.0)
-    agreeing = [each for each in possible if each.left <= 2 * least]
-    return [
-        _explanation(data, each.suspect, each.mass, each.misfit, len(agreeing)) for each in agreeing
-    ]
+def _every(log: Log) -> int:
+    """Return by how much a log is thinned where its shape alone matters."""
+    return max(1, log.time.size // _SAMPLES)
 
 
-def _mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
-    """Return the log that spoils all others, if it may have carried another mass than was given.
+def _averages(log: Log, zero: float) -> Samples:
+    """(m, n) means of what `_NAMES` multiply in a log, the rms inertial term being 1/sqrt(m).
 
-    The estimate from all logs cannot tell it then, so each is left out in turn.
+    The test functions are as wide as a third of a period of the motion, whatever the stamps' unit.
     """
-    data = _used(data, quick)
-    tried = [_corrected(data, quick, each) for each in _suspects_alone(data, quick)]
-    possible = [each for each in tried if each is not None and each.misfit < FOLLOWED]
-    best = sorted(possible, key=lambda each: (each.left, each.misfit))[:1]
-    return [_explanation(data, each.suspect, each.mass, each.misfit) for each in best]
+    span, few = log.time[-1] - log.time[0], log.angle[:: _every(log)]
+    periods = 1 + int(np.argmax(np.abs(np.fft.rfft(few - few.mean()))[1:]))
+    width = float(min(max(span / periods / 3, 12 * log.mean_step), span / 20))
+    signals = Averaging(log, zero, width, FrictionTerms()).signals(_NAMES)
+    means = np.column_stack([signals.mean[name] for name in _NAMES])[signals.moving]
+    return np.asarray(means / (float(np.linalg.norm(means[:, 0])) or 1.0))
 
 
-def _mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
-    """Return the logs that the model does not follow, but would with another mass."""
-    trial = trial_of(data, estimate)
-    if trial is NOTHING:
-        return []
-    worst = max(_FAR_WORSE * float(np.median(trial.misfits)), _NOTABLE)
-    numbers = np.flatnonzero(trial.misfits > worst).tolist()
-    if not 0 < len(numbers) <= _LOGS:
-        return []
-    found = []
-    for number in numbers:
-        mass, misfit = _fitting_mass(data, estimate, number)
-        if misfit < _FOLLOWED_AGAIN * trial.misfits[number]:
-            given = data.logs[number].added_mass
-            change = mass.mass - given.mass
-            suspect = Correction(given=given, logs=(number,), change=change, evidence=math.inf)
-            found.append(_explanation(data, suspect, mass, misfit))
-    return found
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A data set, how it is identified, and what came of that, if anything did."""
 
+    data: DataSet
+    estimator: Estimator
+    estimate: Estimate | None = None
+    of_clock: bool = False
 
-def _fitting_mass(data: DataSet, estimate: Estimate, number: int) -> tuple[AddedMass, float]:
-    """Return the mass with which a model follows one log best, and its misfit then."""
-    log, largest = data.logs[number], max(data.masses)
-    arm = log.added_mass.arm or largest.arm
-    alone = data.take([number])
+    @np.errstate(all="ignore")
+    def named(self) -> list[Finding]:
+        """Return what explains the logs clearly better than they are, and what does so as well."""
+        none = math.inf if self.of_clock else self._here.misfit if self._here else math.inf
+        tried = sorted(self._tried(), key=lambda each: each.misfit)
+        likely = [each for each in tried if each.misfit < _LEFT * none]
+        held: list[tuple[_Mistake, Estimate]] = []
+        for each in likely[:_FITS]:
+            if held and each.misfit > _AS_GOOD * held[0][0].misfit:
+                break
+            if (found := self._without(each)) is not None:
+                held.append((each, found))
+        ways = sum(each.place is not None and not each.alone for each, _ in held)
+        return [self._finding(each, found, ways) for each, found in held]
 
-    def misfit(mass: float) -> float:
-        carried = carrying(alone, [replace(log.added_mass, mass=mass, arm=arm)])
-        return float(trial_of(carried, estimate).misfits[0])
-
-    tried = [each.mass for each in data.masses] + list(largest.mass * np.linspace(0, 2, _MASSES))
-    best = min(tried, key=misfit)
-    reach = 2 * largest.mass / (_MASSES - 1)
-    bounds = max(best - reach, 0.0), best + reach
-    fine = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-3 * reach})
-    mass = fine.x if fine.fun < misfit(best) else best
-    return replace(log.added_mass, mass=float(mass), arm=arm), misfit(float(mass))
-
-
-def _used(data: DataSet, quick: Estimator) -> DataSet:
-    """Return the logs that an estimator uses."""
-    if isinstance(quick, HarmonicBalance):
-        return data.take([k for k, point in enumerate(data.points) if point is not None])
-    return data
-
-
-def _suspects_alone(data: DataSet, quick: Estimator) -> list[Correction]:
-    """Suspect the log without which the rest agrees best to have carried another's mass."""
-    numbers = range(len(data.logs))
-    if len(numbers) == 1:
-        return []
-    misfits = []
-    for number in numbers:
-        rest = thinned(data.take([k for k in numbers if k != number]))
-        misfits.append(attempt_roughly(rest, quick).misfit)
-    worst = int(np.argmin(misfits))
-    if misfits[worst] > FOLLOWED:
-        return []
-    given = data.logs[worst].added_mass
-    return [
-        Correction(given=given, logs=(worst,), change=other.mass - given.mass, evidence=math.inf)
-        for other in data.masses
-        if other != given
-    ]
-
-
-def _is_whole(suspect: Correction, data: DataSet) -> bool:
-    """Whether it is about all logs that are said to have carried the mass."""
-    return len(suspect.logs) == sum(log.added_mass == suspect.given for log in data.logs)
-
-
-def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Corrected | None:
-    """Correct a mass about the parameters, and the parameters about the mass, until it settles."""
-    masses = [log.added_mass for log in data.logs]
-    largest = max(masses)
-    mass, arm = suspect.given, suspect.given.arm or largest.arm
-    change, found = suspect.change, None
-    for _ in range(_ROUNDS):
-        if mass.mass + change < _LEAST * largest.mass:
+    @cached_property
+    def _here(self) -> _Equations | None:
+        """The equations of the logs as they are, if there are any."""
+        try:
+            return _Equations.of(self.data)
+        except _FAILURES:
             return None
-        mass = replace(mass, mass=max(mass.mass + change, 0.0), arm=arm)
-        for number in suspect.logs:
-            masses[number] = mass
-        found = _estimated(carrying(data, masses), quick)
-        if found is None:
+
+    def _tried(self) -> Iterator[_Mistake]:
+        """Try what may have been mistaken."""
+        widest = max(float(np.ptp(log.angle)) / 2 for log in self.data.logs)
+        for error, unit in TABLE.items():
+            if unit.column == "time" and self.of_clock:
+                yield self._fitted(error, unit.factor)
+            if self.of_clock:
+                continue
+            if unit.column == "angle" and _SWINGS[0] < unit.factor * widest:
+                yield self._fitted(error, unit.factor)
+            if unit.column == "arm" and self._here:
+                masses = tuple(replace(m, arm=unit.factor * m.arm) for m in self._here.masses)
+                misfit = replace(self._here, masses=masses).misfit
+                yield _Mistake(error=error, number=unit.factor, misfit=misfit)
+        if self.of_clock:
+            return
+        if self.estimate is None or self.estimate.level is Level.WARNING:
+            yield self._fitted(UnitError.SWAPPED, 1.0)
+        if widest > _SWINGS[1] and all(_is_whole(log.angle) for log in self.data.recorded):
+            yield from self._counts(widest)
+        if self._here and math.isfinite(self._here.misfit):
+            yield from self._masses_and_logs(self._here)
+
+    def _fitted(self, error: UnitError, number: float, data: DataSet | None = None) -> _Mistake:
+        mistake = _Mistake(error=error, number=number)
+        try:
+            return replace(mistake, misfit=_Equations.of(mistake.undone(data or self.data)).misfit)
+        except _FAILURES:
+            return mistake
+
+    def _counts(self, widest: float) -> Iterator[_Mistake]:
+        """Suppose that the angle is in counts, with the number per turn that fits best.
+
+        Those of each mass in which it swings least and most tell it, thinned.
+        """
+        least, most = (2 * math.pi * widest / each for each in reversed(_SWINGS))
+        factors = [2 * math.pi / each for each in COUNTS if least <= each <= most]
+        some = []
+        for mass in self.data.masses:
+            own = [log for log in self.data.logs if log.added_mass == mass]
+            own.sort(key=lambda log: float(np.ptp(log.angle)))
+            some += [
+                log.take(np.arange(0, log.time.size, _every(log)))
+                for log in own[:: len(own) - 1 or 1]
+            ]
+        few = replace(self.data, logs=tuple(some), points=(None,) * len(some))
+        tried = [self._fitted(UnitError.COUNTS, each, few) for each in factors]
+        if tried:
+            best = min(tried, key=lambda each: each.misfit)
+            yield self._fitted(UnitError.COUNTS, best.number)
+
+    def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
+        """Suppose that a mass is another, or that of one log, or that a log's input is late.
+
+        Not where a parameter that follows the added mass, or any condition, explains more.
+        """
+        numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
+        carried = np.array([[mass.mass] for mass in here.masses])
+        rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
+        contrasts = self.estimate.agreement if self.estimate else ()
+        shares = [each.share for each in contrasts if each.condition is not Condition.WEIGHED]
+        rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
+        groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
+        suspects: list[tuple[AddedMass, tuple[int, ...]]]
+        suspects = [(m, (k,)) for m, own in groups.items() for k in own if len(own) > 1]
+        if len({mass.inertia_and_moment for mass in groups}) >= _LEAST_MASSES:
+            suspects += [(mass, own) for mass, own in groups.items() if mass.mass]
+        for mass, own in suspects:
+            more = replace(mass, mass=mass.mass + 1, arm=mass.arm or farthest)
+            change = more.inertia - mass.inertia, more.gravity_moment - mass.gravity_moment
+            weights = np.array([change if k in own else (0.0, 0.0) for k in numbers])
+            misfit, value = here.beside(here.following(weights, "p1", "p3"))
+            if misfit < rival:
+                right = replace(more, mass=max(mass.mass + value, 0.0))
+                masses = tuple(right if k in own else here.masses[k] for k in numbers)
+                yield _Mistake(
+                    error=UnitError.MASS,
+                    number=right.mass,
+                    misfit=replace(here, masses=masses).misfit,
+                    logs=own,
+                    place=more,
+                    alone=own != groups[mass],
+                )
+        for k in numbers if here.values["p4"] else ():
+            misfit, value = here.beside(here.following(np.eye(len(numbers))[:, [k]], "delay"))
+            if misfit < rival and len(numbers) > 1:
+                late = value / here.values["p4"]
+                yield _Mistake(
+                    error=UnitError.LATE, number=-late, misfit=misfit, logs=(k,), alone=True
+                )
+
+    def _without(self, mistake: _Mistake) -> Estimate | None:
+        """Return what is identified without a mistake, if the joint can be so and follows better.
+
+        A quick estimator of the same kind does it.
+        """
+        undone = mistake.undone(self.data)
+        sines = all(log.excitation for log in undone.logs)
+        quick: Estimator = HarmonicBalance(check=False) if sines else WeakForm(check=False)
+        if isinstance(self.estimator, HarmonicBalance | WeakForm):
+            quick = self.estimator.unchecked()
+        try:
+            found = quick(undone)
+        except _FAILURES:
             return None
-        change = next((each.change for each in found.corrections if each.logs == suspect.logs), 0.0)
-        if abs(change) <= _SETTLED * mass.mass:
-            break
-    assert found is not None  # noqa: S101 - there is a round
-    wrong = disagreeing(found.corrections, masses)
-    left = max((each.evidence for each in wrong), default=0.0)
-    misfit = trial_of(carrying(data, masses), found).misfit
-    return _Corrected(suspect=suspect, mass=mass, misfit=misfit, left=left)
+        if not (np.isfinite(found.values).all() and is_possible(found, undone.masses)):
+            return None
+        counted = mistake.logs if mistake.alone else undone.counted
+        fit = float(np.median(undone.simulations.fits(found, counted)))
+        least = LEAST_FIT
+        if self.estimate is not None:
+            before = float(np.median(self.data.simulations.fits(self.estimate, counted)))
+            least = max(least, 100 - _LEFT * (100 - before))
+        return found if fit > least else None
+
+    def _finding(self, mistake: _Mistake, found: Estimate, ways: int) -> Finding:
+        """Name a mistake; it is grave where values move by more than they are said to be known."""
+        more = []
+        if mistake.place is not None:
+            given = self.data.logs[mistake.logs[0]].added_mass
+            more = [str(given), str(1 if mistake.alone else ways)]
+        grave = self.estimate is None or _moves(self.estimate, found)
+        return unit_error(
+            mistake.error,
+            mistake.number,
+            *more,
+            logs=[self.data.logs[k] for k in mistake.logs] if mistake.alone else (),
+            moves=grave,
+        )
 
 
-def _estimated(data: DataSet, quick: Estimator) -> Estimate | None:
-    try:
-        with np.errstate(all="ignore"):
-            return quick(data)
-    except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
-        return None
-
-
-def _explanation(
-    data: DataSet, suspect: Correction, mass: AddedMass, misfit: float, ways: int = 1
-) -> Explanation:
-    """Name a wrong mass, which is one of some that would explain as much."""
-    whole = _is_whole(suspect, data)
-    finding = unit_error(
-        UnitError.MASS,
-        float(mass.mass),
-        str(suspect.given),
-        str(ways),
-        logs=() if whole else [data.logs[k] for k in suspect.logs],
-        moves=suspect.evidence > _CERTAIN,
+def _moves(before: Estimate, found: Estimate) -> bool:
+    """Whether p1 to p4 move by more than their intervals, and than what counts as known."""
+    then = dict(zip(found.names, found.values, strict=True))
+    rows = zip(before.names, before.values, before.lower, before.upper, strict=True)
+    return any(
+        abs(then[name] - value) > max((upper - lower) / 2, PRECISE * abs(value))
+        for name, value, lower, upper in rows
+        if name in {"p1", "p2", "p3", "p4"} & then.keys()
     )
-    return Explanation(finding=finding, misfit=misfit, last=whole and suspect.given.mass == 0)

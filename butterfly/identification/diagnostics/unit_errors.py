@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
@@ -28,6 +29,8 @@ _DETUNED = 0.005  # relative difference that an omega must have to be a wrong on
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
 _MOST_WRONG = 0.5  # share of the logs whose omega may be wrong, each by a factor of its own
 _STARTS = 50  # parts of a log, of which the first is its start
+_HEAVIEST = 10.0  # kg
+_STEEL = 7850.0  # kg/m^3
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 
@@ -35,6 +38,7 @@ class UnitError(StrEnum):
     """What may have been mistaken."""
 
     DEGREES = "degrees"
+    TURNS = "turns"
     COUNTS = "counts"
     MILLISECONDS = "milliseconds"
     MICROSECONDS = "microseconds"
@@ -44,18 +48,20 @@ class UnitError(StrEnum):
     OMEGA = "omega"
     MILLIMETRES = "millimetres"
     CENTIMETRES = "centimetres"
+    DIAMETER = "diameter"
     MASS = "mass"
     GRAMS = "grams"
+    LATE = "late"
 
 
-class _Unit(NamedTuple):
+class Unit(NamedTuple):
     """A unit in which numbers were recorded or described, and are not said to be."""
 
-    name: str
     column: str  # of what
+    factor: float  # that makes SI units of it
+    name: str
     key: str  # by which it is said
     times: str  # the factor, as a person would write it
-    factor: float  # that makes SI units of it
 
 
 _LOOKS = {
@@ -65,22 +71,31 @@ _LOOKS = {
     "arm": "The arms look",
 }
 
-_UNITS = {
-    UnitError.DEGREES: _Unit("degrees", "angle", "deg", "pi/180 (0.01745)", math.pi / 180),
-    UnitError.MILLISECONDS: _Unit("milliseconds", "time", "ms", "0.001", 1e-3),
-    UnitError.MICROSECONDS: _Unit("microseconds", "time", "us", "1e-6", 1e-6),
-    UnitError.PER_MINUTE: _Unit(
-        "revolutions per minute", "omega", "rpm", "2 pi/60 (0.1047)", 2 * math.pi / 60
+TABLE = {
+    UnitError.DEGREES: Unit("angle", math.pi / 180, "degrees", "deg", "pi/180 (0.01745)"),
+    UnitError.TURNS: Unit("angle", 2 * math.pi, "turns", "turns", "2 pi (6.283)"),
+    UnitError.MILLISECONDS: Unit("time", 1e-3, "milliseconds", "ms", "0.001"),
+    UnitError.MICROSECONDS: Unit("time", 1e-6, "microseconds", "us", "1e-6"),
+    UnitError.PER_MINUTE: Unit(
+        "omega", 2 * math.pi / 60, "revolutions per minute", "rpm", "2 pi/60 (0.1047)"
     ),
-    UnitError.HERTZ: _Unit("Hz", "omega", "Hz", "2 pi", 2 * math.pi),
-    UnitError.MILLIMETRES: _Unit("millimetres", "arm", "mm", "0.001", 1e-3),
-    UnitError.CENTIMETRES: _Unit("centimetres", "arm", "cm", "0.01", 1e-2),
+    UnitError.HERTZ: Unit("omega", 2 * math.pi, "Hz", "Hz", "2 pi"),
+    UnitError.MILLIMETRES: Unit("arm", 1e-3, "millimetres", "mm", "0.001"),
+    UnitError.CENTIMETRES: Unit("arm", 1e-2, "centimetres", "cm", "0.01"),
+    UnitError.DIAMETER: Unit("arm", 0.5, "diameters", "0.5", "0.5"),
 }
+"""What is mistaken for SI units; all else has a text of its own."""
 
-FACTORS = {error: unit.factor for error, unit in _UNITS.items()}
-"""What undoes a unit that was mistaken."""
+COUNTS = tuple(
+    sorted(
+        {2**k for k in range(6, 25)}
+        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
+        - {360}
+    )
+)
+"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
 
-_OF_FREQUENCIES = [each for each, unit in _UNITS.items() if unit.column in {"time", "omega"}]
+_OF_FREQUENCIES = [each for each, unit in TABLE.items() if unit.column in {"time", "omega"}]
 
 _AGREE = "the logs agree with a joint"
 
@@ -100,9 +115,9 @@ def unit_error(
 def unit_error_text(finding: Finding) -> str:
     """Name the mistake that a finding is about, and the factor that undoes it."""
     error = UnitError(finding.parameters[0])
-    if error not in _UNITS:
+    if error not in TABLE:
         return _TEXTS[error](finding)
-    unit = _UNITS[error]
+    unit = TABLE[error]
     then = "they are the frequencies of the recorded inputs" if unit.column == "omega" else _AGREE
     looks = f"{_LOOKS[unit.column]} like {unit.name}"
     return f"{looks}: times {unit.times} {then}. {_advice(unit.column, unit.key)}"
@@ -151,6 +166,14 @@ def _omega(finding: Finding) -> str:
     )
 
 
+def _late(finding: Finding) -> str:
+    seconds = _factor(finding)
+    return (
+        f"In {listed(finding.logs)} the input looks {'early' if seconds < 0 else 'late'} beside "
+        f"the angle: moved by {1e3 * abs(seconds):.3g} ms {_AGREE}."
+    )
+
+
 def _mass(finding: Finding) -> str:
     _, given, ways = finding.parameters
     where = f" in {listed(finding.logs)}" if finding.logs else ""
@@ -169,6 +192,7 @@ _TEXTS: dict[UnitError, Callable[[Finding], str]] = {
     ),
     UnitError.OMEGA: _omega,
     UnitError.MASS: _mass,
+    UnitError.LATE: _late,
     UnitError.GRAMS: lambda _: (
         "The added masses look like grams: so much has hardly room at such an arm, or is hardly "
         "moved by such a joint, which the motion cannot tell. If they are, times 0.001 all values "
@@ -188,8 +212,8 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
         right = (shares > _SINE) & (np.abs(ratios - 1) < _SAME)
         return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
     for error in _OF_FREQUENCIES:
-        if np.all(np.abs(ratios / FACTORS[error] - 1) < _SAME):
-            return [unit_error(error, FACTORS[error])]
+        if np.all(np.abs(ratios / TABLE[error].factor - 1) < _SAME):
+            return [unit_error(error, TABLE[error].factor)]
     common = float(np.median(ratios))
     if np.all(np.abs(ratios / common - 1) < _DETUNED) and abs(common - 1) > _DETUNED:
         return [_of_omega(common, *sines)]
@@ -222,6 +246,20 @@ def unit_errors_of_omega(
         return []
     worst = max((detuning for _, detuning in near), key=abs)
     return [_of_omega(1 + worst, *(log for log, _ in near))]
+
+
+def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
+    """Tell whether a mass is too heavy for its place, as a thousand times its own would be.
+
+    In grams all masses, and with them all parameters but the delay, are a thousand times too large,
+    which the motion does not tell. A ball of steel that reaches halfway to the pivot is too large.
+    """
+    heavy = any(
+        mass.mass > min(_HEAVIEST, _STEEL * 4 / 3 * math.pi * (mass.arm / 2) ** 3)
+        for mass in masses
+        if mass.arm > 0
+    )
+    return [unit_error(UnitError.GRAMS, 1e-3)] if heavy else []
 
 
 def _comes_to_rest(values: Samples) -> bool:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.identification.blocks import FEW, cells_of, independent_cells_of
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.gauss_newton import (
     MOST,
     Equations,
@@ -28,7 +29,6 @@ from butterfly.identification.estimators.local_parameters import (
     local_keys,
 )
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
@@ -151,14 +151,18 @@ class FreeRunResiduals:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
-    def equations(self, scaled: Samples) -> Equations:
-        """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
-        values = scaled * self.scale
-        numbers = range(len(self.motion))
+    def equations(self, scaled: Samples, apart: Samples | None = None) -> Equations:
+        """Return errors relative to each log's rms motion; a log's squares sum to their mean.
+
+        ``scaled``, ``apart``: (n,) values, and (k, n) how far those of each log are from them.
+        """
+        values = np.broadcast_to(scaled, (len(self.motion), scaled.size)) * self.scale
+        if apart is not None:
+            values = values + apart * self.scale
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in numbers))
+            return Equations(logs=tuple(map(self._of_log, range(len(values)), values)))
         with ThreadPoolExecutor(self.workers) as pool:
-            return Equations(logs=tuple(pool.map(lambda k: self._of_log(k, values), numbers)))
+            return Equations(logs=tuple(pool.map(self._of_log, range(len(values)), values)))
 
     def weighed(self, at: Equations, point: Samples) -> Equations:
         """Return equations about (n,) scaled values beside what is known of these.
@@ -284,9 +288,9 @@ class FreeRunResiduals:
             n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
         )
 
-    def solved(self, end: Minimum) -> CellEquations:
+    def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, in the parameters themselves."""
-        cells = cells_of(len(self.simulations), len(self.keys))
+        cells = cells or cells_of(len(self.simulations), len(self.keys))
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
         took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior

@@ -258,7 +258,7 @@ def minimise(
     count = sum(log.residuals.size for log in at.logs)
     reach, kept, last = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0
     while evaluations < most:
-        step = _step(at, np.maximum(lower - point, -reach), reach)
+        step = bounded_step(at, np.maximum(lower - point, -reach), reach)
         predicted, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
         there = np.maximum(point + step, lower)
         if longest < _INSIDE * reach:
@@ -281,7 +281,7 @@ def minimise(
         if kept > 0:
             last = at.cost - tried.cost
             point, at = there, tried
-    promised = _decrease(at, _step(at, lower - point, np.inf))
+    promised = _decrease(at, bounded_step(at, lower - point, np.inf))
     converged = evaluations < most and promised <= _STUCK * at.cost
     return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
 
@@ -314,7 +314,7 @@ def _decrease(at: Equations, step: Samples) -> float:
     return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
 
 
-def _step(at: Equations, lowest: Samples, reach: float) -> Samples:
+def bounded_step(at: Equations, lowest: Samples, reach: float) -> Samples:
     """Return the step that a quadratic cost asks for, within a box."""
     curvatures, axes = np.linalg.eigh(at.curvature)
     told = curvatures > _FLAT * curvatures[-1]

@@ -280,6 +280,8 @@ class HarmonicBalanceFit:
     def lacking(self, lost: Sequence[str]) -> str | None:
         """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""
         names = (*self.phasors.names, *lost)
+        if "stribeck" in names:  # what its velocity is off by would look like a spring
+            names = (*names, "spring")
         every = candidates(RARER, self.phasors.masses, self.phasors.known)
         tried = tuple(name for name in every if name not in names)
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
+from butterfly.identification.blocks import FEW, cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
@@ -32,8 +32,8 @@ from butterfly.identification.estimators.free_run_residuals import (
 from butterfly.identification.estimators.gauss_newton import Loss
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
+from butterfly.identification.estimators.weighed_logs import weighed
 from butterfly.identification.inference.agreement import Conditions
-from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
@@ -185,10 +185,14 @@ class OutputError(Estimator):
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
 
+        solved = cells = problem.solved(end)
+        if with_scatter := weighed(problem, end):
+            end, differing = with_scatter
+            solved, said = problem.solved(end, cells=1), (*said, *differing)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        solved = problem.solved(end)
         return infer(
             reference.whole(solved),
+            unweighted=reference.whole(cells),
             method="output error",
             check=self.check,
             driven=driven,

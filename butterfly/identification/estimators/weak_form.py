@@ -16,17 +16,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import require_number
+from butterfly.identification.blocks import cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
-from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.weak_regression import (
@@ -168,15 +167,14 @@ class WeakForm(Estimator):
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
-        window = partial(self._windows, periods=periods)
-        windows = [window(log, reading_of(log, zeros)) for log in logs]
+        windows = [self._windows(log, reading_of(log, zeros), periods) for log in logs]
         plain, terms = fitted_terms(windows, self.terms, reference.fixed)
         fixed = terms.settings | {"cogging_periods": periods}
         parameters = LumpedParameters(**fixed | plain.values)
-        pairs = seen(logs, windows, parameters, zeros, window)
+        pairs = seen(logs, windows, parameters, zeros)
         fit = refined(plain, pairs)
 
-        solved = fit.solved
+        solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
         rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
@@ -185,16 +183,17 @@ class WeakForm(Estimator):
             method="weak form",
             check=self.check,
             driven=driven,
-            conditions=Conditions.of(logs, cells_of(len(logs), len(solved.names))),
+            conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=terms.findings,
             fixed=fixed,
             masses=masses,
             known=known,
             besides=doubt,
+            torques=True,
         )
 
-    def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
+    def _windows(self, log: Log, zero: float, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
         settings = FrictionTerms(cogging_periods=periods)
         half_width = min(self.half_width, period / 4)

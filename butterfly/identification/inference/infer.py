@@ -18,12 +18,12 @@ from butterfly.identification.inference.agreement import (
     weighed_within,
 )
 from butterfly.identification.inference.consistency import (
-    corrections,
     disagreements,
     moved_by_givens,
     scale_apart,
 )
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
+from butterfly.identification.inference.doubt import misfit_over_value, outweighed
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     of_few_logs,
@@ -44,6 +44,7 @@ def infer(
     equations: CellEquations,
     *,
     method: str,
+    unweighted: CellEquations | None = None,
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
@@ -57,16 +58,19 @@ def infer(
     horizon: float | None = None,
     known: Prior = NO_PRIOR,
     besides: Samples | None = None,
+    torques: bool = False,
     ratios: bool = False,
 ) -> Estimate:
     """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
 
-    ``masses``: what each log carried; ``conditions``: under which the cells were recorded;
-    ``left_out``: estimates from parts of the data, those without one added mass if not given, which
-    ``check`` asks for; ``rivals``: other fits that predict as well; both widen the intervals. The
-    first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken
-    as given, added to that of the equations. IdentifiabilityError says that these are singular for
-    every practical purpose.
+    ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
+    agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
+    were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
+    not given, which ``check`` asks for; ``rivals``: other fits that predict as well; both widen
+    the intervals. The first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance
+    of what was taken as given, added to that of the equations; ``torques`` says that the residuals
+    are such, whose size is weighed beside what each value does. IdentifiabilityError says that the
+    equations are singular for every practical purpose.
     """
     cells = equations.independent
     whole, left = cells.with_prior
@@ -74,9 +78,11 @@ def infer(
     flat = cells.rows.reshape(-1, len(cells.names))
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
+    about = unweighted or equations
     contrasts, limits_of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(equations, conditions)
+        ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
+    shift = equations.values - about.values
     share = weighed_within(contrasts)
     carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
@@ -95,9 +101,11 @@ def infer(
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *(each[own] for each in limits_of_conditions)]
+    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
     limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
+    if torques:
+        limits = outweighed(misfit_over_value(equations)[own], values, limits, names)
     lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
@@ -105,7 +113,6 @@ def infer(
     if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
         ending = Ending.CONVERGED
     logs = equations.of_logs
-    enough = masses and cells.log.size == logs.log.size
     return Estimate(
         method=method,
         names=names,
@@ -127,7 +134,6 @@ def infer(
         ),
         fixed=known.fixed | (fixed or {}),
         local=local or {},
-        corrections=corrections(logs, masses) if enough else (),
         agreement=contrasts,
         known=known,
         rivals=tuple(others),

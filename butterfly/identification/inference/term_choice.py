@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.identifiability import OTHER_LOGS
+from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
@@ -210,7 +210,10 @@ def _all_trials(
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
-    raise IdentifiabilityError(f"these logs do not determine {', '.join(always)}: {OTHER_LOGS}")
+    about = fits[0].equations
+    places = [about.names.index(name) for name in always]
+    known = None if about.prior is None else about.prior.active[places]
+    raise Conditioning.of(about.rows[:, :, places].reshape(-1, len(places)), always, known).refusal
 
 
 def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:

@@ -85,6 +85,18 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert finding.kind is FindingKind.NO_MISFIT
 
 
+def test_logs_of_white_and_of_lasting_errors_are_judged_together(logs):
+    """Noise above half a step of the encoder in half of the logs, none in the others."""
+    parts = [
+        _read(logs[k::2], Encoder(steps=8192, noise=noise)) for k, noise in enumerate((0, 1e-3))
+    ]
+    data = DataSet.of([*parts[0].logs, *parts[1].logs])
+    found = residuals_of(data, FIT(data))
+    assert [log.sensor.white for log in found.logs] == [False] * 3 + [True] * 3
+    assert found.outside == 0
+    assert found.times == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.parametrize("term", MISSING)
 def test_a_missing_term_is_seen_and_named(term):
     data, _ = _lacking(term)

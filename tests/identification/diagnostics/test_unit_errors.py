@@ -9,7 +9,6 @@ import pytest
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.unit_errors import (
     UnitError,
     unit_error,
@@ -26,7 +25,7 @@ from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady
 from tests.independent.robots import draw
-from tests.independent.slips import CASES, OF_SINES, ask, names_it
+from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +50,7 @@ def _with_names(logs):
 def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said."""
     found = identify(DataSet.of(logs), estimator).estimate
-    slips = [each for each in found.findings if each.kind is FindingKind.UNIT_ERROR]
+    slips = [each for each in found.findings if each.kind in NAMED]
     return slips, found.level, " ".join(estimate_sentences(found))
 
 
@@ -96,7 +95,7 @@ def test_a_refusal_names_the_slip_that_explains_it(sines):
     [0.1, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.8, 1.3, 5.0))],
 )
 def test_of_three_masses_that_disagree_the_right_value_is_among_those_given(sines, factor):
-    """Any one of three may be wrong: only their ratios are seen; the bare hand comes last."""
+    """Any one of three may be wrong: only their ratios are seen; the bare hand never is."""
     _, right, other = sorted({log.added_mass for log in sines})
     wrong = replace(right, mass=factor * right.mass)
     logs = [replace(log, added_mass=wrong) if log.added_mass == right else log for log in sines]
@@ -104,7 +103,7 @@ def test_of_three_masses_that_disagree_the_right_value_is_among_those_given(sine
     fitting = {each.parameters[1]: each.number for each in slips}
     assert fitting[str(wrong)] == pytest.approx(right.mass, rel=0.05)
     assert fitting[str(other)] == pytest.approx(other.mass * factor, rel=0.05)
-    assert all(each.parameters[1] != str(AddedMass()) for each in slips[:2])
+    assert all(each.parameters[1] != str(AddedMass()) for each in slips)
     assert said.index("contradict each other") < said.index("ways")
 
 
@@ -197,6 +196,7 @@ def test_a_log_too_coarse_for_its_sine_is_refused(sine_log):
     ("error", "factor"),
     [
         (UnitError.DEGREES, math.pi / 180),
+        (UnitError.TURNS, 2 * math.pi),
         (UnitError.COUNTS, 2 * math.pi / 4096),
         (UnitError.MILLISECONDS, 1e-3),
         (UnitError.MICROSECONDS, 1e-6),
@@ -204,6 +204,7 @@ def test_a_log_too_coarse_for_its_sine_is_refused(sine_log):
         (UnitError.HERTZ, 2 * math.pi),
         (UnitError.MILLIMETRES, 1e-3),
         (UnitError.CENTIMETRES, 1e-2),
+        (UnitError.DIAMETER, 0.5),
         (UnitError.GRAMS, 1e-3),
     ],
 )

@@ -1,0 +1,244 @@
+"""How much friction and gain differ from log to log, and weights of logs that know it.
+
+A joint brakes otherwise on another day, friction by a fifth, the gain by a hundredth. Least squares
+takes that for noise, and the logs with most friction pull at the inertia. Here it is a random
+effect. In the singular vectors U of a log's (m, n) derivatives J, its (m,) residuals r are
+
+    U'r = -R change of the parameters + errors,   R = U'J,
+    V = U'NU + misfit^2 I + R T R'
+
+the variance of the errors: N has the autocovariance of what no change of the parameters takes from
+r, T is diagonal, (friction * value)^2 of the terms of friction, (gain * p4)^2, 0 else. Misfit,
+friction and gain have the largest restricted likelihood (REML: Patterson & Thompson, Biometrika 58,
+1971), which weak priors hold near 0 where logs say little. Divided by a root of V, rows and
+residuals have equal and independent errors. Inertia and gravity have no scatter: the scale would
+be lost with it. Where a log's own friction bends its motion, U, R and r are best those about what
+is likeliest of that log (Lindstrom & Bates, Biometrics 46, 1990).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.optimize import minimize
+
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.model.prior import Penalty
+from butterfly.model.terms import DISSIPATIVE, GROWING
+
+Samples = NDArray[np.float64]
+
+FRICTION = frozenset({row.name for row in DISSIPATIVE} & GROWING)
+"""Terms of friction."""
+
+_USUAL = (0.003, 0.1, 0.02)
+"""Misfit in shares of the motion, scatter of friction and of the gain that would surprise nobody:
+standard deviations of their priors, the first on top of three times the noise."""
+
+_OVER_NOISE = 3.0
+_REMEMBERED = 0.1  # of a log, after which its residuals have forgotten what they were
+_UNTOLD = 1e-9  # of the strongest direction, below which there is only rounding
+_EXACT = 1e-6  # of the motion, which rounding leaves of logs without noise
+_EVIDENT = 10.8  # likelihood ratio of a size that is no chance: that of one in two thousand
+_FINEST = 1e-3  # of a value, below which free runs are not exact enough to tell
+_BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogRows:
+    """What k logs say of n parameters in q coordinates each, the last ones empty where fewer do."""
+
+    rows: Samples  # (k, q, n): R
+    residuals: Samples  # (k, q): U'r
+    noise: Samples  # (k, q, q): U'NU
+    told: NDArray[np.bool_]  # (k, q) which coordinates are not empty
+
+    @classmethod
+    def of(cls, logs: Iterable[tuple[Samples, Samples, Samples]]) -> LogRows:
+        """Take (m,) residuals, and (m, p) and (p, n) factors of the derivatives, of each log."""
+        parts = [_coordinates(*log) for log in logs]
+        told = np.arange(max(own.size for _, own, _ in parts)) < [[own.size] for _, own, _ in parts]
+        count, most = told.shape
+        rows = np.zeros((count, most, parts[0][0].shape[1]))
+        residuals, noise = np.zeros((count, most)), np.tile(np.eye(most), (count, 1, 1))
+        for k, (turned, own, variance) in enumerate(parts):
+            rows[k, : own.size], residuals[k, : own.size] = turned, own
+            noise[k, : own.size, : own.size] = variance
+        return cls(rows=rows, residuals=residuals, noise=noise, told=told)
+
+    def moved(self, changes: Samples) -> LogRows:
+        """Return what the logs say of parameters (n,), or each of (k, n), apart from these."""
+        change = np.broadcast_to(changes, (len(self.rows), self.rows.shape[2]))
+        residuals = self.residuals + np.einsum("kqn,kn->kq", self.rows, change)
+        return replace(self, residuals=residuals)
+
+    @cached_property
+    def noise_level(self) -> float:
+        """Root of the mean variance of a coordinate, as the autocovariance of residuals has it."""
+        return float(np.sqrt(np.mean(np.diagonal(self.noise, axis1=1, axis2=2)[self.told])))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scatter:
+    """Standard deviations from log to log."""
+
+    misfit: float  # of what is no matter of noise or parameters, over the motion
+    friction: float  # of every term of friction, over its value
+    gain: float  # of p4, over its value
+
+    def whitened(self, logs: LogRows, spread: Samples) -> tuple[Samples, Samples]:
+        """Return (k, q, n) rows and (k, q) residuals of logs, their errors of variance 1.
+
+        ``spread``: (2, n) values of the terms of friction, and of the gain, 0 for the others.
+        """
+        root = np.linalg.cholesky(self._variance(logs, spread))
+        both = np.concatenate([logs.rows, logs.residuals[:, :, None]], axis=2)
+        white = np.linalg.solve(root, both)
+        return white[:, :, :-1], white[:, :, -1]
+
+    def apart(self, logs: LogRows, spread: Samples) -> Samples:
+        """(k, n) how far the parameters of each log most likely are from those of the rows."""
+        weighed = np.linalg.solve(self._variance(logs, spread), logs.residuals[:, :, None])
+        pull = np.einsum("kqn,kq->kn", logs.rows, weighed[:, :, 0])
+        return np.asarray(-pull * (np.array([self.friction, self.gain]) ** 2 @ spread**2))
+
+    def _variance(self, logs: LogRows, spread: Samples) -> Samples:
+        return _variance(logs, _parts(logs, spread), self.sizes)
+
+    @property
+    def sizes(self) -> Samples:
+        """(3,) all of it."""
+        return np.array([self.misfit, self.friction, self.gain])
+
+
+def spread_of(names: Sequence[str], values: Samples) -> Samples:
+    """(2, n) values of the terms of friction and of the gain, what scatters with them, else 0."""
+    whose = [[name in FRICTION for name in names], [name == "p4" for name in names]]
+    return np.where(whose, values, 0.0)
+
+
+class Likelihood:
+    """Minus twice the logarithm of the restricted likelihood of k logs, by the three sizes.
+
+    ``spread``: see `Scatter.whitened`; ``prior``, ``about``: what is known of the n parameters, its
+    weights over those of errors of variance 1, and the (n,) values that the rows are about.
+    """
+
+    def __init__(
+        self,
+        logs: LogRows,
+        spread: Samples,
+        prior: Penalty | None = None,
+        about: Samples | None = None,
+    ) -> None:
+        self._logs, self._parts = logs, _parts(logs, spread)
+        self._both = np.concatenate([logs.rows, -logs.residuals[:, :, None]], axis=2)
+        count = logs.rows.shape[2]
+        self._known, self._pull = np.zeros(count), np.zeros(count)
+        if prior is not None and about is not None:
+            self._known, self._pull = prior.weight, -prior.gradient(about)
+
+    def best(self) -> Scatter:
+        """Return the likeliest scatter."""
+        misfit, friction, gain = self._best().tolist()
+        return Scatter(misfit=misfit, friction=friction, gain=gain)
+
+    def findings(self, found: Scatter, names: Sequence[str]) -> list[Finding]:
+        """Return which of the likeliest scatter is more than chance, of parameters by name."""
+        whole = self.value(found.sizes)
+        groups = ([name for name in names if name in FRICTION], ["p4"])
+        return [
+            Finding(FindingKind.SCATTER, tuple(own), number=float(found.sizes[k]))
+            for k, own in enumerate(groups, start=1)
+            if found.sizes[k] > _FINEST and self.value(self._best(without=k)) - whole > _EVIDENT
+        ]
+
+    def value(self, sizes: Samples) -> float:
+        """Return it."""
+        return self.expanded(sizes)[0]
+
+    def expanded(self, sizes: Samples) -> tuple[float, Samples]:
+        """Return it, and its (3,) derivatives.
+
+        It is log|V| + log|R'WR| + e'We with W = 1/V and e what the best parameters leave; a part
+        dV of V changes it by the trace of dV times W - WR (R'WR)^-1 R'W - We e'W.
+        """
+        variance = _variance(self._logs, self._parts, sizes)
+        weight = np.linalg.inv(variance)
+        weighed = weight @ self._both
+        sums = np.einsum("kqi,kqj->ij", self._both, weighed)
+        normal = sums[:-1, :-1] + np.diag(self._known)
+        scale = np.sqrt(np.diag(normal))
+        inverse = np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+        pull = sums[:-1, -1] + self._pull
+        change = inverse @ pull
+        logarithms = np.linalg.slogdet(variance)[1].sum() - np.linalg.slogdet(inverse)[1]
+        rows, left = weighed[:, :, :-1], weighed[:, :, -1] - weighed[:, :, :-1] @ change
+        slope = weight - rows @ inverse @ np.swapaxes(rows, 1, 2)
+        slope -= left[:, :, None] * left[:, None, :]
+        slopes = 2 * sizes * np.einsum("ckij,kij->c", self._parts, slope)
+        return float(logarithms + sums[-1, -1] - pull @ change), slopes
+
+    def _best(self, without: int | None = None) -> Samples:
+        """Return the (3,) likeliest sizes; one may be left out."""
+        usual = np.array(_USUAL)
+        usual[0] += _OVER_NOISE * self._logs.noise_level
+        usual[np.arange(usual.size) == without] = 0.0
+
+        def cost(shares: Samples) -> tuple[float, Samples]:
+            value, slopes = self.expanded(shares * usual)
+            return value + float(shares @ shares), slopes * usual + 2 * shares
+
+        begins = (np.full(usual.size, each) for each in _BEGINS)
+        bounds = [(0.0, None)] * usual.size
+        ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
+        return np.asarray(min(ends, key=lambda end: end.fun).x * usual)
+
+
+def _parts(logs: LogRows, spread: Samples) -> Samples:
+    """(3, k, q, q) what misfit, friction and gain of size 1 add to the variance of the logs."""
+    identity = np.eye(logs.told.shape[1]) * logs.told[:, :, None]
+    moved = logs.rows * spread[:, None, None, :]
+    return np.concatenate([identity[None], moved @ np.swapaxes(moved, 2, 3)])
+
+
+def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
+    """(k, q, q) V of each log."""
+    return np.asarray(logs.noise + np.tensordot(sizes**2, parts, 1))
+
+
+def _coordinates(
+    residuals: Samples, rows: Samples, mixture: Samples
+) -> tuple[Samples, Samples, Samples]:
+    """Return (q, n) R, (q,) U'r and (q, q) U'NU of a log (see `LogRows.of`)."""
+    basis, triangle = np.linalg.qr(rows)
+    left, sizes, right = np.linalg.svd(triangle @ mixture, full_matrices=False)
+    told = sizes > _UNTOLD * sizes[0]
+    basis = basis @ left[:, told]
+    own = basis.T @ residuals
+    noise = _coloured(basis, residuals - basis @ own)
+    return sizes[told, None] * right[told], own, noise + _EXACT**2 * np.eye(own.size)
+
+
+def _coloured(basis: Samples, residuals: Samples) -> Samples:
+    """(q, q) variance that errors have along (m, q) columns, were they as (m,) residuals are.
+
+    The autocovariance is tapered by a triangle, whose spectrum is nowhere negative.
+    """
+    count = residuals.size
+    lags = max(int(_REMEMBERED * count), 1)
+    length = next_fast_len(count + lags, real=True)
+    covariance = irfft(np.abs(rfft(residuals, length)) ** 2, length)[:lags] / count
+    covariance *= 1 - np.arange(lags) / lags
+    even = np.zeros(length)
+    even[:lags] = covariance
+    even[length - lags + 1 :] = covariance[:0:-1]
+    spectrum = np.maximum(rfft(even).real, 0.0)
+    both_sides = np.where((np.arange(spectrum.size) * 2) % length == 0, 1.0, 2.0)
+    lines = rfft(basis, length, axis=0)
+    return np.asarray(((lines.conj().T * (spectrum * both_sides)) @ lines).real / length)

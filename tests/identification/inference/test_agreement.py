@@ -1,0 +1,125 @@
+"""Contrasts between conditions against fits that have the contrast as a parameter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.inference.agreement import (
+    Condition,
+    Conditions,
+    Contrast,
+    disagreements_of,
+    weighed_within,
+)
+from butterfly.identification.inference.infer import infer
+from butterfly.model.parameters import AddedMass
+from butterfly.report.agreement_texts import causes, contrast_text
+
+LOGS, CELLS, ROWS = 12, 10, 40
+NAMES = ("p1", "p3", "p4")
+TRUTH = np.array([0.003, 0.05, 0.02])
+UNITS = TRUTH
+MASSES = tuple(AddedMass(mass=0.05 * (k % 4), arm=0.1) for k in range(LOGS))
+COMMAND = np.repeat(1 + np.arange(LOGS) % 3, CELLS).astype(float)
+TIME = np.tile(np.arange(CELLS), LOGS).astype(float)
+
+
+def _conditions(**values):
+    known = {Condition.COMMAND: COMMAND, Condition.TIME: TIME}
+    known[Condition.MASS] = np.repeat([mass.inertia for mass in MASSES], CELLS)
+    return replace(Conditions(values=known, masses=MASSES, sines=True), **values)
+
+
+def _problem(seed, change=None, noise=0.05):
+    """Rows, and equations about the fit of a linear model whose values differ from cell to cell.
+
+    ``change``: (k, n) added to the true values.
+    """
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((LOGS * CELLS, ROWS, 3)) / UNITS
+    values = TRUTH + (np.zeros((LOGS * CELLS, 3)) if change is None else change)
+    target = np.einsum("kmn,kn->km", rows, values)
+    target += noise * rng.standard_normal(target.shape)
+    flat = rows.reshape(-1, 3)
+    found = np.linalg.lstsq(flat * UNITS, target.ravel(), rcond=None)[0] * UNITS
+    factors, left = compressed(zip(rows, rows @ found - target, strict=True))
+    equations = CellEquations(
+        names=NAMES,
+        values=found,
+        lower=np.full(3, -np.inf),
+        on_bound=np.zeros(3, dtype=bool),
+        rows=factors,
+        residuals=left,
+        log=np.repeat(np.arange(LOGS), CELLS),
+    )
+    return rows, target, equations
+
+
+def _following(x, slope, name="p4"):
+    change = np.zeros((LOGS * CELLS, 3))
+    change[:, NAMES.index(name)] = slope * x
+    return change
+
+
+@pytest.mark.parametrize("condition", [Condition.COMMAND, Condition.TIME])
+def test_a_parameter_that_follows_a_condition_is_named_with_what_a_fit_with_it_finds(condition):
+    x = {Condition.COMMAND: COMMAND, Condition.TIME: TIME}[condition]
+    rows, target, equations = _problem(1, _following(x, 0.002))
+    (best, *_), rivals = disagreements_of(equations, _conditions())
+    assert (best.parameter, best.condition) == ("p4", condition)
+    more = (rows[..., 2] * x[:, None])[..., None]
+    wider = np.concatenate([rows, more], axis=2).reshape(-1, 4)
+    scale = np.append(UNITS, UNITS[2])
+    anew = np.linalg.lstsq(wider * scale, target.ravel(), rcond=None)[0] * scale
+    np.testing.assert_allclose(rivals[0], anew[:3], rtol=1e-6)  # at the limit, where x is 0
+    assert best.first == pytest.approx(anew[2] + anew[3] * x.min(), rel=1e-6)
+    assert best.last == pytest.approx(anew[2] + anew[3] * x.max(), rel=1e-6)
+    left, least = (
+        np.sum((wider[:, :n] @ values - target.ravel()) ** 2)
+        for n, values in ((3, equations.values), (4, anew))
+    )
+    assert best.share == pytest.approx(1 - least / left, rel=1e-6)
+
+
+def test_intervals_hold_what_would_be_at_the_limit():
+    _, _, equations = _problem(2, _following(COMMAND, 0.002))
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions(), check=False)
+    plain = infer(equations, method="any", masses=MASSES, check=False)
+    place = NAMES.index("p4")
+    assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
+    assert found.lower[place] <= TRUTH[place] <= found.upper[place]
+    again = [Contrast.from_dict(vars(each)) for each in found.agreement]
+    assert again == list(found.agreement)
+
+
+def test_conditions_that_agree_are_hardly_ever_accused():
+    """The level is 5 %; 200 data sets of 24 contrasts each."""
+    accused = sum(bool(disagreements_of(_problem(k)[2], _conditions())[0]) for k in range(200))
+    assert accused <= 12
+
+
+def test_a_mass_that_is_weighed_wrong_is_told_and_within_what_masses_agree():
+    wrong = 0.004
+    x = np.repeat([float(mass.mass == 0.1) for mass in MASSES], CELLS)
+    change = np.zeros((LOGS * CELLS, 3))
+    change[:, 0], change[:, 1] = wrong * 0.1**2 * x, wrong * 9.81 * 0.1 * x
+    found, rivals = disagreements_of(_problem(3, change)[2], _conditions())
+    weighed = [each for each in found if each.condition is Condition.WEIGHED]
+    assert weighed[0].first == pytest.approx(0.1)
+    assert weighed[0].last == pytest.approx(0.1 + wrong, abs=3e-4)
+    assert 0 < weighed_within(weighed) <= abs(weighed[0].last / 0.1 - 1)
+    assert len(rivals) == len(found) - len(weighed)
+
+
+def test_words_name_the_cause_and_which_way_the_parameter_goes():
+    equations = _problem(4, _following(COMMAND, -0.002))[2]
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions(), check=False)
+    best = found.agreement[0]
+    assert causes(best) == ("a dead zone of the drive",)
+    text = contrast_text(best, found)
+    assert text.startswith("p4 grows with the command, from 0.01")
+    assert "dead zone" in text
