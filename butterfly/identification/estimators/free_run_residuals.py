@@ -28,7 +28,7 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.agreement import lacking_term
+from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
@@ -234,9 +234,11 @@ class FreeRunResiduals:
         parameters that are not to be chosen, but fitted. Values of the choice are scaled.
         """
         optional = {name for name in (*TRIED, *RARER) if name not in always}
-        masses = [each.log.added_mass for each in self.simulations]
-        cells = independent_cells_of(len(masses), len(self.keys))
-        nested = submodels_of(self._equations(point, at, cells), masses)
+        logs = [each.log for each in self.simulations]
+        masses = [log.added_mass for log in logs]
+        cells = independent_cells_of(len(logs), len(self.keys))
+        conditions = Conditions.of(logs, cells)
+        nested = submodels_of(self._equations(point, at, cells), masses, conditions=conditions)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
 
@@ -270,8 +272,8 @@ class FreeRunResiduals:
             return None
         values, at = self.about(problem, point)
         cells = cells_of(len(at.logs), len(self.keys))
-        sines = all(each.log.excitation for each in self.simulations)
-        return lacking_term(self._equations(values, at, cells), tried, sines=sines)
+        conditions = Conditions.of([each.log for each in self.simulations], cells)
+        return lacking_term(self._equations(values, at, cells), tried, conditions)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, compressed
-from butterfly.identification.inference.agreement import lacking_term
+from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     NEGLIGIBLE,
@@ -277,7 +277,7 @@ class HarmonicBalanceFit:
         negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
         return submodels_of(equations, phasors.masses, negligible)
 
-    def lacking(self, lost: Sequence[str]) -> str | None:
+    def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
         """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""
         names = (*self.phasors.names, *lost)
         if "stribeck" in names:  # what its velocity is off by would look like a spring
@@ -285,7 +285,7 @@ class HarmonicBalanceFit:
         every = candidates(RARER, self.phasors.masses, self.phasors.known)
         tried = tuple(name for name in every if name not in names)
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
-        return lacking_term(nested.equations, tried, sines=True)
+        return lacking_term(nested.equations, tried, conditions)
 
     def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
         """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
