@@ -173,7 +173,7 @@ def residual(
     """Show the residuals of the identified model, and the term they look like.
 
     Errors of the free runs, beside what encoder and noise explain; whether their correlations stay
-    inside the bands that such sensors allow. With --log also the residual torque of those logs.
+    inside the bands that such sensors allow. With --log only those logs, and with --plot the residual torque of the one that is followed worst.
 
     Example: butterfly residual results/quickstart --log 2 --plot residual.html
 
