@@ -28,6 +28,7 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
+from butterfly.identification.inference.agreement import Conditions
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
@@ -232,9 +233,11 @@ class FreeRunResiduals:
         parameters that are not to be chosen, but fitted. Values of the choice are scaled.
         """
         optional = {name for name in TRIED if name not in always}
-        masses = [each.log.added_mass for each in self.simulations]
-        cells = independent_cells_of(len(masses), len(self.keys))
-        nested = submodels_of(self._equations(point, at, cells), masses)
+        logs = [each.log for each in self.simulations]
+        masses = [log.added_mass for log in logs]
+        cells = independent_cells_of(len(logs), len(self.keys))
+        conditions = Conditions.of(logs, cells)
+        nested = submodels_of(self._equations(point, at, cells), masses, conditions=conditions)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
 

@@ -44,6 +44,7 @@ _LEAST_MASSES = 3  # of which one can be weighed wrong: to call two the same exp
 _LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
 
 
+_FRICTION = {"p2", "coulomb"}
 _FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
@@ -97,9 +98,10 @@ class Conditions:
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     sines: bool  # whether all are sines
+    steady: bool = False  # whether residuals are those of steady responses, whose errors are known
 
     @classmethod
-    def of(cls, logs: Sequence[Log], cells: int) -> Conditions:
+    def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
         """Read them off logs, each of which was cut into some cells."""
         pieces = [piece for log in logs for piece in _pieces(log, cells)]
         values = {
@@ -119,6 +121,7 @@ class Conditions:
             values=values,
             masses=tuple(log.added_mass for log in logs),
             sines=all(log.excitation for log in logs),
+            steady=steady,
         )
 
 
@@ -151,7 +154,6 @@ def disagreements_of(
     """
     tried = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried.sort(key=lambda each: each.chance)
-    steady = equations.log.size == np.unique(equations.log).size
     accepted: list[tuple[Contrast, list[Samples]]] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)
@@ -159,13 +161,19 @@ def disagreements_of(
             break
         rivals = [_rival(equations, each, limit) for limit in _limits(each)]
         moved = rivals or [equations.values + each.moves]
-        if _matters(equations, each, moved, steady=steady, sines=conditions.sines):
+        if _matters(equations, each, moved, conditions):
             accepted.append((_contrast(equations, each, chance), rivals))
     accepted.sort(key=lambda each: -each[0].share)
     return (
         tuple(contrast for contrast, _ in accepted),
         tuple(rival for _, rivals in accepted for rival in rivals),
     )
+
+
+def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
+    """Whether friction follows a condition, as it does where a term of it is missing."""
+    found, _ = disagreements_of(equations, conditions)
+    return any(each.parameter in _FRICTION for each in found)
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
@@ -193,7 +201,7 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> list[_Tr
             mean = float(weight @ x / weight.sum())
             direction = np.zeros((x.size, len(equations.names)))
             direction[:, place] = x - mean
-            found = _tried(equations, direction, _About(name, condition, mean, x))
+            found = _tried(equations, conditions, direction, _About(name, condition, mean, x))
             tried += [found] if found else []
     return tried
 
@@ -212,12 +220,14 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> list[_Tried]
         direction[:, names.index("p1")] = x * mass.arm**2
         direction[:, names.index("p3")] = x * mass.gravity * mass.arm
         about = _About("mass", Condition.WEIGHED, mass.mass, x)
-        found = _tried(equations, direction, about)
+        found = _tried(equations, conditions, direction, about)
         tried += [found] if found else []
     return tried
 
 
-def _tried(equations: CellEquations, direction: Samples, about: _About) -> _Tried | None:
+def _tried(
+    equations: CellEquations, conditions: Conditions, direction: Samples, about: _About
+) -> _Tried | None:
     """Let the parameters move along (k, n) directions; None where the cells cannot tell that."""
     free = ~equations.on_bound
     curvature, gradient = equations.curvature, equations.gradient
@@ -247,7 +257,7 @@ def _tried(equations: CellEquations, direction: Samples, about: _About) -> _Trie
     own_scores = np.asarray(np.bincount(logs, scores), dtype=float)
     own_parts = np.asarray(np.bincount(logs, parts), dtype=float)
     of_logs = _chance(own_scores, own_parts, gamma, information)
-    if own_scores.size == logs.size:
+    if conditions.steady:
         freedom = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - free.sum() - 1
         left = max(cost - explained, np.finfo(float).tiny)
         chance = float(fdtrc(1, freedom, explained * freedom / left)) if freedom > 0 else 1.0
@@ -293,7 +303,7 @@ def _rival(equations: CellEquations, each: _Tried, limit: float) -> Samples:
 
 
 def _matters(
-    equations: CellEquations, each: _Tried, rivals: list[Samples], *, steady: bool, sines: bool
+    equations: CellEquations, each: _Tried, rivals: list[Samples], conditions: Conditions
 ) -> bool:
     """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
     names, values = equations.names, equations.values
@@ -308,7 +318,9 @@ def _matters(
     )
     if not each.of_logs < _LEVEL:
         return False
-    return moved > _MOVES_STEADY if steady else each.share > _SHARES[not sines] or moved > _MOVES
+    if conditions.steady:
+        return moved > _MOVES_STEADY
+    return each.share > _SHARES[not conditions.sines] or moved > _MOVES
 
 
 def _contrast(equations: CellEquations, each: _Tried, chance: float) -> Contrast:
