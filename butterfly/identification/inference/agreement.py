@@ -19,7 +19,7 @@ is a contrast as well: of p1 and p3 together, in its logs.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -44,6 +44,7 @@ _LEAST_MASSES = 3  # of which one can be weighed wrong: to call two the same exp
 _LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
 
 
+_OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
 _FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
@@ -58,6 +59,7 @@ class Condition(StrEnum):
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
+    ALL = "all"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +176,32 @@ def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool
     """Whether friction follows a condition, as it does where a term of it is missing."""
     found, _ = disagreements_of(equations, conditions)
     return any(each.parameter in _FRICTION for each in found)
+
+
+def lacking_term(
+    equations: CellEquations, names: Sequence[str], conditions: Conditions
+) -> str | None:
+    """Return which of some terms a model lacks, by the rule of contrasts: the likeliest, if any.
+
+    The terms are in the equations, at what is none of them; each may move in all cells alike.
+    """
+    absent = np.isin(equations.names, names)
+    about = replace(equations, on_bound=equations.on_bound | absent)
+    tried = []
+    for name in names:
+        place = equations.names.index(name)
+        direction = np.zeros((equations.log.size, len(equations.names)))
+        direction[:, place] = 1.0
+        every = _About(name, Condition.ALL, 0.0, direction[:, place])
+        found = _tried(about, conditions, direction, every)
+        if found and equations.values[place] + found.gamma > equations.lower[place]:
+            tried.append(found)
+    best = min(tried, key=lambda each: each.chance, default=None)
+    if best is None or not best.chance * len(names) < _LEVEL:
+        return None
+    moved = [equations.values + best.moves]
+    matters = _matters(equations, best, moved, conditions, _OF_TORQUES)
+    return best.about.parameter if matters else None
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
@@ -303,11 +331,15 @@ def _rival(equations: CellEquations, each: _Tried, limit: float) -> Samples:
 
 
 def _matters(
-    equations: CellEquations, each: _Tried, rivals: list[Samples], conditions: Conditions
+    equations: CellEquations,
+    each: _Tried,
+    rivals: list[Samples],
+    conditions: Conditions,
+    of: tuple[str, ...] = ("p1", "p4"),
 ) -> bool:
     """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
     names, values = equations.names, equations.values
-    places = [names.index(name) for name in ("p1", "p4") if name in names]
+    places = [names.index(name) for name in of if name in names]
     moved = max(
         (
             abs(rival[place] - values[place]) / (abs(values[place]) or np.inf)
