@@ -40,8 +40,6 @@ class FindingKind(StrEnum):
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
     OTHER_END = "other-end"  # cost of the next best end over that of the best
     COMBINATION = "combination"  # the same, of parameters known in one combination only
-    ROUNDS = "rounds"  # of an iteration that stopped
-    SIMULATIONS = "simulations"  # of every log, that a fit took
     ON_BOUND = "on-bound"
     PULLED = "pulled"  # on a bound that the data would cross
     FEW_MASSES = "few-masses"  # different added masses, too few to leave one out
