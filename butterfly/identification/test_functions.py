@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.kinematics import Motion, Term
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
@@ -153,11 +155,12 @@ class Averaging:
         self._grid = uniform_grid(log.time)
         self._step = float(self._grid[1] - self._grid[0])
         angle = resample(log.time, log.angle, self._grid) - zero
-        velocity = _velocity(angle, half_width, self._step)
+        self._rests = log.initial_state.velocity == 0
+        mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
+        velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]
         self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
-        self._rests = log.initial_state.velocity == 0
         self._places: dict[int, _Place] = {}
 
     def moving_so(self, angle: NDArray[np.float64]) -> Averaging:
@@ -253,6 +256,49 @@ class _Place(NamedTuple):
         mirror = signal[self.lead : 0 : -1]
         before = 2 * signal[0] - mirror if order % 2 else mirror
         return self.bumps.means(np.concatenate([before, signal]), order)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResidualTorque:
+    """The residuals of one log seen at the joint: the torque that all terms leave of the motor's.
+
+    Averaged over bumps, the acceleration becomes int phi'' th, so nothing is differentiated twice;
+    where the joint may stick, friction is no function of the motion and nothing is said.
+    """
+
+    label: str  # of the log
+    # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
+    # in rad/s, N m
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    torque: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, log: Log, values: LumpedParameters, zero: float) -> ResidualTorque:
+        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5).
+
+        InputError if the log is shorter than a bump. The load on the bearing enters by its own
+        basis, so that T_c is the bare hand's.
+        """
+        loaded = values.with_added_mass(log.added_mass)
+        omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
+        width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
+        acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
+        signals = Averaging(log, zero, width, values).signals(
+            acting, delay=values.delay, drive=values.drive
+        )
+        sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}
+        sizes |= {"p1": loaded.p1, "p3": loaded.p3}
+        torque = sum(size * signals.mean[name] for name, size in sizes.items())
+        moving = signals.moving
+        return cls(
+            label=log.label,
+            time=signals.time[moving],
+            angle=signals.angle[moving],
+            velocity=signals.velocity[moving],
+            torque=np.asarray(torque)[moving],
+        )
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
