@@ -318,8 +318,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{combined} are known mainly in one combination (condition number {rounded:.0f}): add a "
         "run that tells them apart."
     ),
-    FindingKind.ROUNDS: ("The iteration was stopped after {number:.0f} rounds."),
-    FindingKind.SIMULATIONS: "The fit took {number:.0f} simulations of every log.",
     FindingKind.ON_BOUND: "{names} ended on a bound: these data do not show any.",
     FindingKind.PULLED: (
         "{names} ended on a bound that the data would cross: the model misses something, or a "

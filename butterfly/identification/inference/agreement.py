@@ -19,7 +19,7 @@ is a contrast as well: of p1 and p3 together, in its logs.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -54,6 +54,7 @@ class Condition(StrEnum):
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
+    ALL = "all"
 
 
 _LIMITS: dict[Condition, tuple[float, ...]] = {
@@ -62,6 +63,7 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 }
 """Where conditions would disturb no more, if that is not at 0."""
 
+_OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
 _FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
@@ -190,6 +192,30 @@ def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool
     return any(each.parameter in _FRICTION for each in found)
 
 
+def lacking_term(
+    equations: CellEquations, names: Sequence[str], conditions: Conditions
+) -> str | None:
+    """Return which of some terms a model lacks, by the rule of contrasts: the likeliest, if any.
+
+    The terms are in the equations, at what is none of them; each may move in all cells alike.
+    """
+    absent = np.isin(equations.names, names)
+    about = replace(equations, on_bound=equations.on_bound | absent)
+    every = np.ones(equations.log.size)
+    tried = []
+    for place in np.flatnonzero(absent).tolist():
+        direction = np.outer(every, np.arange(absent.size) == place)
+        asked = _Tried(equations.names[place], Condition.ALL, 0.0, every, direction)
+        found = _solved(about, conditions, asked)
+        if found and equations.values[place] + found.gamma > equations.lower[place]:
+            tried.append(found)
+    best = min(tried, key=lambda each: each.chance, default=None)
+    if best is None or not best.chance * len(names) < _LEVEL:
+        return None
+    matters = _matters(equations, best, [best.at_mean], conditions, _OF_TORQUES)
+    return best.parameter if matters else None
+
+
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
     """Return within which share masses are weighed, as they tell of each other; 0 if they agree.
 
@@ -273,10 +299,14 @@ def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
 
 
 def _matters(
-    equations: CellEquations, each: _Tried, rivals: list[Samples], conditions: Conditions
+    equations: CellEquations,
+    each: _Tried,
+    rivals: list[Samples],
+    conditions: Conditions,
+    of: tuple[str, ...] = ("p1", "p4"),
 ) -> bool:
     """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
-    kept = np.isin(equations.names, ("p1", "p4")) & (equations.values != 0)
+    kept = np.isin(equations.names, of) & (equations.values != 0)
     moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
     if not each.of_logs < _LEVEL:
         return False
