@@ -180,11 +180,18 @@ class HarmonicBalance(Estimator):
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
-        chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
-        fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
-        while self.terms is None and (idle := fit.idle):
-            chosen = chosen.without(idle)
-            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+        always = fit.phasors.names
+        while True:
+            chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
+            fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
+            while self.terms is None and (idle := fit.idle):
+                chosen = chosen.without(idle)
+                fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+            lacking = fit.lacking(always, conditions) if self.terms is None else None
+            if lacking is None:
+                break
+            always = (*always, lacking)
+            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
             points,

@@ -37,10 +37,11 @@ from butterfly.identification.inference.agreement import Conditions
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
+    RARER,
     candidates,
     requested_terms,
 )
-from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
+from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
@@ -78,8 +79,7 @@ class OutputError(Estimator):
     horizon
         Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
         that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
-        away from the upright; and, where no gravity brings the joint back, that little but noise is
-        left over. The start of each stretch is fitted to it.
+        away from the upright. The start of each stretch is fitted to it.
     loss
         How residuals count: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
@@ -150,9 +150,7 @@ class OutputError(Estimator):
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
-            if math.isfinite(horizon):
-                return found
-            return replace(self._of_lasting(logs, first, known, found), horizon=None)
+            return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
@@ -162,20 +160,21 @@ class OutputError(Estimator):
         problems = [
             self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
         ]
-        problem, end, said = lowest_end(problems)
+        wide, rarer = problems[0], self._unseen(first)
+        problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[NDArray[np.float64], ...] = ()
-        if self.terms is None:
-            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
-            names = [label for label in problem.labels if label in choice.names]
-            ends = [
-                np.array([values[name] for name in names])
-                for values in (choice.values, *choice.rivals)
-            ]
-            kept = np.flatnonzero([label in names for label in problem.labels])
-            problem = problem.keeping(kept, ends[0])
-            rivals = tuple((each * problem.scale)[: problem.shared] for each in ends[1:])
-            end = problem.descend(problem.initial)
-            said = (*said, *choice.findings)
+        always, lacking = tuple(known.uncertain), None
+        while self.terms is None:
+            here = wide.without(rarer)
+            point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
+            choice = here.choose_terms(point, at, always)
+            problem, end, rivals = here.fitted(choice)
+            absent = {*TRIED} - {name for name, _ in problem.keys}
+            lacking = wide.without(absent).lacking(problem, end.point)
+            if lacking is None:
+                said = (*said, *choice.findings)
+                break
+            rarer, always = rarer - {lacking}, (*always, lacking)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
@@ -205,22 +204,11 @@ class OutputError(Estimator):
             horizon=self.horizon or math.inf,
         )
 
-    def _of_lasting(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior,
-        found: Estimate,
-    ) -> Estimate:
-        """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
-        if not known.weightless(log.added_mass for log in logs):
-            return found
-        horizon = lasting_horizon(logs, found)
-        if not math.isfinite(horizon):
-            return found
-        adds_up = Finding(FindingKind.ADDS_UP, number=horizon)
-        again = replace(self, horizon=horizon).of_starts(logs, first, known)
-        return again.with_findings(adds_up)
+    def _unseen(self, first: Sequence[Start]) -> set[str]:
+        """Return the rarer terms that no first guess has: they are tried in the end."""
+        if self.terms is not None:
+            return set()
+        return {n for n in RARER if not any(getattr(each.parameters, n) for each in first)}
 
     def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
@@ -263,7 +251,7 @@ class OutputError(Estimator):
         """Return the terms that are fitted, or tried."""
         terms = self.terms
         if terms is None:
-            terms = candidates(TRIED, masses, known)
+            terms = candidates((*TRIED, *RARER), masses, known)
         else:
             terms = requested_terms(terms, known.uncertain)
         leaders = {*terms, *known.uncertain} & COMPANIONS.keys()

@@ -32,6 +32,9 @@ Samples = NDArray[np.float64]
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""
 
+RARER = ("spring", "mass_inertia", "dead_zone", "compression")
+"""Terms that are tried one after the other beside those, by the rule of contrasts."""
+
 NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
 
