@@ -215,9 +215,9 @@ CASES = {
             f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4+-0.1",
         ),
     ),
-    "a delay that no log could show": Case(
+    "a known value that no log agrees with": Case(
         f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.3",
-        "no joint's equation balances these logs: it would take a delay of",
+        "Do not use: The model follows the logs",
         (f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.003",),
     ),
     "given parameters without p4": Case(

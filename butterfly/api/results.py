@@ -15,7 +15,6 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
 from butterfly.identification.diagnostics.residuals import (
     Residuals,
-    ResidualTorque,
     residual_units,
     residuals_of,
 )
@@ -24,6 +23,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import unit_of
+from butterfly.identification.test_functions import ResidualTorque
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.report.finding_texts import estimate_verdict
@@ -337,7 +337,7 @@ class Residual(Answer):
     def torque(self, number: int) -> ResidualTorque:
         """Return the residuals of a log, by its number, seen as torque."""
         setting = self.data.simulations.setting(number, self.estimate)
-        return ResidualTorque.of(self.data.logs[number], setting)
+        return ResidualTorque.of(self.data.logs[number], setting.parameters, setting.zero)
 
     def plot(self, path: str | PathLike[str]) -> None:
         """Draw the residual torque and error of the log with the largest error to a page.

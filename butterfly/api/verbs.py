@@ -204,16 +204,16 @@ def residual(
     holdout: Sequence[str] = (),
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Residual:
-    """Show the residuals of the identified model: errors of free runs, and the torque it misses.
+    """Show the residuals of the identified model: errors of free runs, and what explains them.
 
-    Errors stand beside what encoder and noise explain, with the missing term that they look like.
+    Errors stand beside what encoder and noise explain, with the terms that the model lacks.
 
     Parameters
     ----------
     data, method, holdout, options
         As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
     logs
-        Numbers of the logs of which the residual torque is shown, too; all errors are if not given.
+        Numbers of the logs that are shown; all if not given.
 
     Raises
     ------

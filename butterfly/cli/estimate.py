@@ -170,10 +170,11 @@ def residual(
     holdout: Holdout = None,
     plot: Page = None,
 ) -> ExitCode:
-    """Show the residuals of the identified model, and the term they look like.
+    """Show the residuals of the identified model, and the terms that it lacks.
 
     Errors of the free runs, beside what encoder and noise explain; whether their correlations stay
-    inside the bands that such sensors allow. With --log also the residual torque of those logs.
+    inside the bands that such sensors allow; which terms the model lacks. With --log only of those
+    logs; --plot draws the residual torque of the one that is followed worst.
 
     Example: butterfly residual results/quickstart --log 2 --plot residual.html
 

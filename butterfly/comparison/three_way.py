@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import ResidualTorque
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
+from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
@@ -74,7 +74,7 @@ def compare_three(
                 parameters=parameters,
                 mujoco=mujoco,
                 greybox=greybox,
-                residual=ResidualTorque.of(log, setting),
+                residual=ResidualTorque.of(log, parameters, zero),
                 gains=_gains(log, {"MuJoCo": mujoco, "grey box": greybox}),
             )
         )

@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.equations import compressed, cut, independent_cells_of
+from butterfly.identification.blocks import cut, independent_cells_of
+from butterfly.identification.equations import compressed
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Ending, Finding
-from butterfly.identification.inference.covariance import FEW, cluster_covariance
+from butterfly.identification.blocks import FEW, cut
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.normal_equations import (
     Regression,
     Solution,
@@ -27,20 +28,7 @@ from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
 
-CELLS = 10
-"""Stretches of time into which a log is cut: as many as tell their scatter within a quarter."""
-
 _TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
-
-
-def cells_of(logs: int, parameters: int) -> int:
-    """Return into how many cells each log is cut: the cells are twice the parameters at least."""
-    return max(CELLS, -(-2 * parameters // logs))
-
-
-def independent_cells_of(logs: int, parameters: int) -> int:
-    """Return into how many each is cut whose errors count as independent: none of many logs."""
-    return cells_of(logs, parameters) if logs <= FEW else 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +47,6 @@ class CellEquations:
     ending: Ending = Ending.CONVERGED  # how the solver ended
     # (n,) by how much the values moved last, or would move next, if it was stopped
     unsettled: Samples | None = None
-    findings: tuple[Finding, ...] = ()  # what it has to say besides
     # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: Samples | None = None
     prior: Penalty | None = None  # what was known of the values with an uncertainty
@@ -132,9 +119,9 @@ class CellEquations:
             return curvature, gradient
         return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
 
-    def stopped(self, unsettled: Samples, why: Finding) -> CellEquations:
+    def stopped(self, unsettled: Samples) -> CellEquations:
         """Return the same of a solver that was stopped while the (n,) values still moved."""
-        return replace(self, ending=Ending.STOPPED, unsettled=unsettled, findings=(why,))
+        return replace(self, ending=Ending.STOPPED, unsettled=unsettled)
 
     @property
     def next_step(self) -> Samples:
@@ -190,7 +177,7 @@ class CellEquations:
         basis, singular, _ = np.linalg.svd(
             flat / np.where(size > 0, size, 1.0), full_matrices=False
         )
-        told = basis[:, singular > _TOLD * singular[0]]
+        told = basis[:, singular > _TOLD * singular.max(initial=0.0)]
         if not told.size:
             raise IdentifiabilityError("these logs do not move any parameter")
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
@@ -211,17 +198,6 @@ class CellEquations:
             return flat, left
         more, target = self.prior.rows()
         return np.concatenate([flat, more]), np.append(left, more @ self.values - target)
-
-
-def cut(
-    jacobian: Samples, residuals: Samples, cluster: NDArray[np.intp], cells: int
-) -> Iterable[tuple[Samples, Samples]]:
-    """Yield the (m, n) and (m,) equations of each cell, one cluster after the other."""
-    order = np.argsort(cluster, kind="stable")
-    starts = np.flatnonzero(np.diff(cluster[order])) + 1
-    for own in np.split(order, starts):
-        for part in np.array_split(own, cells):
-            yield jacobian[part], residuals[part]
 
 
 def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.blocks import length_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import ParameterDraws, samples_of_bands
 from butterfly.identification.estimate import Estimate
@@ -40,7 +41,6 @@ OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"
 """What the two bands are of."""
 
-_BLOCK = 5.0  # s, of a log without a drive period, and least of any
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
 
@@ -102,20 +102,12 @@ class ExpectedErrors:
         Those of samples as they are: between two the mean of their noise would be smaller.
         """
         own = self.log.time - self.log.time[0]
-        length = min(block(self.log), float(own[-1]))
+        length = min(length_of(self.log), float(own[-1]))
         number = ((time - time[0]) / length).astype(np.intp)
         starts = rng.uniform(0, own[-1], number[-1] + 1)
         instants = starts[number] + (time - time[0]) - number * length
         latest = np.searchsorted(own, instants % own[-1], side="right") - 1
         return np.asarray(self.relative[latest])
-
-
-def block(log: Log) -> float:
-    """Return the length in s of the blocks of a log: whole periods of its drive."""
-    if log.excitation is None:
-        return _BLOCK
-    period = 2 * math.pi / log.excitation.omega
-    return math.ceil(_BLOCK / period) * period
 
 
 def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.blocks import edges_of
 from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
-from butterfly.logs.log import MIN_SAMPLES, InitialState, Log
+from butterfly.logs.log import InitialState, Log
 from butterfly.model.parameters import LumpedParameters
 
 Samples = NDArray[np.float64]
@@ -50,8 +51,10 @@ class Segments:
         warm: bool = False,
     ) -> None:
         self.log = log
-        before = _edges(log.time[:first], horizon)
-        self._edges = [*before, *(first + k for k in _edges(log.time[first:], horizon))]
+        before, after = (
+            edges_of(part, _count(part, horizon)) for part in np.split(log.time, [first])
+        )
+        self._edges = [*before, *(first + k for k in after)]
         ends = [*self._edges[1:], log.time.size]
         rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
         self._segments = [
@@ -249,13 +252,7 @@ def is_segmented(
     return bool((longer or (doubtful and not velocity_known)) and loaded.p1 > 0)
 
 
-def _edges(time: Samples, horizon: float) -> list[int]:
-    """Return the numbers of the samples at which segments begin, all about as long."""
-    if time.size < MIN_SAMPLES:
-        return []
-    count = max(math.ceil((time[-1] - time[0]) / horizon * (1 - 1e-9)), 1)
-    edges = [0]
-    for k in np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1]).tolist():
-        if min(k - edges[-1], time.size - k) >= MIN_SAMPLES:
-            edges.append(k)
-    return edges
+def _count(time: Samples, horizon: float) -> int:
+    """Return the fewest segments no longer than a horizon in s."""
+    span = float(time[-1] - time[0]) if time.size else 0.0
+    return max(math.ceil(span / horizon * (1 - 1e-9)), 1)

@@ -11,6 +11,7 @@ from numbers import Integral
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.blocks import edges_of
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.signals.frequency_response import MIN_PERIODS
@@ -136,11 +137,12 @@ def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]
     logs = data.logs
     if split is Split.TIME:
         count = folds or FOLDS
-        sizes = [log.time.size for log in logs]
+        edges = [[*edges_of(log.time, count), log.time.size] for log in logs]
         return {
             f"stretch {k + 1} of {count}": {
-                number: slice(size * k // count, size * (k + 1) // count)
-                for number, size in enumerate(sizes)
+                number: slice(*own[k : k + 2])
+                for number, own in enumerate(edges)
+                if k + 1 < len(own)
             }
             for k in range(count)
         }

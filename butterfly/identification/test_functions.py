@@ -4,13 +4,17 @@ The test functions are bumps (1 - s^2)^4 that overlap. With a bump phi of compac
 int phi thdd = int phi'' th: nothing is differentiated that carries noise. Multiplied by phi the
 equation is the balance of momentum; multiplied by phi thd it is the balance of energy, whose terms
 are powers.
+
+A log that begins at rest is as good as one that came the same way before, backwards: its mirror
+image obeys the equation at |t|, and has no kink. So bumps may reach beyond the beginning, where a
+joint's spin-up may be all that tells of its inertia.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +25,8 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.kinematics import Motion, Term
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
@@ -143,7 +149,8 @@ class Averaging:
         settings: FrictionTerms,
         balance: Balance = Balance.MOMENTUM,
     ) -> None:
-        self._log, self._half_width = log, half_width
+        self._log, self._zero, self._half_width = log, zero, half_width
+        self._settings, self._balance = settings, balance
         self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
         self._grid = uniform_grid(log.time)
         self._step = float(self._grid[1] - self._grid[0])
@@ -152,7 +159,15 @@ class Averaging:
         self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
+        self._rests = log.initial_state.velocity == 0
         self._places: dict[int, _Place] = {}
+
+    def moving_so(self, angle: NDArray[np.float64]) -> Averaging:
+        """Return the same of other (n,) angles in rad, with the same test functions."""
+        log, settings = replace(self._log, angle=angle), self._settings
+        found = Averaging(log, self._zero, self._half_width, settings, self._balance)
+        found._rests = self._rests
+        return found
 
     def signals(
         self,
@@ -178,8 +193,8 @@ class Averaging:
         if not _DRIVEN.isdisjoint(missing):
             motion = self._driven(motion, delay, drive)
         for name in missing:
-            place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
-        centres = place.bumps.centres
+            place.mean[keys[name]] = place.means(*self._column_of(TERMS[name], motion))
+        centres = place.bumps.centres - place.lead
         return WeakSignals(
             time=self._grid[centres],
             angle=self._motion.angle[centres],
@@ -212,22 +227,77 @@ class Averaging:
             if time.size < 2 * margin + 1:
                 longer = f"{2 * margin * self._step:.3g} s or more"
                 raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
-            bumps = Bumps(
-                half_width=self._half_width, step=self._step, size=time.size, margin=margin
-            )
-            self._places[margin] = _Place(bumps, bumps.means(self._still), {})
+            lead = margin if self._rests else 0
+            size = time.size + lead
+            bumps = Bumps(half_width=self._half_width, step=self._step, size=size, margin=margin)
+            place = _Place(bumps, lead, np.empty(0), {})
+            self._places[margin] = place._replace(still=place.means(self._still))
         return self._places[margin]
 
 
 class _Place(NamedTuple):
     """Test functions, the share of each that stands still, and means over them.
 
-    The means are kept by name; what the input enters by name, delay and drive.
+    The means are kept by name; what the input enters by name, delay and drive. As many samples as
+    ``lead`` are mirrored before the first.
     """
 
     bumps: Bumps
+    lead: int
     still: NDArray[np.float64]
     mean: dict[tuple[Hashable, ...], NDArray[np.float64]]
+
+    def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
+        """(m,) means of an (n,) signal and its mirror image (see `Bumps.means`).
+
+        What is integrated by parts once is odd about its first value.
+        """
+        mirror = signal[self.lead : 0 : -1]
+        before = 2 * signal[0] - mirror if order % 2 else mirror
+        return self.bumps.means(np.concatenate([before, signal]), order)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResidualTorque:
+    """The residuals of one log seen at the joint: the torque that all terms leave of the motor's.
+
+    Averaged over bumps, the acceleration becomes int phi'' th, so nothing is differentiated twice;
+    where the joint may stick, friction is no function of the motion and nothing is said.
+    """
+
+    label: str  # of the log
+    # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
+    # in rad/s, N m
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    torque: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, log: Log, values: LumpedParameters, zero: float) -> ResidualTorque:
+        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5).
+
+        InputError if the log is shorter than a bump. The load on the bearing enters by its own
+        basis, so that T_c is the bare hand's.
+        """
+        loaded = values.with_added_mass(log.added_mass)
+        omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
+        width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
+        acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
+        signals = Averaging(log, zero, width, values).signals(
+            acting, delay=values.delay, drive=values.drive
+        )
+        sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}
+        sizes |= {"p1": loaded.p1, "p3": loaded.p3}
+        torque = sum(size * signals.mean[name] for name, size in sizes.items())
+        moving = signals.moving
+        return cls(
+            label=log.label,
+            time=signals.time[moving],
+            angle=signals.angle[moving],
+            velocity=signals.velocity[moving],
+            torque=np.asarray(torque)[moving],
+        )
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ REMEDY = (
 )
 """What helps where the encoder's zero is a guess."""
 
+_WHOLE = 10.0  # times what sensors explain, from which on decimals tell nothing
 _LEAST_MASSES = 3  # of which one can be left out
 _OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
 
@@ -107,20 +108,18 @@ def model_sentence(estimate: Estimate) -> str:
     if share is None or not math.isfinite(share):
         return "Some logs cannot be simulated with these values, or nothing moves in them."
     beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
-    times = (beyond or within or found[FindingKind.FOLLOWED]).number
+    missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
     text = f"The model follows to {_percent(share)} of the motion"
-    if (beyond or within) and times is not None and math.isfinite(times):
-        text += f", {times:.2g} times what the sensors explain"
-    missing = found.get(FindingKind.MISSING_TERM)
-    misses = []
+    if times is not None and times.number is not None and math.isfinite(times.number):
+        shown = f"{times.number:.1f}" if times.number < _WHOLE else f"{times.number:.0f}"
+        text += f", {shown} times what the sensors explain"
     if missing is not None:
-        explained = _percent(_number(missing))
-        misses.append(f"it misses {missing.parameters[0]}, {explained} of the residuals")
-    if estimate.agreement:
-        misses.append(contrast_text(estimate.agreement[0], estimate).removesuffix("."))
-    elif beyond and missing is None:
-        misses.append("it misses something that looks like none of the terms on offer")
-    return f"{'; '.join([text, *misses]).removesuffix('?')}{'?' if estimate.agreement else '.'}"
+        of_left = _percent(_number(missing))
+        text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
+    elif beyond and not estimate.agreement:
+        text += "; it misses something that looks like none of the terms on offer"
+    first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
+    return " ".join([f"{text}.", *first])
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -217,8 +216,7 @@ def _missing_term(finding: Finding, _: Values) -> str:
 
 def _rests_on(finding: Finding, _: Values) -> str:
     parts = [_RESTS_ON[name] for name in finding.parameters]
-    lag = "; a lag of the sensors counts as delay" if "time_scale" in finding.parameters else ""
-    return f"All values rest on what no log shows: {_both(parts)}{lag}."
+    return f"All values rest on {_both(parts)}, which no log shows; a lag counts as delay."
 
 
 def _percent(share: float) -> str:
@@ -243,11 +241,11 @@ def _is(names: Sequence[str]) -> str:
 
 
 _RESTS_ON = {
-    "mass_scale": "the masses (1 % of all of them is 1 % of every value but the delay)",
+    "mass_scale": "the masses (1 % of all is 1 % of every value)",
     "arm": "the arm (1 % is up to 2 % of p1)",
-    "input_scale": "the input's scale (1 % is 1 % of p4)",
-    "angle_scale": "an encoder that is centred and of right scale (1 % is 1 % of p4)",
-    "time_scale": "the clock (1 % is 2 % of p1, or more)",
+    "input_scale": "the scale of the input (1 % of p4)",
+    "angle_scale": "a centred encoder of right scale (1 % of p4)",
+    "time_scale": "the clock (2 % of p1)",
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
@@ -320,8 +318,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{combined} are known mainly in one combination (condition number {rounded:.0f}): add a "
         "run that tells them apart."
     ),
-    FindingKind.ROUNDS: ("The iteration was stopped after {number:.0f} rounds."),
-    FindingKind.SIMULATIONS: "The fit took {number:.0f} simulations of every log.",
     FindingKind.ON_BOUND: "{names} ended on a bound: these data do not show any.",
     FindingKind.PULLED: (
         "{names} ended on a bound that the data would cross: the model misses something, or a "

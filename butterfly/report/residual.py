@@ -11,8 +11,8 @@ from plotly.subplots import make_subplots
 from butterfly.identification.diagnostics.residuals import (
     LogResiduals,
     Residuals,
-    ResidualTorque,
 )
+from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text

@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 from butterfly.model.terms import PARAMETERS
-from butterfly.verdict import Level
 from tests.independent.robots import FAMILIES, draw
 from tests.independent.scores import METHODS, Score, score
 
@@ -172,7 +171,7 @@ def _endings(groups):
             sum(each.false_claim for each in claims),
             sum(each.local_minimum for each in found),
             len(rows) - len(found),
-            sum(each.verdict != Level.GOOD.verdict for each in found),
+            sum(each.flagged for each in found),
             f"{np.mean([each.seconds for each in rows]):.2f}",
             ", ".join(f"{word} {count}" for word, count in said.items()),
         )

@@ -52,7 +52,8 @@ def problem(request):
     local = {"per_mass": ("zero",), "per_log": ("velocity",)}
     estimator = OutputError(terms=offered("output-error"), **local, window=8.0, cogging_periods=3.0)
     found = estimator.problem(data.logs, ROBOT, data.equilibria)
-    moving = [0.1 * (name == "velocity") for name, _ in found.keys]  # at rest it has two slopes
+    # At rest, and without a dead zone, it has two slopes.
+    moving = [{"velocity": 0.1, "dead_zone": 0.1}.get(name, 0.0) for name, _ in found.keys]
     return replace(found, initial=found.initial + moving)
 
 

@@ -25,7 +25,7 @@ def clean():
 
 def _windows(logs):
     estimator = WeakForm(terms=())
-    return [estimator._windows(log, 0.0, periods=1.0) for log in logs]  # noqa: SLF001 - the step before
+    return [estimator._windows(log, 0.0, 1.0) for log in logs]  # noqa: SLF001 - the step before
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
@@ -34,7 +34,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
     for seed in range(DRAWS):
         for sign in (1, -1):
             logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
-            plain = fitted_terms(_windows(logs), (), NO_PRIOR)[0].values
+            plain = fitted_terms(logs, _windows(logs), (), NO_PRIOR)[0].values
             free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [ROBOT.p3, ROBOT.p4] - 1
@@ -43,7 +43,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
 
 
 def test_without_noise_they_change_nothing(clean):
-    plain = fitted_terms(_windows(clean), (), NO_PRIOR)[0].solved.values
+    plain = fitted_terms(clean, _windows(clean), (), NO_PRIOR)[0].solved.values
     through = WeakForm(terms=(), check=False).of_logs(clean, ZEROS).values
     np.testing.assert_allclose(through[:4], plain[:4], rtol=1e-3)
 
@@ -53,7 +53,7 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
     robot = replace(ROBOT, p3=0.0, coulomb=6e-3)
     known = Prior.of({"p3": 0.0, "p4": robot.p4})
     logs = wild(robot)
-    plain = fitted_terms(_windows(logs), (), known)[0].values
+    plain = fitted_terms(logs, _windows(logs), (), known)[0].values
     free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS, known).parameters
     assert plain["p1"] > 1.001 * robot.p1
     assert free.p1 == pytest.approx(robot.p1, rel=3e-4)
@@ -62,17 +62,13 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
 
 def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clean):
     windows = _windows(clean)
-
-    def cut(log, zero):
-        return WeakForm()._windows(log, zero, periods=1.0)  # noqa: SLF001
-
     for parameters in (replace(ROBOT, p1=-0.01), replace(ROBOT, p4=-0.5)):
-        pairs = seen(clean, windows, parameters, ZEROS, cut)
+        pairs = seen(clean, windows, parameters, ZEROS)
         assert all(each.instruments is each.windows for each in pairs)
-    fit = fitted_terms(windows, (), NO_PRIOR)[0]
+    fit = fitted_terms(clean, windows, (), NO_PRIOR)[0]
     kept = refined(fit, pairs).solved.values
     np.testing.assert_allclose(kept, fit.solved.values, rtol=1e-5, atol=1e-7)
-    pairs = seen(clean, windows, ROBOT, ZEROS, cut)
+    pairs = seen(clean, windows, ROBOT, ZEROS)
     assert all(each.instruments is not each.windows for each in pairs)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.equations import CellEquations, compressed, cut
+from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.normal_equations import Regression
 from butterfly.model.prior import Penalty

@@ -61,11 +61,7 @@ def score(row, number, method, seed):
         lambda: bf.identify(robot.logs, method),
         robot.truth,
         robot.heaviest,
-        lambda found: {
-            "misfit": found.residuals.times,
-            "text": "\n".join(found.paragraphs()),
-            "follows": [f"{x.parameter} by {x.condition}" for x in found.estimate.agreement],
-        },
+        lambda found: {"misfit": found.residuals.times, "text": "\n".join(found.paragraphs())},
         family=row,
         number=number,
         repeat=0,
@@ -87,7 +83,7 @@ def table(scores: list[Score], against: list[Score] = ()) -> str:
     others = {(each.family, each.number): each for each in against}
     heads = (
         *("bench", "robots", "refused", *PARAMETERS, "width p1", "p4", "width over"),
-        *("misfit", "FIT", "good", "good with p1 or p4 outside", "named", "s"),
+        *("misfit", "FIT", "flagged", "good", "good with p1 or p4 outside", "named", "s"),
     )
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for row in dict.fromkeys(each.family for each in scores):
@@ -116,6 +112,7 @@ def _cells(row, asked, others):
     yield " ".join(f"{each:.2f}" for each in ratios)
     yield f"{np.median([each.misfit for each in found]):.3g}" if found else ""
     yield f"{np.median([each.fit for each in found]):.2f}" if found else ""
+    yield sum(each.flagged for each in found)
     good = [each for each in found if each.verdict == Level.GOOD.verdict]
     outside = [worst for each in good if (worst := _outside(each))]
     yield f"{len(good)}/{len(found)}"

@@ -11,6 +11,7 @@ from butterfly.errors import ButterflyError
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.model.terms import PARAMETERS, FrictionTerms
+from butterfly.verdict import Level
 
 METHODS = {
     "harmonic-balance": (HarmonicBalance(), "AB"),
@@ -73,6 +74,11 @@ class Score:
         return self.excess > LOCAL_MINIMUM
 
     @property
+    def flagged(self) -> bool:
+        """Whether the verdict is not good, or conditions are said to disagree."""
+        return self.verdict != Level.GOOD.verdict or bool(self.follows)
+
+    @property
     def name(self) -> str:
         """What draws the robot again."""
         return f"{self.family}{self.number}" + (f"/{self.repeat}" if self.repeat else "")
@@ -110,6 +116,7 @@ def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
             condition=estimate.condition,
             ending=str(estimate.ending),
             verdict=str(found.standing),
+            follows=[f"{each.parameter} by {each.condition}" for each in estimate.agreement],
             seconds=seconds,
             **besides(found),
         )

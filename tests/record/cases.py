@@ -38,7 +38,7 @@ def prepare(folder, part):
     if part == "quick":
         return
     if _strangers().is_dir():
-        _write_servo(_strangers() / "xl330", folder / "xl330")
+        write_servo(_strangers() / "xl330", folder / "xl330")
     make = SHARED / "cases/make.py"
     if make.is_file():
         subprocess.run([sys.executable, make, folder / "made"], check=True)  # noqa: S603
@@ -196,7 +196,7 @@ def _strangers():
     return Path(os.environ.get("BUTTERFLY_STRANGERS") or SHARED / "strangers")
 
 
-def _write_servo(source, folder):
+def write_servo(source, folder):
     """Write the voltage that the servo's own law makes of its goal, of the runs of a pendulum."""
     folder.mkdir()
     files = [f"sin_{name}_kp{gain}" for name in ("sin", "time_square") for gain in (100, 200, 800)]

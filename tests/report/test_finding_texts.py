@@ -22,8 +22,6 @@ NUMBERS = {
     FindingKind.MISSING_TERM: (0.31, "31 %"),
     FindingKind.OTHER_END: (1.52, "1.52 times"),
     FindingKind.COMBINATION: (4321.0, "number 4300"),
-    FindingKind.ROUNDS: (8.0, "8"),
-    FindingKind.SIMULATIONS: (23.0, "23"),
     FindingKind.FEW_MASSES: (2.0, "Fewer than three"),
     FindingKind.TORQUE_DRIVEN: (0.004, "0.004 Ohm"),
     FindingKind.NO_UNCERTAINTY: (3.0, "3 resonance"),
@@ -46,7 +44,7 @@ OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 """What values rest on instead."""
 OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
-    *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
+    *(FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY, FindingKind.ADDS_UP),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
@@ -155,12 +153,12 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
         (
             [FOLLOWED, MISFIT, LACKS],
             (),
-            f"{_TIMES}; it misses drag or load, 61 % of the residuals.",
+            f"{_TIMES}; it misses drag or load, 61 % of what is left.",
         ),
         (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),
-            f"{_TIMES}; p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
+            f"{_TIMES}. p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
             "own inertia (or its arm, the clock, a base that gives)?",
         ),
     ],

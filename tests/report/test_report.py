@@ -11,10 +11,10 @@ import pytest
 from butterfly.experiment.perform import perform
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
-from butterfly.identification.diagnostics.residuals import ResidualTorque
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
+from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
 from butterfly.model.linear import quasi_linear_response
@@ -330,7 +330,7 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
 def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):
     result, _ = simulated
     setting = result.data.simulations.setting(0, result.estimate)
-    torque = ResidualTorque.of(result.data.logs[0], setting)
+    torque = ResidualTorque.of(result.data.logs[0], setting.parameters, setting.zero)
     late = dataclasses.replace(torque, time=torque.time + 1.7e9)
     page = residual_page(late, result.residuals.logs[0], result.judged, [])
     drawn = np.asarray(page.figures["torque"].data[0].x)

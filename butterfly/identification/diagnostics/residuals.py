@@ -11,53 +11,49 @@ predict logs better that were left out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.linearised_run import (
+    Derivatives,
+    LinearisedRun,
+    directions_of,
+    reduced,
+    rms,
+)
 from butterfly.identification.diagnostics.sensor_errors import (
     LEVELS,
     Curve,
     SensorErrors,
     correlations,
 )
-from butterfly.identification.draws import covariance_root, honest_covariance
-from butterfly.identification.equations import CellEquations, compressed, independent_cells_of
+from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.inference.term_choice import (
-    candidates,
     choose_terms,
-    stribeck_velocities,
     submodels_of,
 )
-from butterfly.identification.segments import Segments
-from butterfly.identification.simulation import Simulation
-from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
+from butterfly.model.parameters import JointKind
+from butterfly.model.terms import PARAMETERS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
 
 Samples = NDArray[np.float64]
 
-_ALLOWED = 7e-4  # misfit over rms swing that counts for nothing: no free run is more exact
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
-_DRAWN = 24  # sets of sensor errors
 _BY_CHANCE = 0.25  # share of logs that may be outside
 _FIRST_ORDER = 0.05  # share of the residuals, to which derivatives foretell them
-INDEPENDENT = 1e-6
-"""Size over the largest, below which a direction is none."""
 
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
@@ -166,19 +162,23 @@ class Residuals:
     @property
     def relative(self) -> float:
         """Rms over the logs of error over motion."""
-        return float(np.sqrt(np.mean([log.relative**2 for log in self.logs])))
+        return self._over_motion([log.error for log in self.logs])
 
     @property
     def explained(self) -> float:
         """Rms over the logs of what sensors explain over motion."""
-        shares = [log.explained / log.motion for log in self.logs if log.motion]
-        return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.inf
+        return self._over_motion([log.explained for log in self.logs])
 
     @property
     def left(self) -> float:
         """Rms over the logs of what no small change of the parameters explains, over motion."""
-        shares = [log.left / log.motion if log.motion else np.inf for log in self.logs]
-        return float(np.sqrt(np.mean(np.square(shares))))
+        return self._over_motion([log.left for log in self.logs])
+
+    def _over_motion(self, lengths: Sequence[float]) -> float:
+        """Return the rms over the logs that move of a length over the motion."""
+        pairs = zip(lengths, self.logs, strict=True)
+        shares = [each / log.motion for each, log in pairs if log.motion]
+        return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.inf
 
     @property
     def times(self) -> float:
@@ -226,25 +226,25 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
 
     The ``runs`` are those of all logs with the estimate, if they are simulated already.
     """
-    model = _Model.of(data, estimate)
+    model = Derivatives.of(data, estimate)
     every = [
-        _Linearised.of(
+        LinearisedRun.of(
             runs[k] if runs else data.simulations.run(k, estimate),
             data.simulations.setting(k, estimate),
             model,
         )
         for k in range(len(data.logs))
     ]
-    logs = [each for each in every if isinstance(each, _Linearised)]
+    logs = [each for each in every if each is not None]
     if not logs:
-        return Residuals(logs=tuple(each for each in every if isinstance(each, LogResiduals)))
-    directions = _directions(logs)
-    left = _reduced(logs, directions, [each.errors[:, None] for each in logs])
+        return Residuals(logs=tuple(map(_bare, data.logs)))
+    directions = directions_of(logs)
+    left = reduced(logs, directions, [each.errors[:, None] for each in logs])
     random = np.random.default_rng(0)
     pairs = [each.drawn(rest[:, 0], random) for each, rest in zip(logs, left, strict=True)]
-    drawn = _reduced(logs, directions, [errors for _, errors in pairs])
+    drawn = reduced(logs, directions, [errors for _, errors in pairs])
     judged = [
-        each.judged(np.column_stack([rest, errors]), sensor)
+        _judged(each, np.column_stack([rest, errors]), sensor)
         for each, rest, errors, (sensor, _) in zip(logs, left, drawn, pairs, strict=True)
     ]
     missing = MissingTerms()
@@ -253,193 +253,45 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         both = zip(judged, shares, strict=True)
         judged = [replace(each, share=float(share)) for each, share in both]
     rest = iter(judged)
-    whole = (each if isinstance(each, LogResiduals) else next(rest) for each in every)
+    pairs_of_logs = zip(data.logs, every, strict=True)
+    whole = (_bare(log) if each is None else next(rest) for log, each in pairs_of_logs)
     return Residuals(logs=tuple(whole), missing=missing)
 
 
-class _Model(NamedTuple):
-    """What the errors are differentiated by."""
-
-    names: tuple[str, ...]  # parameters that logs share
-    owners: list[tuple[str, AddedMass | str | None]]  # whose each zero and bias is
-    lacking: tuple[str, ...]  # terms of the table that the model lacks and the logs may tell
-    slow: float  # velocity in rad/s below which Stribeck friction is looked for
-    root: Samples  # (n, n) root of the covariance; zeros where there is none
-
-    @classmethod
-    def of(cls, data: DataSet, estimate: Estimate) -> _Model:
-        owners = estimate.owners(data.unread)
-        has = {*estimate.names, *(name for name, _ in owners)}
-        named = [row.name for row in TERMS.values() if row.looks_like and row.name not in has]
-        lacking = candidates(named, data.masses, estimate.known)
-        fastest = math.sqrt(2) * max(log.rms_speed for log in data.logs)
-        speeds = stribeck_velocities(fastest, estimate.known) or [1.0]
-        try:
-            root = covariance_root(honest_covariance(estimate))
-        except IdentifiabilityError:
-            root = np.zeros((len(estimate.names),) * 2)
-        return cls(
-            names=estimate.names,
-            owners=owners,
-            lacking=tuple(name for name in lacking if not getattr(estimate.parameters, name)),
-            slow=speeds[len(speeds) // 2],
-            root=root,
-        )
+def _bare(log: Log) -> LogResiduals:
+    """Return what there is to say of a log that cannot be simulated, or in which nothing moves."""
+    motion = float(np.std(log.angle[first_counted(log) :]))
+    return LogResiduals(name=log.name, label=log.label, motion=motion)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Linearised:
-    """One log's free run, where its errors count, and what it changes by.
-
-    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
-    change of it moves the readings by 1 less what one of the zero does.
-    """
-
-    run: FreeRun
-    simulation: Simulation | Segments
-    setting: Setting
-    counted: slice  # the samples whose errors count
-    motion: float  # rms of the measured angle about its mean, in rad
-    whole: Samples  # (m,) simulated less measured angle in rad
-    # (k, j) orthonormal directions in which the log's own start moves it, k of m after k where the
-    # log is simulated in segments, each from a start of its own
-    own: tuple[Samples, ...]
-    errors: Samples  # (m,) errors less those directions
-    known: Samples  # (m, n) derivatives by what the model has, less those directions
-    lacking: Samples  # (m, j) derivatives by the terms that it lacks, less those directions
-    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
-    # first order; zeros where the estimate says nothing of them
-    reach: Samples
-
-    @classmethod
-    def of(cls, run: FreeRun, setting: Setting, model: _Model) -> _Linearised | LogResiduals:
-        """Differentiate a log's free run; what is left stays bare if it fails or nothing moves."""
-        log, parameters = run.log, setting.parameters
-        first = first_counted(log)
-        motion = float(np.std(log.angle[first:]))
-        if "stribeck" in model.lacking:
-            parameters = replace(parameters, stribeck_velocity=model.slow)
-        local = dict.fromkeys(["zero", "velocity", *(name for name, _ in model.owners)])
-        asked = [*model.names, *local, *model.lacking]
-        simulation = setting.simulation(log, first)
-        with np.errstate(all="ignore"):
-            whole, rows, mixture = simulation.linearised(
-                asked, parameters, setting.zero, setting.velocity
-            )
-            slopes = rows @ mixture
-        numbers = (run.fit, whole, slopes)
-        if not (motion > 0 and all(np.isfinite(each).all() for each in numbers)):
-            return LogResiduals(name=log.name, label=log.label, motion=motion)
-        of = dict(zip(asked, slopes.T, strict=True))
-        if isinstance(simulation, Segments):
-            own = simulation.directions(parameters, setting.zero)
-        else:
-            own = (_orthonormal(np.column_stack([1 - of["zero"], of["velocity"]])),)
-        mine, n = {None, log.added_mass, log.name}, len(model.names)
-        columns = [whole, *slopes[:, :n].T]
-        columns += [of[name] * (whose in mine) for name, whose in model.owners]
-        columns += [of[name] for name in model.lacking]
-        rest = _less(own, np.column_stack(columns))
-        split = rest.shape[1] - len(model.lacking)
-        return cls(
-            run=run,
-            simulation=simulation,
-            setting=setting,
-            counted=slice(first, None),
-            motion=motion,
-            whole=whole,
-            own=own,
-            errors=rest[:, 0],
-            known=rest[:, 1:split],
-            lacking=rest[:, split:],
-            reach=np.linalg.norm(slopes[:, :n] @ model.root.T, axis=1),
-        )
-
-    @property
-    def unit(self) -> float:
-        """What makes squared errors add up to their mean over that of the motion."""
-        return float(1 / (self.motion * self.errors.size**0.5))
-
-    @property
-    def unsure(self) -> float:
-        """What counts for nothing, in rad: a share of the motion about its straight line."""
-        time, angle = (each[self.counted] for each in (self.run.log.time, self.run.log.angle))
-        line = np.column_stack([np.ones(time.size), time - time.mean()])
-        return _ALLOWED * _rms(angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0])
-
-    def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
-        """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
-
-        They are errors about the free run as changed parameters would have it, ``left`` being the
-        (m,) errors that stay; what the log's start explains is taken from them.
-        """
-        log = self.run.log
-        time, measured = log.time[self.counted], log.angle[self.counted]
-        middles = self.simulation.middles()
-        angle = self.run.simulated.copy()
-        angle[self.counted] -= np.interp(time, middles, self.whole - left)
-        sensor = SensorErrors.of(measured, angle[self.counted])
-        if sensor.white:
-            return sensor, np.empty((self.whole.size, 0))
-        drawn = (sensor.draw(angle, random, unsure=self.unsure) for _ in range(_DRAWN))
-        return sensor, _less(self.own, np.column_stack([*map(self.simulation.averaged, drawn)]))
-
-    def judged(self, errors: Samples, sensor: SensorErrors) -> LogResiduals:
-        """Judge the log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
-        left, count, step = _rms(errors[:, 0]), errors.shape[0], self.simulation.step
-        lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
-        lag = step * np.arange(lags + 1)
-        allowed = self.unsure / left if left else 0.0
-        inputs = self.simulation.mean_inputs(self.setting.parameters)
-        own, crossed = correlations(errors, inputs, lags)
-        # the spread of the parameters, to first order, beside that of the readings
-        reach = SPREADS * np.hypot(self.reach, sensor.spread)
-        log = self.run.log
-        white = sensor.spread / (log.time[self.counted].size / count) ** 0.5
-        return LogResiduals(
-            name=log.name,
-            label=log.label,
-            motion=self.motion,
-            error=_rms(self.whole),
-            left=left,
-            explained=white if sensor.white else _rms(errors[:, 1:]),
-            sensor=sensor,
-            autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
-            cross_correlation=Curve.of(lag, crossed, count, allowed),
-            band=ErrorBand(time=self.simulation.middles(), reach=reach),
-        )
-
-
-def _directions(logs: Sequence[_Linearised]) -> Samples:
-    """(n, d) changes of what the model has that move all errors by 1, each in its own way.
-
-    Each log counts as it does in output error, by the mean square of its errors over its motion.
-    """
-    normal = sum(each.unit**2 * each.known.T @ each.known for each in logs)
-    size = np.sqrt(np.diag(normal))
-    size[size == 0] = 1.0
-    powers, axes = np.linalg.eigh(normal / np.outer(size, size))
-    told = powers > INDEPENDENT**2 * powers.max(initial=0.0)
-    return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
-
-
-def _reduced(
-    logs: Sequence[_Linearised], directions: Samples, errors: Sequence[Samples]
-) -> list[Samples]:
-    """Take from each log's (m, k) errors what a change of what the model has explains, jointly.
-
-    A log may have none.
-    """
-    pairs = list(zip(logs, errors, strict=True))
-    pulls = [each.unit**2 * each.known.T @ own for each, own in pairs if own.size]
-    if not pulls:
-        return list(errors)
-    change = directions @ (directions.T @ sum(pulls))
-    return [own - each.known @ change if own.size else own for each, own in pairs]
+def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogResiduals:
+    """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
+    left, count, step = rms(errors[:, 0]), errors.shape[0], each.simulation.step
+    lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
+    lag = step * np.arange(lags + 1)
+    allowed = each.unsure / left if left else 0.0
+    inputs = each.simulation.mean_inputs(each.setting.parameters)
+    own, crossed = correlations(errors, inputs, lags)
+    # the spread of the parameters, to first order, beside that of the readings
+    reach = SPREADS * np.hypot(each.reach, sensor.spread)
+    log = each.run.log
+    white = sensor.spread / (log.time[each.counted].size / count) ** 0.5
+    return LogResiduals(
+        name=log.name,
+        label=log.label,
+        motion=each.motion,
+        error=rms(each.whole),
+        left=left,
+        explained=white if sensor.white else rms(errors[:, 1:]),
+        sensor=sensor,
+        autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
+        cross_correlation=Curve.of(lag, crossed, count, allowed),
+        band=ErrorBand(time=each.simulation.middles(), reach=reach),
+    )
 
 
 def _missing_terms(
-    estimate: Estimate, logs: Sequence[_Linearised], directions: Samples, lacking: tuple[str, ...]
+    estimate: Estimate, logs: Sequence[LinearisedRun], directions: Samples, lacking: tuple[str, ...]
 ) -> tuple[MissingTerms, Samples]:
     """Choose from the terms that the model lacks; and (k,) shares of each log that they explain."""
     always = tuple(f"change {k}" for k in range(directions.shape[1]))
@@ -485,66 +337,3 @@ def _missing_terms(
         if chosen.terms
         else (),
     ), shares
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ResidualTorque:
-    """The residuals of one log seen at the joint: the torque that all terms leave of the motor's.
-
-    Averaged over bumps, the acceleration becomes int phi'' th, so nothing is differentiated twice;
-    where the joint may stick, friction is no function of the motion and nothing is said.
-    """
-
-    label: str  # of the log
-    # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
-    # in rad/s, N m
-    time: Samples
-    angle: Samples
-    velocity: Samples
-    torque: Samples
-
-    @classmethod
-    def of(cls, log: Log, setting: Setting) -> ResidualTorque:
-        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5).
-
-        InputError if the log is shorter than a bump. The load on the bearing enters by its own
-        basis, so that T_c is the bare hand's.
-        """
-        values = setting.parameters
-        loaded = values.with_added_mass(log.added_mass)
-        omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
-        width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
-        acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
-        signals = Averaging(log, setting.zero, width, values).signals(
-            acting, delay=values.delay, drive=values.drive
-        )
-        sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}
-        sizes |= {"p1": loaded.p1, "p3": loaded.p3}
-        torque = sum(size * signals.mean[name] for name, size in sizes.items())
-        moving = signals.moving
-        return cls(
-            label=log.label,
-            time=signals.time[moving],
-            angle=signals.angle[moving],
-            velocity=signals.velocity[moving],
-            torque=np.asarray(torque)[moving],
-        )
-
-
-def _rms(values: Samples) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-
-
-def _orthonormal(columns: Samples) -> Samples:
-    """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
-    sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > INDEPENDENT * columns.shape[0] ** 0.5
-    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > INDEPENDENT * singular.max(initial=0.0)])
-
-
-def _less(directions: Sequence[Samples], errors: Samples) -> Samples:
-    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
-    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
-    pairs = zip(directions, np.split(errors, ends), strict=True)
-    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])

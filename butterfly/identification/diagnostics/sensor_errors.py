@@ -21,7 +21,6 @@ LEVELS = (0.95, 0.99)
 """Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
 
 _REGULAR = 0.1  # of a step, by which half of all gaps may miss a whole number of steps of a grid
-_HALVINGS = 10  # of the interval that holds the noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +56,7 @@ class SensorErrors:
         lower, upper = 0.0, math.sqrt(roughness / 6)
         if _roughness(_errors(angle, 0.0 * noise, step)) >= roughness:
             return cls(step=step, noise=0.0)
-        for _ in range(_HALVINGS):
+        while upper - lower > 1e-3 * step:
             middle = (lower + upper) / 2
             if _roughness(_errors(angle, middle * noise, step)) < roughness:
                 lower = middle

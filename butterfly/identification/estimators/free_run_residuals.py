@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.blocks import FEW, cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.gauss_newton import (
     MOST,
     Equations,
@@ -27,10 +27,11 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.covariance import FEW
+from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
+    RARER,
     SCANNED,
     TermChoice,
     choose_terms,
@@ -231,12 +232,47 @@ class FreeRunResiduals:
         ``point``, ``at``: (n,) scaled values, and the equations about them; ``always``: names of
         parameters that are not to be chosen, but fitted. Values of the choice are scaled.
         """
-        optional = {name for name in TRIED if name not in always}
-        masses = [each.log.added_mass for each in self.simulations]
-        cells = independent_cells_of(len(masses), len(self.keys))
-        nested = submodels_of(self._equations(point, at, cells), masses)
+        optional = {name for name in (*TRIED, *RARER) if name not in always}
+        logs = [each.log for each in self.simulations]
+        masses = [log.added_mass for log in logs]
+        cells = independent_cells_of(len(logs), len(self.keys))
+        conditions = Conditions.of(logs, cells)
+        nested = submodels_of(self._equations(point, at, cells), masses, conditions=conditions)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
+
+    def fitted(self, choice: TermChoice) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...]]:
+        """Return the residuals in what was chosen, where their descent ends, and the rivals."""
+        names = [label for label in self.labels if label in choice.names]
+        first, *others = (
+            np.array([values[name] for name in names]) for values in (choice.values, *choice.rivals)
+        )
+        kept = np.flatnonzero([label in names for label in self.labels])
+        problem = self.keeping(kept, first)
+        rivals = tuple((each * problem.scale)[: problem.shared] for each in others)
+        return problem, problem.descend(first), rivals
+
+    def without(self, names: Container[str]) -> FreeRunResiduals:
+        """Return the residuals without some terms."""
+        kept = np.flatnonzero([name not in names for name, _ in self.keys])
+        return self.keeping(kept, self.initial[kept])
+
+    def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
+        """Return (n,) scaled values, and the equations about them, at those of fewer parameters."""
+        found = dict(zip(problem.keys, (point * problem.scale).tolist(), strict=True))
+        absent = {key: getattr(FrictionTerms, key[0], 0.0) for key in self.keys}
+        values = np.array(list((absent | found).values())) / self.scale
+        return values, self.weighed(self.equations(values).counting(self.loss), values)
+
+    def lacking(self, problem: FreeRunResiduals, point: Samples) -> str | None:
+        """Return the rarer term, of those here, that fewer parameters lack where they ended."""
+        tried = [n for n, _ in self.keys if n in RARER and (n, None) not in problem.keys]
+        if not tried:
+            return None
+        values, at = self.about(problem, point)
+        cells = cells_of(len(at.logs), len(self.keys))
+        conditions = Conditions.of([each.log for each in self.simulations], cells)
+        return lacking_term(self._equations(values, at, cells), tried, conditions)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
@@ -257,7 +293,6 @@ class FreeRunResiduals:
         """Return the equations about the end of a descent, in the parameters themselves."""
         cells = cells or cells_of(len(self.simulations), len(self.keys))
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
-        took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
         found = replace(
             scaled,
@@ -266,10 +301,9 @@ class FreeRunResiduals:
             rows=scaled.rows / scale,
             lower=self.lower * scale,
             prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
-            findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
-        return found if end.converged else found.stopped(found.next_step, took)
+        return found if end.converged else found.stopped(found.next_step)
 
     def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""

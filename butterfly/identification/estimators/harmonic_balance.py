@@ -80,17 +80,22 @@ class HarmonicBalanceTerms:
     said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
 
     @classmethod
-    def of(cls, fit: HarmonicBalanceFit, terms: tuple[str, ...] | None) -> HarmonicBalanceTerms:
+    def of(
+        cls,
+        fit: HarmonicBalanceFit,
+        terms: tuple[str, ...] | None,
+        conditions: Conditions | None = None,
+    ) -> HarmonicBalanceTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
-        ``fit``: without any; ``terms``: told, or None.
+        ``fit``: without any; ``terms``: told, or None; ``conditions``: of its logs.
         """
         able = {*offered("harmonic-balance")} - {SCANNED, _OF_REST}
         offers = [name for name in CANDIDATES if name in able]
         known = fit.phasors.known
         every = candidates(offers, fit.phasors.masses, known)
         told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})
-        chosen = scanned_terms(_Balances(fit), every, told)
+        chosen = scanned_terms(_Balances(fit, conditions), every, told)
         names = chosen.names
         speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
         return cls(
@@ -116,9 +121,9 @@ class HarmonicBalanceTerms:
 class _Balances:
     """The equations of a fit with more terms."""
 
-    def __init__(self, fit: HarmonicBalanceFit) -> None:
+    def __init__(self, fit: HarmonicBalanceFit, conditions: Conditions | None) -> None:
         self.always = fit.phasors.names
-        self._fit = fit
+        self._fit, self._conditions = fit, conditions
 
     @property
     def speeds(self) -> list[float]:
@@ -130,7 +135,7 @@ class _Balances:
         phasors = replace(self._fit.phasors, names=(*self.always, *terms))
         if speed is not None:
             phasors = replace(phasors, stribeck_velocity=speed)
-        return self._fit.nested(phasors)
+        return replace(self._fit.nested(phasors), conditions=self._conditions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,13 +179,20 @@ class HarmonicBalance(Estimator):
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
-        chosen = HarmonicBalanceTerms.of(fit, self.terms)
-        fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
-        while self.terms is None and (idle := fit.idle):
-            chosen = chosen.without(idle)
-            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+        conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
+        always = fit.phasors.names
+        while True:
+            chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
+            fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
+            while self.terms is None and (idle := fit.idle):
+                chosen = chosen.without(idle)
+                fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+            lacking = fit.lacking(always, conditions) if self.terms is None else None
+            if lacking is None:
+                break
+            always = (*always, lacking)
+            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
         known = robot.rest if robot.rest.bias is not None else None
-        conditions = Conditions.of([data.logs[k] for k in numbers], cells=1)
         return _judged(
             points,
             fit,

@@ -14,10 +14,15 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import NEGLIGIBLE, submodels_of
+from butterfly.identification.inference.term_choice import (
+    NEGLIGIBLE,
+    RARER,
+    candidates,
+    submodels_of,
+)
 from butterfly.identification.normal_equations import Regression
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -219,9 +224,8 @@ class HarmonicBalanceFit:
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS)
         solved = CellEquations.of(regression, solution)
-        solved = solved if settled else solved.stopped(moved, rounds)
+        solved = solved if settled else solved.stopped(moved)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 
     @property
@@ -270,6 +274,16 @@ class HarmonicBalanceFit:
         )
         negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
         return submodels_of(equations, phasors.masses, negligible)
+
+    def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
+        """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""
+        names = (*self.phasors.names, *lost)
+        if "stribeck" in names:  # what its velocity is off by would look like a spring
+            names = (*names, "spring")
+        every = candidates(RARER, self.phasors.masses, self.phasors.known)
+        tried = tuple(name for name in every if name not in names)
+        nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
+        return lacking_term(nested.equations, tried, conditions)
 
     def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
         """Return the values of parameters from unknowns of `nested`; 0 if there is none."""

@@ -6,7 +6,7 @@ First guesses are closed forms' parameters, and rest angles of the encoder.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
@@ -18,10 +18,12 @@ from butterfly.identification.estimators.free_run_residuals import FreeRunResidu
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.inference.term_choice import candidates
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
 
+_LEFT_OUT = ("drag", "load", "bias")
 _HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _GLANCE = 8  # passes after which a descent that is not lower than another is given up
@@ -38,13 +40,17 @@ class Start:
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
 
-    ``terms``: which they fit, as far as they offer them; those that they choose, if None.
+    ``terms``: which they fit, as far as they offer them; if None, those that they choose, and
+    friction and pulls that a choice may have left out.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
-    for closed_form in (_from_sines, _from_any):
+    guesses = [(_from_sines, terms), (_from_any, terms)]
+    if terms is None:
+        guesses.append((_from_any, candidates(_LEFT_OUT, data.masses, data.known)))
+    for closed_form, wanted in guesses:
         try:
-            start = closed_form(data, terms)
+            start = closed_form(data, wanted)
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
@@ -76,7 +82,7 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    return Start(parameters=_moving(found, data.masses), zeros=zeros)
+    return Start(parameters=_moving(found, data), zeros=zeros)
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
@@ -91,7 +97,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted, check=False)
     estimate = closed_form(replace(data, known=usable(closed_form.method, data.known)))
-    found = _moving(estimate, data.masses)
+    found = _moving(estimate, data)
     if not open_:
         return Start(parameters=found, zeros=zeros)
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
@@ -100,13 +106,17 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
 
 
-def _moving(found: Estimate, masses: Iterable[AddedMass]) -> LumpedParameters:
-    """Return an estimate's parameters; an inertia below 0 that may be above is half of the most."""
-    parameters, least = found.parameters, min(mass.inertia for mass in masses)
-    most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0)
-    if parameters.p1 + least > 0 or not most + least > 0:
+def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
+    """Return an estimate's parameters; an inertia below 0 that may be above hardly shows.
+
+    It is half of the most, or lets the speed settle within a step of the clock.
+    """
+    parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
+    most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0) + least
+    if parameters.p1 + least > 0 or not most > 0:
         return parameters
-    return replace(parameters, p1=(most - least) / 2)
+    settling = parameters.p2 * min(log.mean_step for log in data.logs)
+    return replace(parameters, p1=min(most / 2, settling or most) - least)
 
 
 def _of_ratios(data: DataSet) -> Start | None:
@@ -119,7 +129,8 @@ def _of_ratios(data: DataSet) -> Start | None:
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
     try:
-        ratios = WeakForm(check=False).of_logs(logs, zeros, Prior.of({"p4": 1.0})).parameters
+        known = data.known | Prior.of({"p4": 1.0})
+        ratios = WeakForm(check=False).of_logs(logs, zeros, known).parameters
     except ButterflyError:
         return None
     if not ratios.p1:

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
+from butterfly.identification.blocks import FEW, cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
@@ -34,10 +34,10 @@ from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.weighed_logs import weighed
 from butterfly.identification.inference.agreement import Conditions
-from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
+    RARER,
     candidates,
     requested_terms,
 )
@@ -163,20 +163,21 @@ class OutputError(Estimator):
         problems = [
             self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
         ]
-        problem, end, said = lowest_end(problems)
+        wide, rarer = problems[0], self._unseen(first)
+        problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[NDArray[np.float64], ...] = ()
-        if self.terms is None:
-            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
-            names = [label for label in problem.labels if label in choice.names]
-            ends = [
-                np.array([values[name] for name in names])
-                for values in (choice.values, *choice.rivals)
-            ]
-            kept = np.flatnonzero([label in names for label in problem.labels])
-            problem = problem.keeping(kept, ends[0])
-            rivals = tuple((each * problem.scale)[: problem.shared] for each in ends[1:])
-            end = problem.descend(problem.initial)
-            said = (*said, *choice.findings)
+        always, lacking = tuple(known.uncertain), None
+        while self.terms is None:
+            here = wide.without(rarer)
+            point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
+            choice = here.choose_terms(point, at, always)
+            problem, end, rivals = here.fitted(choice)
+            absent = {*TRIED} - {name for name, _ in problem.keys}
+            lacking = wide.without(absent).lacking(problem, end.point)
+            if lacking is None:
+                said = (*said, *choice.findings)
+                break
+            rarer, always = rarer - {lacking}, (*always, lacking)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
@@ -223,6 +224,12 @@ class OutputError(Estimator):
         again = replace(self, horizon=horizon).of_starts(logs, first, known)
         return again.with_findings(adds_up)
 
+    def _unseen(self, first: Sequence[Start]) -> set[str]:
+        """Return the rarer terms that no first guess has: they are tried in the end."""
+        if self.terms is not None:
+            return set()
+        return {n for n in RARER if not any(getattr(each.parameters, n) for each in first)}
+
     def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
         for name in self.fixed:
@@ -264,7 +271,7 @@ class OutputError(Estimator):
         """Return the terms that are fitted, or tried."""
         terms = self.terms
         if terms is None:
-            terms = candidates(TRIED, masses, known)
+            terms = candidates((*TRIED, *RARER), masses, known)
         else:
             terms = requested_terms(terms, known.uncertain)
         leaders = {*terms, *known.uncertain} & COMPANIONS.keys()

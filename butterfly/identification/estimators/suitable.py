@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.estimators.steady_response import steady_sines
-from butterfly.identification.estimators.weak_form import WeakForm
-from butterfly.identification.prediction_horizon import HORIZONS, lasts
 from butterfly.model.terms import PARAMETERS
 
 _MOST = 0.8  # share of the logs that must have settled
@@ -24,9 +21,7 @@ class Suitable(Estimator):
     """Harmonic balance of sines that settled, output error of all other logs.
 
     Of sines, nearly all must have settled, and be more than the parameters that are sought: the
-    errors of a balance are told by how its logs differ. The weak form takes the place of output
-    error where no gravity brings the joint back and what the model lacks outweighs the noise within
-    half a second: a simulation would add it up.
+    errors of a balance are told by how its logs differ.
 
     Parameters
     ----------
@@ -41,10 +36,7 @@ class Suitable(Estimator):
     terms: tuple[str, ...] | None = None
     check: bool = True
 
-    summary: ClassVar[str] = (
-        "harmonic-balance where all logs are sines, else output-error, but weak-form where errors "
-        "of a simulation add up"
-    )
+    summary: ClassVar[str] = "harmonic-balance where all logs are sines, else output-error"
 
     def suited(self, data: DataSet) -> Estimator:
         """Return the estimator that suits the logs of a data set."""
@@ -53,18 +45,7 @@ class Suitable(Estimator):
             enough = len(steady) > len(data.known.fitted(PARAMETERS))
             if enough and len(steady) >= _MOST * len(data.logs):
                 return HarmonicBalance(terms=self.terms, check=self.check)
-        if not data.hangs and self._adds_up(data):
-            return WeakForm(terms=self.terms, check=self.check)
         return OutputError(terms=self.terms, check=self.check)
-
-    def _adds_up(self, data: DataSet) -> bool:
-        """Whether even short simulations leave over more than noise; not if that is not known."""
-        try:
-            found = WeakForm(terms=self.terms, check=False)(data)
-        except ButterflyError:
-            return False
-        carried = found.parameters.p1 + min(mass.inertia for mass in data.masses)
-        return carried > 0 and not lasts(data.logs, found, HORIZONS[-1])
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate as the estimator does that suits the logs (see `Estimator`)."""

@@ -16,17 +16,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import require_number
+from butterfly.identification.blocks import cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
-from butterfly.identification.equations import cells_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.weak_regression import (
@@ -60,11 +59,14 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 
 
 def fitted_terms(
-    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior
+    logs: Sequence[Log],
+    windows: Sequence[Windows],
+    terms: tuple[str, ...] | None,
+    known: Prior,
 ) -> tuple[WeakFit, TermChoice]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them.
 
-    ``terms``: told, or None.
+    ``windows``: of the logs; ``terms``: told, or None.
     """
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always = known.fitted(PARAMETERS)
@@ -72,7 +74,7 @@ def fitted_terms(
     tried = candidates(names, (each.added for each in windows), known)
     told = None if terms is None else requested_terms(terms, known.parameters)
     first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
-    equations = _Averages(first, windows, always)
+    equations = _Averages(first, logs, windows, always)
     found = scanned_terms(equations, tried, told)
     slow = found.settings.get("stribeck_velocity", usual)
     return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
@@ -81,9 +83,16 @@ def fitted_terms(
 class _Averages:
     """The equations of a fit with other terms."""
 
-    def __init__(self, fit: WeakFit, windows: Sequence[Windows], always: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        fit: WeakFit,
+        logs: Sequence[Log],
+        windows: Sequence[Windows],
+        always: tuple[str, ...],
+    ) -> None:
         self.always = always
-        self._fit, self._windows = fit, windows
+        self._fit, self._logs, self._windows = fit, logs, windows
+        self._conditions: dict[int, Conditions] = {}
 
     @property
     def speeds(self) -> list[float]:
@@ -92,7 +101,11 @@ class _Averages:
 
     def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         slow = self._fit.about.slow if speed is None else speed
-        return self._fit.nested(self._windows, (*self.always, *terms), slow)
+        nested = self._fit.nested(self._windows, (*self.always, *terms), slow)
+        cells = nested.equations.log.size // len(self._logs)
+        if cells not in self._conditions:
+            self._conditions[cells] = Conditions.of(self._logs, cells)
+        return replace(nested, conditions=self._conditions[cells])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,15 +181,14 @@ class WeakForm(Estimator):
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
-        window = partial(self._windows, periods=periods)
-        windows = [window(log, reading_of(log, zeros)) for log in logs]
-        plain, terms = fitted_terms(windows, self.terms, reference.fixed)
+        windows = [self._windows(log, reading_of(log, zeros), periods) for log in logs]
+        plain, terms = fitted_terms(logs, windows, self.terms, reference.fixed)
         fixed = terms.settings | {"cogging_periods": periods}
         parameters = LumpedParameters(**fixed | plain.values)
-        pairs = seen(logs, windows, parameters, zeros, window)
+        pairs = seen(logs, windows, parameters, zeros)
         fit = refined(plain, pairs)
 
-        solved = fit.solved
+        solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
         rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
@@ -185,7 +197,7 @@ class WeakForm(Estimator):
             method="weak form",
             check=self.check,
             driven=driven,
-            conditions=Conditions.of(logs, cells_of(len(logs), len(solved.names))),
+            conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=terms.findings,
             fixed=fixed,
@@ -195,7 +207,7 @@ class WeakForm(Estimator):
             torques=True,
         )
 
-    def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
+    def _windows(self, log: Log, zero: float, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
         settings = FrictionTerms(cogging_periods=periods)
         half_width = min(self.half_width, period / 4)

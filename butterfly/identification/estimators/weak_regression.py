@@ -15,7 +15,7 @@ Sequential Estimation, 1977, chapter VIII).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,19 +23,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations, cells_of, independent_cells_of
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import submodels_of
+from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
 from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, TERMS, DriveTerms
+from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
 
 Samples = NDArray[np.float64]
 
@@ -183,7 +183,7 @@ class WeakFit:
         """
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
-        values = np.zeros(len(about.names))
+        step, share, values = 0.0, 1.0, np.zeros(len(about.names))
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
@@ -191,15 +191,18 @@ class WeakFit:
             moved, values = solution.values - values, solution.values
             variance = solved.realised_variance if weighs else about.variance
             before, about = about, about.moved(solution.values, latest, variance)
+            if step * (about.delay - before.delay) < 0:  # it goes to and fro
+                share /= 2
+            step = share * (about.delay - before.delay)
+            about = replace(about, delay=before.delay + step)
             settled = bool(
                 about.near(before) and abs(variance - before.variance) <= _SCATTERED * variance
             )
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS)
         if not settled:
-            solved = solved.stopped(moved, rounds)
+            solved = solved.stopped(moved)
         return cls(about=about, regression=regression, solved=solved)
 
     @property
@@ -223,7 +226,8 @@ class WeakFit:
         regression = replace(self.about, names=names, slow=slow).regression(windows)
         values = np.array([self.values.get(name, 0.0) for name in names])
         solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
-        cells = independent_cells_of(len(windows), len(names))
+        most = len({*PARAMETERS, *CANDIDATES})  # the same cells for any terms
+        cells = independent_cells_of(len(windows), most)
         equations = CellEquations.of(regression, solution, cells=cells)
         return submodels_of(equations, [each.added for each in windows])
 
@@ -245,9 +249,8 @@ def seen(
     windows: Sequence[Windows],
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
-    cut: Callable[[Log, float], Windows],
 ) -> list[Seen]:
-    """Simulate logs, and cut the simulations into windows as the logs were: by log and its zero.
+    """Simulate logs, and cut the simulations into windows as the logs were.
 
     ``parameters``: of the bare hand; ``zeros``: encoder reading in rad at rest for each added mass.
     """
@@ -257,8 +260,8 @@ def seen(
     for log, own in zip(logs, windows, strict=True):
         zero = reading_of(log, zeros)
         run = FreeRun.of(log, Setting(parameters=parameters, zero=zero))
-        like = run.fit > LEAST_FIT
-        pairs.append(Seen(own, cut(replace(log, angle=run.simulated), zero) if like else own))
+        like = own._replace(averaging=own.averaging.moving_so(run.simulated))
+        pairs.append(Seen(own, like if run.fit > LEAST_FIT else own))
     return pairs
 
 
@@ -290,7 +293,7 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     solved = replace(
         CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
         ending=fit.solved.ending,
-        findings=fit.solved.findings,
+        unsettled=fit.solved.unsettled,
     )
     return replace(fit, regression=through, solved=solved)
 

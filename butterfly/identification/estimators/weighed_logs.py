@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import (
@@ -16,7 +17,6 @@ from butterfly.identification.estimators.gauss_newton import (
     Minimum,
     bounded_step,
 )
-from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.model.prior import Penalty
 

@@ -19,7 +19,7 @@ is a contrast as well: of p1 and p3 together, in its logs.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr
 
+from butterfly.identification.blocks import FEW
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
@@ -44,6 +44,8 @@ _LEAST_MASSES = 3  # of which one can be weighed wrong: to call two the same exp
 _LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
 
 
+_OF_TORQUES = ("p1", "p3", "p4")
+_FRICTION = {"p2", "coulomb"}
 _FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
@@ -57,6 +59,7 @@ class Condition(StrEnum):
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
+    ALL = "all"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +100,10 @@ class Conditions:
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     sines: bool  # whether all are sines
+    steady: bool = False  # whether residuals are those of steady responses, whose errors are known
 
     @classmethod
-    def of(cls, logs: Sequence[Log], cells: int) -> Conditions:
+    def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
         """Read them off logs, each of which was cut into some cells."""
         pieces = [piece for log in logs for piece in _pieces(log, cells)]
         values = {
@@ -119,6 +123,7 @@ class Conditions:
             values=values,
             masses=tuple(log.added_mass for log in logs),
             sines=all(log.excitation for log in logs),
+            steady=steady,
         )
 
 
@@ -151,7 +156,6 @@ def disagreements_of(
     """
     tried = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried.sort(key=lambda each: each.chance)
-    steady = equations.log.size == np.unique(equations.log).size
     accepted: list[tuple[Contrast, list[Samples]]] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)
@@ -159,13 +163,45 @@ def disagreements_of(
             break
         rivals = [_rival(equations, each, limit) for limit in _limits(each)]
         moved = rivals or [equations.values + each.moves]
-        if _matters(equations, each, moved, steady=steady, sines=conditions.sines):
+        if _matters(equations, each, moved, conditions):
             accepted.append((_contrast(equations, each, chance), rivals))
     accepted.sort(key=lambda each: -each[0].share)
     return (
         tuple(contrast for contrast, _ in accepted),
         tuple(rival for _, rivals in accepted for rival in rivals),
     )
+
+
+def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
+    """Whether friction follows a condition, as it does where a term of it is missing."""
+    found, _ = disagreements_of(equations, conditions)
+    return any(each.parameter in _FRICTION for each in found)
+
+
+def lacking_term(
+    equations: CellEquations, names: Sequence[str], conditions: Conditions
+) -> str | None:
+    """Return which of some terms a model lacks, by the rule of contrasts: the likeliest, if any.
+
+    The terms are in the equations, at what is none of them; each may move in all cells alike.
+    """
+    absent = np.isin(equations.names, names)
+    about = replace(equations, on_bound=equations.on_bound | absent)
+    tried = []
+    for name in names:
+        place = equations.names.index(name)
+        direction = np.zeros((equations.log.size, len(equations.names)))
+        direction[:, place] = 1.0
+        every = _About(name, Condition.ALL, 0.0, direction[:, place])
+        found = _tried(about, conditions, direction, every)
+        if found and equations.values[place] + found.gamma > equations.lower[place]:
+            tried.append(found)
+    best = min(tried, key=lambda each: each.chance, default=None)
+    if best is None or not best.chance * len(names) < _LEVEL:
+        return None
+    moved = [equations.values + best.moves]
+    matters = _matters(equations, best, moved, conditions, _OF_TORQUES)
+    return best.about.parameter if matters else None
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
@@ -193,7 +229,7 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> list[_Tr
             mean = float(weight @ x / weight.sum())
             direction = np.zeros((x.size, len(equations.names)))
             direction[:, place] = x - mean
-            found = _tried(equations, direction, _About(name, condition, mean, x))
+            found = _tried(equations, conditions, direction, _About(name, condition, mean, x))
             tried += [found] if found else []
     return tried
 
@@ -212,12 +248,14 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> list[_Tried]
         direction[:, names.index("p1")] = x * mass.arm**2
         direction[:, names.index("p3")] = x * mass.gravity * mass.arm
         about = _About("mass", Condition.WEIGHED, mass.mass, x)
-        found = _tried(equations, direction, about)
+        found = _tried(equations, conditions, direction, about)
         tried += [found] if found else []
     return tried
 
 
-def _tried(equations: CellEquations, direction: Samples, about: _About) -> _Tried | None:
+def _tried(
+    equations: CellEquations, conditions: Conditions, direction: Samples, about: _About
+) -> _Tried | None:
     """Let the parameters move along (k, n) directions; None where the cells cannot tell that."""
     free = ~equations.on_bound
     curvature, gradient = equations.curvature, equations.gradient
@@ -247,7 +285,7 @@ def _tried(equations: CellEquations, direction: Samples, about: _About) -> _Trie
     own_scores = np.asarray(np.bincount(logs, scores), dtype=float)
     own_parts = np.asarray(np.bincount(logs, parts), dtype=float)
     of_logs = _chance(own_scores, own_parts, gamma, information)
-    if own_scores.size == logs.size:
+    if conditions.steady:
         freedom = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - free.sum() - 1
         left = max(cost - explained, np.finfo(float).tiny)
         chance = float(fdtrc(1, freedom, explained * freedom / left)) if freedom > 0 else 1.0
@@ -293,11 +331,15 @@ def _rival(equations: CellEquations, each: _Tried, limit: float) -> Samples:
 
 
 def _matters(
-    equations: CellEquations, each: _Tried, rivals: list[Samples], *, steady: bool, sines: bool
+    equations: CellEquations,
+    each: _Tried,
+    rivals: list[Samples],
+    conditions: Conditions,
+    of: tuple[str, ...] = ("p1", "p4"),
 ) -> bool:
     """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
     names, values = equations.names, equations.values
-    places = [names.index(name) for name in ("p1", "p4") if name in names]
+    places = [names.index(name) for name in of if name in names]
     moved = max(
         (
             abs(rival[place] - values[place]) / (abs(values[place]) or np.inf)
@@ -308,7 +350,9 @@ def _matters(
     )
     if not each.of_logs < _LEVEL:
         return False
-    return moved > _MOVES_STEADY if steady else each.share > _SHARES[not sines] or moved > _MOVES
+    if conditions.steady:
+        return moved > _MOVES_STEADY
+    return each.share > _SHARES[not conditions.sines] or moved > _MOVES
 
 
 def _contrast(equations: CellEquations, each: _Tried, chance: float) -> Contrast:

@@ -20,9 +20,6 @@ SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
 
 _LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
-FEW = 3
-"""Clusters, up to which their scatter tells nothing of that between others."""
-
 
 def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
     """Return the covariance of an M-estimate from that of its weighted least squares.

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
@@ -67,11 +67,16 @@ class Conditioning:
     def refuse_singular(self) -> None:
         """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
         if self.number > SINGULAR_CONDITION:
-            apart = " separately" if len(self.weakest) > 1 else ""
-            raise IdentifiabilityError(
-                f"these logs do not determine {' and '.join(self.weakest)}{apart} (condition "
-                f"number {self.number:.1e}): {OTHER_LOGS}"
-            )
+            raise self.refusal
+
+    @property
+    def refusal(self) -> IdentifiabilityError:
+        """The error that says what the data do not tell."""
+        apart = " separately" if len(self.weakest) > 1 else ""
+        return IdentifiabilityError(
+            f"these logs do not determine {' and '.join(self.weakest)}{apart} (condition number "
+            f"{self.number:.1e}): {OTHER_LOGS}"
+        )
 
     @property
     def findings(self) -> list[Finding]:

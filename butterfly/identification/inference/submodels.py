@@ -9,13 +9,14 @@ simulation.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.agreement import Conditions
 from butterfly.model.terms import COMPANIONS
 
 Samples = NDArray[np.float64]
@@ -36,6 +37,7 @@ class Submodels:
     demanded: tuple[str, ...] = ()  # parameters without which these equations are not asked
     negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
     slack: float = 1.0  # standard errors by which a fit with fewer parameters may predict worse
+    conditions: Conditions | None = None  # under which the cells were recorded
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -73,13 +75,29 @@ class Submodels:
             )
             lost |= np.isnan(values).any(axis=1)
             errors[:, mine] = self.costs(values)[:, mine]
-        return np.where(lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf))
+        return np.where(
+            lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf, posinf=np.inf)
+        )
 
     def costs(self, values: Samples) -> Samples:
         """(t, k) squared errors of the cells with (t, n) values."""
         steps, own = values - self.equations.values, self.equations
         bent = np.einsum("tn,knt->tk", steps, own.curvature @ steps.T)
         return np.asarray(np.maximum(own.cost + 2 * steps @ own.gradient.T + bent, 0.0))
+
+    def restricted(self, kept: NDArray[np.bool_], values: Samples) -> CellEquations:
+        """Return the equations of a fit with some of the parameters, by a mask, about its end."""
+        own = self.equations
+        return replace(
+            own,
+            names=tuple(name for name, each in zip(self.names, kept, strict=True) if each),
+            values=values[kept],
+            lower=own.lower[kept],
+            on_bound=(values <= own.lower)[kept],
+            rows=own.rows[:, :, kept],
+            residuals=own.residuals + own.rows @ (values - own.values),
+            prior=None if own.prior is None else own.prior.take(kept),
+        )
 
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""

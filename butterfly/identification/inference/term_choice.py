@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.identifiability import OTHER_LOGS
+from butterfly.identification.inference.agreement import Conditions, friction_disagrees
+from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
@@ -30,6 +31,9 @@ Samples = NDArray[np.float64]
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""
+
+RARER = ("spring", "mass_inertia", "dead_zone", "compression")
+"""Terms that are tried one after the other beside those, by the rule of contrasts."""
 
 NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
@@ -121,7 +125,10 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
 
 
 def submodels_of(
-    equations: CellEquations, parts: Sequence[Hashable], negligible: float = NEGLIGIBLE
+    equations: CellEquations,
+    parts: Sequence[Hashable],
+    negligible: float = NEGLIGIBLE,
+    conditions: Conditions | None = None,
 ) -> Submodels:
     """Return the fits with fewer terms, which predict one part of the data after the other.
 
@@ -132,7 +139,13 @@ def submodels_of(
     few = cells.log.size > np.unique(cells.log).size
     folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
     slack = SLACK_OF_STRETCHES if few else 1.0
-    return Submodels(equations=cells, folds=folds, negligible=negligible, slack=slack)
+    return Submodels(
+        equations=cells,
+        folds=folds,
+        negligible=negligible,
+        slack=slack,
+        conditions=conditions,
+    )
 
 
 def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
@@ -149,8 +162,9 @@ def choose_terms(
     """Choose from the terms of fits that have them all, about one or more settings.
 
     Every fit has the parameters ``always``. Terms that are ``demanded`` are not chosen, but wanted;
-    the last of them are dropped that cannot be told from the others. IdentifiabilityError if the
-    data do not even determine what every fit has.
+    the last of them are dropped that cannot be told from the others. Where friction follows a
+    condition without a term that would help a little, the set that predicts best is taken, if its
+    friction does not. IdentifiabilityError if the data do not even determine what every fit has.
     """
     offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
     trials = _all_trials(fits, always, demanded)
@@ -162,6 +176,8 @@ def choose_terms(
             "method weak-form simulates nothing from the start"
         )
     chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
+    if chosen.disagrees(always) and not best.disagrees(always):
+        chosen = best
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
         names=(*always, *chosen.terms),
@@ -190,6 +206,14 @@ class _Trial(NamedTuple):
     def score(self) -> float:
         return float(self.errors.mean())
 
+    def disagrees(self, always: Sequence[str]) -> bool:
+        """Whether the friction of the fit follows a condition."""
+        if self.nested.conditions is None:
+            return False
+        (kept,) = _kept(self.nested, always, [self.terms])
+        equations = self.nested.restricted(kept, self.fitted)
+        return friction_disagrees(equations, self.nested.conditions)
+
     @property
     def values(self) -> dict[str, float]:
         named = zip(self.nested.names, self.fitted.tolist(), strict=True)
@@ -207,7 +231,10 @@ def _all_trials(
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
-    raise IdentifiabilityError(f"these logs do not determine {', '.join(always)}: {OTHER_LOGS}")
+    about = fits[0].equations
+    places = [about.names.index(name) for name in always]
+    known = None if about.prior is None else about.prior.active[places]
+    raise Conditioning.of(about.rows[:, :, places].reshape(-1, len(places)), always, known).refusal
 
 
 def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:

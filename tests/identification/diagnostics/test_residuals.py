@@ -13,12 +13,12 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.residuals import (
     LogResiduals,
     Residuals,
-    ResidualTorque,
     residuals_of,
 )
 from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.test_functions import ResidualTorque
 from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
@@ -161,7 +161,8 @@ def test_the_residual_torque_is_that_of_the_missing_term(term):
     values = np.array([getattr(ROBOT, name) for name in found.names])
     true = replace(found, values=values, local={None: {"zero": 0.0}})
     for number, log in enumerate(data.logs):
-        each = ResidualTorque.of(log, data.simulations.setting(number, true))
+        setting = data.simulations.setting(number, true)
+        each = ResidualTorque.of(log, setting.parameters, setting.zero)
         v = each.velocity
         expected = {
             "drag": np.abs(v) * v,

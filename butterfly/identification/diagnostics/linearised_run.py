@@ -1,0 +1,211 @@
+"""Free runs about an estimate, to first order: what stays of their errors if all follows.
+
+A log's own are the velocity and the true angle at its start; logs share the parameters, zeros and
+biases. What a small change of these would take from the errors is no misfit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.sensor_errors import SensorErrors
+from butterfly.identification.draws import covariance_root, honest_covariance
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.inference.term_choice import candidates, stribeck_velocities
+from butterfly.identification.segments import Segments
+from butterfly.identification.simulation import Simulation
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import TERMS
+from butterfly.signals.frequency_response import first_counted
+
+Samples = NDArray[np.float64]
+
+_ALLOWED = 7e-4  # misfit over rms swing that counts for nothing: no free run is more exact
+_DRAWN = 24  # sets of sensor errors
+_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
+
+
+class Derivatives(NamedTuple):
+    """What the errors are differentiated by."""
+
+    names: tuple[str, ...]  # parameters that logs share
+    owners: list[tuple[str, AddedMass | str | None]]  # whose each zero and bias is
+    lacking: tuple[str, ...]  # terms of the table that the model lacks and the logs may tell
+    slow: float  # velocity in rad/s below which Stribeck friction is looked for
+    root: Samples  # (n, n) root of the covariance; zeros where there is none
+
+    @classmethod
+    def of(cls, data: DataSet, estimate: Estimate) -> Derivatives:
+        """Take all that an estimate has, and the terms that it lacks."""
+        owners = estimate.owners(data.unread)
+        has = {*estimate.names, *(name for name, _ in owners)}
+        named = [row.name for row in TERMS.values() if row.looks_like and row.name not in has]
+        lacking = candidates(named, data.masses, estimate.known)
+        fastest = math.sqrt(2) * max(log.rms_speed for log in data.logs)
+        speeds = stribeck_velocities(fastest, estimate.known) or [1.0]
+        try:
+            root = covariance_root(honest_covariance(estimate))
+        except IdentifiabilityError:
+            root = np.zeros((len(estimate.names),) * 2)
+        return cls(
+            names=estimate.names,
+            owners=owners,
+            lacking=tuple(name for name in lacking if not getattr(estimate.parameters, name)),
+            slow=speeds[len(speeds) // 2],
+            root=root,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearisedRun:
+    """One log's free run, where its errors count, and what it changes by.
+
+    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
+    change of it moves the readings by 1 less what one of the zero does.
+    """
+
+    run: FreeRun
+    simulation: Simulation | Segments
+    setting: Setting
+    counted: slice  # the samples whose errors count
+    motion: float  # rms of the measured angle about its mean, in rad
+    whole: Samples  # (m,) simulated less measured angle in rad
+    # (k, j) orthonormal directions in which the log's own start moves it, k of m after k where the
+    # log is simulated in segments, each from a start of its own
+    own: tuple[Samples, ...]
+    errors: Samples  # (m,) errors less those directions
+    known: Samples  # (m, n) derivatives by what the model has, less those directions
+    lacking: Samples  # (m, j) derivatives by the terms that it lacks, less those directions
+    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
+    # first order; zeros where the estimate says nothing of them
+    reach: Samples
+
+    @classmethod
+    def of(cls, run: FreeRun, setting: Setting, model: Derivatives) -> LinearisedRun | None:
+        """Differentiate a log's free run; None if it fails or nothing moves."""
+        log, parameters = run.log, setting.parameters
+        first = first_counted(log)
+        motion = float(np.std(log.angle[first:]))
+        if "stribeck" in model.lacking:
+            parameters = replace(parameters, stribeck_velocity=model.slow)
+        local = dict.fromkeys(["zero", "velocity", *(name for name, _ in model.owners)])
+        asked = [*model.names, *local, *model.lacking]
+        simulation = setting.simulation(log, first)
+        with np.errstate(all="ignore"):
+            whole, rows, mixture = simulation.linearised(
+                asked, parameters, setting.zero, setting.velocity
+            )
+            slopes = rows @ mixture
+        numbers = (run.fit, whole, slopes)
+        if not (motion > 0 and all(np.isfinite(each).all() for each in numbers)):
+            return None
+        of = dict(zip(asked, slopes.T, strict=True))
+        if isinstance(simulation, Segments):
+            own = simulation.directions(parameters, setting.zero)
+        else:
+            own = (_orthonormal(np.column_stack([1 - of["zero"], of["velocity"]])),)
+        mine, n = {None, log.added_mass, log.name}, len(model.names)
+        columns = [whole, *slopes[:, :n].T]
+        columns += [of[name] * (whose in mine) for name, whose in model.owners]
+        columns += [of[name] for name in model.lacking]
+        rest = _less(own, np.column_stack(columns))
+        split = rest.shape[1] - len(model.lacking)
+        return cls(
+            run=run,
+            simulation=simulation,
+            setting=setting,
+            counted=slice(first, None),
+            motion=motion,
+            whole=whole,
+            own=own,
+            errors=rest[:, 0],
+            known=rest[:, 1:split],
+            lacking=rest[:, split:],
+            reach=np.linalg.norm(slopes[:, :n] @ model.root.T, axis=1),
+        )
+
+    @property
+    def unit(self) -> float:
+        """What makes squared errors add up to their mean over that of the motion."""
+        return float(1 / (self.motion * self.errors.size**0.5))
+
+    @property
+    def unsure(self) -> float:
+        """What counts for nothing, in rad: a share of the motion about its straight line."""
+        time, angle = (each[self.counted] for each in (self.run.log.time, self.run.log.angle))
+        line = np.column_stack([np.ones(time.size), time - time.mean()])
+        return _ALLOWED * rms(angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0])
+
+    def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
+        """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
+
+        They are errors about the free run as changed parameters would have it, ``left`` being the
+        (m,) errors that stay; what the log's start explains is taken from them.
+        """
+        log = self.run.log
+        time, measured = log.time[self.counted], log.angle[self.counted]
+        middles = self.simulation.middles()
+        angle = self.run.simulated.copy()
+        angle[self.counted] -= np.interp(time, middles, self.whole - left)
+        sensor = SensorErrors.of(measured, angle[self.counted])
+        if sensor.white:
+            return sensor, np.empty((self.whole.size, 0))
+        drawn = (sensor.draw(angle, random, unsure=self.unsure) for _ in range(_DRAWN))
+        return sensor, _less(self.own, np.column_stack([*map(self.simulation.averaged, drawn)]))
+
+
+def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
+    """(n, d) changes of what the model has that move all errors by 1, each in its own way.
+
+    Each log counts as it does in output error, by the mean square of its errors over its motion.
+    """
+    normal = sum(each.unit**2 * each.known.T @ each.known for each in logs)
+    size = np.sqrt(np.diag(normal))
+    size[size == 0] = 1.0
+    powers, axes = np.linalg.eigh(normal / np.outer(size, size))
+    told = powers > _INDEPENDENT**2 * powers.max(initial=0.0)
+    return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
+
+
+def reduced(
+    logs: Sequence[LinearisedRun], directions: Samples, errors: Sequence[Samples]
+) -> list[Samples]:
+    """Take from each log's (m, k) errors what a change of what the model has explains, jointly.
+
+    A log may have none.
+    """
+    pairs = list(zip(logs, errors, strict=True))
+    pulls = [each.unit**2 * each.known.T @ own for each, own in pairs if own.size]
+    if not pulls:
+        return list(errors)
+    change = directions @ (directions.T @ sum(pulls))
+    return [own - each.known @ change if own.size else own for each, own in pairs]
+
+
+def rms(values: Samples) -> float:
+    """Return the root mean square of values; 0 of none."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _orthonormal(columns: Samples) -> Samples:
+    """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
+    sizes = np.linalg.norm(columns, axis=0)
+    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5
+    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
+    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])
+
+
+def _less(directions: Sequence[Samples], errors: Samples) -> Samples:
+    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
+    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
+    pairs = zip(directions, np.split(errors, ends), strict=True)
+    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])
