@@ -306,10 +306,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.INSEPARABLE: (
         "Not fitted, since these data cannot tell {names} from the other terms."
     ),
-    FindingKind.ADDS_UP: (
-        "Fitted over stretches of {number:g} s, since nothing brings the joint back from what the "
-        "model lacks, and over longer ones that adds up to more than the noise."
-    ),
     FindingKind.OTHER_END: (
         "Started elsewhere the fit ends elsewhere, where it follows the logs less well "
         "({number:.3g} times the squared error): the best of the ends is given."

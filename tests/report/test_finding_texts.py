@@ -32,7 +32,6 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
-    FindingKind.ADDS_UP: (0.5, "0.5 s"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
@@ -46,7 +45,7 @@ OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUE
 NAMELESS = OF_LOGS | {
     *(FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
-    *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY, FindingKind.ADDS_UP),
+    *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
