@@ -42,9 +42,9 @@ def test_a_term_that_a_bench_has_is_found_unasked(method, row, term, size):
 
 def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bias():
     """By Moreau's time stepping, whose friction holds between two unequal limits."""
-    inertia, gravity, forwards, backwards, step = 3e-3, 0.04, 3e-3, 1e-3, 1e-5
+    inertia, gravity, forwards, backwards, step = 3e-3, 0.04, 6e-3, 2e-3, 1e-5
     time = np.arange(0.0, 6.0, step)
-    torque = 0.01 * np.sin(2.0 * time) * (time < 4.0)
+    torque = 0.02 * np.sin(2.0 * time) * (time < 2.5)
     angle, velocity, x, v = np.empty(time.size), np.empty(time.size), 0.3, 0.0
     for k in range(time.size):
         angle[k], velocity[k] = x, v
