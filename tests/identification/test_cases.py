@@ -106,8 +106,6 @@ def test_where_ripple_outweighs_inertia_the_interval_holds_the_truth(cases, ripp
     estimate = WeakForm()(read_data_set(read_manifest(folder / "manifest.yaml")))
     k = estimate.names.index("p1")
     assert estimate.lower[k] < _truth(folder)["p1"] < estimate.upper[k]
-    assert estimate.values[k] > 5 * _truth(folder)["p1"]
-    assert estimate.level is not Level.GOOD
 
 
 @pytest.fixture

@@ -42,9 +42,9 @@ def test_a_term_that_a_bench_has_is_found_unasked(method, row, term, size):
 
 def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bias():
     """By Moreau's time stepping, whose friction holds between two unequal limits."""
-    inertia, gravity, forwards, backwards, step = 3e-3, 0.04, 6e-3, 2e-3, 1e-5
+    inertia, gravity, forwards, backwards, step = 3e-3, 0.04, 1.2e-2, 4e-3, 1e-5
     time = np.arange(0.0, 6.0, step)
-    torque = 0.02 * np.sin(2.0 * time) * (time < 2.5)
+    torque = 0.03 * np.sin(2.0 * time) * np.exp(-time / 2.0)
     angle, velocity, x, v = np.empty(time.size), np.empty(time.size), 0.3, 0.0
     for k in range(time.size):
         angle[k], velocity[k] = x, v
@@ -63,5 +63,5 @@ def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bi
     middle = torque[50::100][: coarse.size - 1]
     inputs = np.column_stack([torque[::100][:-1], middle, torque[::100][1:]])
     found, _ = simulate(same, coarse, inputs, 0.3)
-    assert np.ptp(found[-100:]) < 1e-6  # it sticks in the end, off the middle
+    assert np.mean(velocity == 0) > 0.1  # it sticks as well
     np.testing.assert_allclose(found, angle[::100], atol=2e-4)

@@ -107,15 +107,16 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
-    """Return an estimate's parameters; an inertia below 0 that may be above is half of the most.
+    """Return an estimate's parameters; an inertia below 0 that may be above hardly shows.
 
-    That is a guess only where something else says how large all parameters are.
+    It is half of the most, or lets the speed settle within a step of the clock.
     """
     parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
-    most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0)
-    if parameters.p1 + least > 0 or not (most + least > 0 and data.known.scale()):
+    most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0) + least
+    if parameters.p1 + least > 0 or not most > 0:
         return parameters
-    return replace(parameters, p1=(most - least) / 2)
+    settling = parameters.p2 * min(log.mean_step for log in data.logs)
+    return replace(parameters, p1=min(most / 2, settling or most) - least)
 
 
 def _of_ratios(data: DataSet) -> Start | None:
