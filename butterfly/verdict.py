@@ -56,6 +56,12 @@ class Verdict:
         first, *others = self.reasons or ("",)
         return (f"{self.level.verdict.capitalize()}: {first}".removesuffix(": "), *others)
 
+    @classmethod
+    def of_several(cls, verdicts: Mapping[str, Verdict]) -> Verdict:
+        """Return the worst of some by name, with the lines of all."""
+        reasons = (f"{name}: {line}" for name, each in verdicts.items() for line in each.reasons)
+        return cls(Level.worst(each.level for each in verdicts.values()), tuple(reasons))
+
     def numbers(self) -> dict[str, Any]:
         """Return it as JSON has it: what may be done under ``verdict``, and the ``reasons``."""
         return {"verdict": self.level.verdict, "reasons": list(self.reasons)}

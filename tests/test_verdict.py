@@ -53,3 +53,10 @@ def test_there_is_none_in_what_an_older_program_wrote():
 def test_damage_is_refused(content):
     with pytest.raises((KeyError, TypeError, ValueError)):
         Verdict.of_numbers(content)
+
+
+def test_of_several_the_worst_counts_and_all_lines_are_said():
+    good, care = Verdict(Level.GOOD, ("p1 within 1 %.",)), Verdict(Level.CARE, ("p1 within 20 %.",))
+    both = Verdict.of_several({"one": good, "other": care})
+    assert both.level is Level.CARE
+    assert both.reasons == ("one: p1 within 1 %.", "other: p1 within 20 %.")

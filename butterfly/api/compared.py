@@ -122,7 +122,14 @@ class Leaderboard(Answer):
 
         sets = list(dict.fromkeys(entry.data for entry in entries))
         firsts = [next(entry for entry in entries if entry.data == name) for name in sets]
-        verdict = _verdict_on(firsts)
+        verdict = Verdict.of_several(
+            {
+                f"{each.data}, {each.method}": estimate_verdict(each.estimate)
+                if each.estimate
+                else Verdict(Level.WARNING, (each.error,))
+                for each in firsts
+            }
+        )
         result = cls(
             title="Estimators over data sets: " + ", ".join(sets),
             summary=(*verdict.lines, *map(_best_sentence, firsts)),
@@ -141,20 +148,6 @@ def _best_sentence(best: Entry) -> str:
         f"{best.data}: {best.method} predicts best what it has not seen ({best.left_out} at a "
         f"time), with a median FIT{best.held_out.over} of {best.held_out.median:.1f} %."
     )
-
-
-def _verdict_on(firsts: Sequence[Entry]) -> Verdict:
-    """Return the worst verdict on the first of each data set, and all their reasons."""
-    levels, reasons = [], []
-    for first in firsts:
-        if first.estimate is None:
-            levels.append(Level.WARNING)
-            reasons.append(f"{first.data}: {first.error}")
-            continue
-        verdict = estimate_verdict(first.estimate)
-        levels.append(verdict.level)
-        reasons += [f"{first.data}, {first.method}: {reason}" for reason in verdict.reasons]
-    return Verdict(Level.worst(levels) if levels else Level.WARNING, tuple(reasons))
 
 
 def _entry(entry: Entry) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import FEW, cut
-from butterfly.identification.diagnostics.findings import Ending, Finding
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.normal_equations import (
     Regression,
@@ -47,7 +47,6 @@ class CellEquations:
     ending: Ending = Ending.CONVERGED  # how the solver ended
     # (n,) by how much the values moved last, or would move next, if it was stopped
     unsettled: Samples | None = None
-    findings: tuple[Finding, ...] = ()  # what it has to say besides
     # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: Samples | None = None
     prior: Penalty | None = None  # what was known of the values with an uncertainty
@@ -120,9 +119,9 @@ class CellEquations:
             return curvature, gradient
         return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
 
-    def stopped(self, unsettled: Samples, why: Finding) -> CellEquations:
+    def stopped(self, unsettled: Samples) -> CellEquations:
         """Return the same of a solver that was stopped while the (n,) values still moved."""
-        return replace(self, ending=Ending.STOPPED, unsettled=unsettled, findings=(why,))
+        return replace(self, ending=Ending.STOPPED, unsettled=unsettled)
 
     @property
     def next_step(self) -> Samples:

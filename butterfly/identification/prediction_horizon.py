@@ -2,24 +2,17 @@
 
 About the upright gravity drives errors apart, however well the parameters are known. Their growth
 is that of the linearised equation along the measured motion, friction aside.
-
-What a model lacks acts as a force, and where no gravity answers it, all that it moved the joint by
-stays: the error of a free run grows with the time to the power 3/2, until it says more of that
-force than of the parameters. Over stretches that are short enough it is no larger than the noise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.sensor_errors import encoder_step
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.segments import simulation_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.spectrum import uniform_grid
@@ -29,10 +22,6 @@ Samples = NDArray[np.float64]
 GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""
 
-HORIZONS = (math.inf, 10.0, 5.0, 2.0, 1.0, 0.5)
-"""Longest stretches in s that are tried, one after the other, where nothing brings a joint back."""
-
-_MORE = 3.0  # times the noise, above which something else is left over
 _STEP = 0.01  # s, along the motion
 _EVERY = 5  # steps from one beginning to the next
 _PREFERRED = np.array(
@@ -92,30 +81,3 @@ def _soonest(falling: Samples, damping: float, slowest: float) -> int:
         if sizes.max(initial=0.0) > GROWTH:
             return count
     return 0
-
-
-def lasting_horizon(logs: Sequence[Log], estimate: Estimate) -> float:
-    """Return the longest stretch in s over which simulations leave little but noise; else 0.5 s.
-
-    The logs are those of a joint without gravity moment.
-    """
-    for horizon in HORIZONS[:-1]:
-        if lasts(logs, estimate, horizon):
-            return horizon
-    return HORIZONS[-1]
-
-
-def lasts(logs: Sequence[Log], estimate: Estimate, horizon: float) -> bool:
-    """Whether simulations over stretches of a horizon in s leave little but noise."""
-    return float(np.median([excess_error(log, estimate, horizon) for log in logs])) <= _MORE
-
-
-def excess_error(log: Log, estimate: Estimate, horizon: float) -> float:
-    """Return the rms error over stretches, each from a fitted start, in units of the noise."""
-    parameters, own = estimate.applied(log)
-    stretches = simulation_of(log, parameters, horizon)
-    errors = stretches.linearised((), parameters, own.get("zero", 0.0))[0]
-    noise = max(
-        float(np.std(np.diff(errors))) / math.sqrt(2), encoder_step(log.angle) / math.sqrt(12)
-    )
-    return float(np.sqrt(np.mean(errors**2))) / (noise or 1.0)

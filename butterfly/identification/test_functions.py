@@ -155,11 +155,12 @@ class Averaging:
         self._grid = uniform_grid(log.time)
         self._step = float(self._grid[1] - self._grid[0])
         angle = resample(log.time, log.angle, self._grid) - zero
-        velocity = _velocity(angle, half_width, self._step)
+        self._rests = log.initial_state.velocity == 0
+        mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
+        velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]
         self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
-        self._rests = log.initial_state.velocity == 0
         self._places: dict[int, _Place] = {}
 
     def moving_so(self, angle: NDArray[np.float64]) -> Averaging:

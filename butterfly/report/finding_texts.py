@@ -306,10 +306,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.INSEPARABLE: (
         "Not fitted, since these data cannot tell {names} from the other terms."
     ),
-    FindingKind.ADDS_UP: (
-        "Fitted over stretches of {number:g} s, since nothing brings the joint back from what the "
-        "model lacks, and over longer ones that adds up to more than the noise."
-    ),
     FindingKind.OTHER_END: (
         "Started elsewhere the fit ends elsewhere, where it follows the logs less well "
         "({number:.3g} times the squared error): the best of the ends is given."
@@ -318,8 +314,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{combined} are known mainly in one combination (condition number {rounded:.0f}): add a "
         "run that tells them apart."
     ),
-    FindingKind.ROUNDS: ("The iteration was stopped after {number:.0f} rounds."),
-    FindingKind.SIMULATIONS: "The fit took {number:.0f} simulations of every log.",
     FindingKind.ON_BOUND: "{names} ended on a bound: these data do not show any.",
     FindingKind.PULLED: (
         "{names} ended on a bound that the data would cross: the model misses something, or a "

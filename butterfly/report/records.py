@@ -12,7 +12,7 @@ from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.numbers import finding_numbers
 from butterfly.result import document
-from butterfly.verdict import Verdict
+from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -79,15 +79,17 @@ def _unit_of_column(name: str) -> str:
 
 def run_verdict(record: RunRecord) -> Verdict | None:
     """Return the worst verdict on the estimates of a run; None if there is none."""
-    if record.level is None:
-        return None
-    found = [(each, each.estimate) for each in record.estimates if each.estimate is not None]
-    reasons = [
-        f"{each.estimator}: {reason}" if len(found) > 1 else reason
-        for each, estimate in found
-        for reason in estimate_verdict(estimate).reasons
-    ]
-    return Verdict(record.level, tuple(reasons))
+    found = {
+        each.estimator: estimate_verdict(each.estimate)
+        for each in record.estimates
+        if each.estimate is not None
+    }
+    if record.orbit is not None and record.orbit.verdict is not None:
+        level = Level.of_verdict(record.orbit.verdict)
+        found["next to the orbit"] = Verdict(level, (f"{level.verdict}.",))
+    if len(found) == 1:
+        return next(iter(found.values()))
+    return Verdict.of_several(found) if found else None
 
 
 def _estimate(record: EstimateRecord) -> dict[str, Any]:

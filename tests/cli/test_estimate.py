@@ -241,7 +241,7 @@ def test_logs_are_predicted_with_bands_draws_and_a_page(answer, quick_data, save
     )
     assert (code, err) == (0, "")
     assert "inside the band of a new log" in out
-    assert "known within 10 %" in out
+    assert "Good: p1 within " in out
     with (tmp_path / "d.csv").open(encoding="utf-8", newline="") as file:
         assert len(list(csv.DictReader(file))) == 50
     assert (tmp_path / "p.html").stat().st_size > 1e5

@@ -22,8 +22,6 @@ NUMBERS = {
     FindingKind.MISSING_TERM: (0.31, "31 %"),
     FindingKind.OTHER_END: (1.52, "1.52 times"),
     FindingKind.COMBINATION: (4321.0, "number 4300"),
-    FindingKind.ROUNDS: (8.0, "8"),
-    FindingKind.SIMULATIONS: (23.0, "23"),
     FindingKind.FEW_MASSES: (2.0, "Fewer than three"),
     FindingKind.TORQUE_DRIVEN: (0.004, "0.004 Ohm"),
     FindingKind.NO_UNCERTAINTY: (3.0, "3 resonance"),
@@ -34,7 +32,6 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
-    FindingKind.ADDS_UP: (0.5, "0.5 s"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
@@ -46,9 +43,9 @@ OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 """What values rest on instead."""
 OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
-    *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
+    *(FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
-    *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY, FindingKind.ADDS_UP),
+    *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }

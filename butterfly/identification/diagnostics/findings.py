@@ -38,11 +38,8 @@ class FindingKind(StrEnum):
     SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
-    ADDS_UP = "adds-up"  # s, the longest stretch fitted, since what the model lacks adds up
     OTHER_END = "other-end"  # cost of the next best end over that of the best
     COMBINATION = "combination"  # the same, of parameters known in one combination only
-    ROUNDS = "rounds"  # of an iteration that stopped
-    SIMULATIONS = "simulations"  # of every log, that a fit took
     ON_BOUND = "on-bound"
     PULLED = "pulled"  # on a bound that the data would cross
     FEW_MASSES = "few-masses"  # different added masses, too few to leave one out

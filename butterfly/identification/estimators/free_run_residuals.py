@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.identification.blocks import FEW, cells_of, independent_cells_of
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.gauss_newton import (
@@ -294,7 +293,6 @@ class FreeRunResiduals:
         """Return the equations about the end of a descent, in the parameters themselves."""
         cells = cells or cells_of(len(self.simulations), len(self.keys))
         scale, scaled = self.scale, self._equations(end.point, end.at, cells)
-        took = Finding(FindingKind.SIMULATIONS, number=end.evaluations)
         prior = scaled.prior
         found = replace(
             scaled,
@@ -303,10 +301,9 @@ class FreeRunResiduals:
             rows=scaled.rows / scale,
             lower=self.lower * scale,
             prior=None if prior is None else prior.turned(scale, np.zeros(scale.size)),
-            findings=(took,),
             bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
-        return found if end.converged else found.stopped(found.next_step, took)
+        return found if end.converged else found.stopped(found.next_step)
 
     def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""

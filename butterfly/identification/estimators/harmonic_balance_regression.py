@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.submodels import Submodels
@@ -225,9 +224,8 @@ class HarmonicBalanceFit:
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS)
         solved = CellEquations.of(regression, solution)
-        solved = solved if settled else solved.stopped(moved, rounds)
+        solved = solved if settled else solved.stopped(moved)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 
     @property

@@ -41,7 +41,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
+from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
@@ -79,8 +79,7 @@ class OutputError(Estimator):
     horizon
         Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
         that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
-        away from the upright; and, where no gravity brings the joint back, that little but noise is
-        left over. The start of each stretch is fitted to it.
+        away from the upright. The start of each stretch is fitted to it.
     loss
         How residuals count: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
@@ -151,9 +150,7 @@ class OutputError(Estimator):
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
-            if math.isfinite(horizon):
-                return found
-            return replace(self._of_lasting(logs, first, known, found), horizon=None)
+            return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
@@ -206,23 +203,6 @@ class OutputError(Estimator):
             known=known,
             horizon=self.horizon or math.inf,
         )
-
-    def _of_lasting(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior,
-        found: Estimate,
-    ) -> Estimate:
-        """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
-        if not known.weightless(log.added_mass for log in logs):
-            return found
-        horizon = lasting_horizon(logs, found)
-        if not math.isfinite(horizon):
-            return found
-        adds_up = Finding(FindingKind.ADDS_UP, number=horizon)
-        again = replace(self, horizon=horizon).of_starts(logs, first, known)
-        return again.with_findings(adds_up)
 
     def _unseen(self, first: Sequence[Start]) -> set[str]:
         """Return the rarer terms that no first guess has: they are tried in the end."""

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations
@@ -202,9 +201,8 @@ class WeakFit:
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
-        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS)
         if not settled:
-            solved = solved.stopped(moved, rounds)
+            solved = solved.stopped(moved)
         return cls(about=about, regression=regression, solved=solved)
 
     @property
@@ -295,7 +293,7 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     solved = replace(
         CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
         ending=fit.solved.ending,
-        findings=fit.solved.findings,
+        unsettled=fit.solved.unsettled,
     )
     return replace(fit, regression=through, solved=solved)
 

@@ -18,6 +18,7 @@ from butterfly.identification.inference.identifiability import precision
 
 Samples = NDArray[np.float64]
 
+_NOTHING = np.finfo(float).tiny ** 0.5
 _OUTWEIGHED = 0.5  # R from which on a value is in doubt: it is 0.35 at most on good logs
 
 
@@ -27,8 +28,9 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     size = np.sqrt(np.diag(curvature))
     size = np.where(size > 0, size, 1.0)
     alone = size / np.sqrt(np.diag(np.linalg.pinv(curvature / np.outer(size, size))))
-    values = np.maximum(np.abs(equations.values), np.finfo(float).tiny)
-    return np.asarray(np.sqrt(equations.cost.sum()) / (values * alone))
+    effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
+    most = np.full(effect.size, np.finfo(float).max)
+    return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
 
 
 def outweighed(

@@ -126,7 +126,6 @@ def infer(
         ending=ending,
         findings=(
             *conditioning.findings,
-            *equations.findings,
             *_of_bounds_and_signs(names, on_bound, pulled),
             *apart,
             *(of_few_logs(logs.log.size) if masses else ()),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
@@ -154,7 +154,7 @@ def test_a_fit_that_stopped_within_a_fraction_of_its_intervals_has_settled(share
     found = infer(equations, method="test", left_out={})
     assert found.ending is Ending.CONVERGED
     moved = share * (found.upper - found.lower) / 2
-    stopped = equations.stopped(moved * [1.0, -1.0], Finding(FindingKind.ROUNDS, number=9))
+    stopped = equations.stopped(moved * [1.0, -1.0])
     assert infer(stopped, method="test", left_out={}).ending == ending
 
 
