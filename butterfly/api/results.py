@@ -307,12 +307,12 @@ class Residual(Answer):
         found: Estimate,
         chosen: Sequence[int],
     ) -> Residual:
-        """Judge what an estimate leaves over of the logs."""
+        """Judge the residuals of an estimate."""
         from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
 
         verdict, residuals = estimate_verdict(found), residuals_of(data, found)
         return cls(
-            title=f"What {found.method} leaves over of {data.name!r}",
+            title=f"Residuals of {found.method} on {data.name!r}",
             summary=(*verdict.lines, *residual_sentences(residuals)),
             judged=verdict,
             content={
@@ -331,7 +331,7 @@ class Residual(Answer):
         from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
 
         rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
-        title = f"{self.data.name}: what {self.estimate.method} leaves over"
+        title = f"{self.data.name}: residuals of {self.estimate.method}"
         return [TextTable(title, HEADERS, rows)]
 
     def torque(self, number: int) -> ResidualTorque:

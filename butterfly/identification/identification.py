@@ -352,7 +352,7 @@ class Identification(Result):
 
     @cached_property
     def residuals(self) -> Residuals:
-        """What the free runs leave over, and whether the sensors explain it."""
+        """What the free runs leave, and whether the sensors explain it."""
         return self.judged_residuals or residuals_of(self.data, self.estimate, self.free_runs)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:

@@ -100,7 +100,7 @@ def identification_page(
             series={"time": time_series(runs, bands)},
         ),
         Section(
-            title="What the model leaves over",
+            title="Residuals",
             text="Measured less simulated angle of the chosen log, after small changes of the "
             "parameters: how like itself it is a while later, and how like the input before it. "
             "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
@@ -150,11 +150,11 @@ def _facts(identification: Identification) -> list[Fact]:
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
     times = identification.residuals.times
-    left_over = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
+    residuals = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
-        *([Fact("left over", left_over, _EXPLAINED)] if math.isfinite(times) else []),
+        *([Fact("residuals", residuals, _EXPLAINED)] if math.isfinite(times) else []),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
     ]

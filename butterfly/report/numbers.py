@@ -56,7 +56,7 @@ def estimate_numbers(estimate: Estimate, truth: LumpedParameters | None = None) 
 
 
 def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]:
-    """Return what the free runs of an estimate leave over, and what that means, for programs."""
+    """Return the residuals of an estimate, and what they mean, for programs."""
     return residuals.numbers() | {"findings": finding_numbers(residuals.findings, estimate)}
 
 

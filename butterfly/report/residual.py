@@ -1,4 +1,4 @@
-"""What the model leaves over: of all logs in sentences and a table, of one log on a page."""
+"""Residuals: of all logs in sentences and a table, of one log on a page."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ _MOST = 6000  # instants of a panel
 
 
 def residual_sentences(residuals: Residuals) -> list[str]:
-    """Say what the free runs of all logs leave over, and what that looks like."""
+    """Say how large the residuals of all logs are, and what explains them."""
     count = len(residuals.logs)
-    leave = "log leaves over more than its" if count == 1 else "logs leave over more than their"
+    leave = "log leaves more than its" if count == 1 else "logs leave more than their"
     return [
         f"{residuals.outside} of {count} {leave} sensors explain "
         f"(95 % bands); over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
@@ -80,7 +80,7 @@ def residual_page(
     """Put together the page of one log's residual, by an estimate of that verdict."""
     what, unit = ("force", "N") if joint is JointKind.SLIDE else ("torque", "N m")
     torque = Section(
-        title=f"The {what} left over",
+        title=f"Residual {what}",
         text="Averaged over short bumps, where the joint moves; against time, angle and velocity. "
         "What depends on one of them alone is a curve there.",
         figures={"torque": _torque_figure(residual, f"{what} in {unit}", joint.way)},
@@ -93,7 +93,7 @@ def residual_page(
     )
     return Page(
         name=residual.label,
-        description="What the model, all its terms, leaves over of one log",
+        description="What the model, all its terms, leaves of one log",
         kind="residual",
         verdict=verdict,
         facts=[

@@ -66,10 +66,10 @@ def three_way_page(
             series={"time": series["time"], "phase": series["phase"]},
         ),
         Section(
-            title="What the model leaves over",
+            title="Residuals",
             text="Correlations of the grey box's errors: where encoder and noise explain them, "
-            "both curves stay inside the bands. Below, what all terms of the model leave over of "
-            "the torque, averaged over short bumps.",
+            "both curves stay inside the bands. Below, the residual torque: what all terms "
+            "leave of it, averaged over short bumps.",
             series={"left-over": correlation_series(own), "residual": series["residual"]},
             tables=(residual_table(own, picks=range(len(own))),),
         ),
@@ -228,7 +228,7 @@ def _phase_figure(each: ThreeWay) -> Figure:
 
 
 def _residual_figure(each: ThreeWay) -> Figure:
-    """Draw the torque that the model leaves over against angle and velocity."""
+    """Draw the residual torque against angle and velocity."""
     residual, joint = each.residual, each.log.added_mass.joint
     figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
     across = {
@@ -242,7 +242,7 @@ def _residual_figure(each: ThreeWay) -> Figure:
         style = {"mode": "markers", "marker": marker, "showlegend": False}
         figure.add_scatter(x=x, y=y, row=1, col=column, **style)
         figure.update_xaxes(title=title, row=1, col=column)
-    unit = "force left over in N" if joint is JointKind.SLIDE else "torque left over in N m"
+    unit = "residual force in N" if joint is JointKind.SLIDE else "residual torque in N m"
     figure.update_yaxes(title=unit, row=1, col=1)
     figure.update_layout(height=360)
     return figure

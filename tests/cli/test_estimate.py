@@ -33,7 +33,6 @@ SAYS = {
 """Patterns of what answers say."""
 
 SAYS_NOT = {
-    "residual {data}": "torque left over",
     "design {data} --limit 3": r"(?m)^ +4  ",
     "predict {data} --with {saved}": "band",
     "predict {quick} --with {saved} --bands --draws 40": "FIT",
@@ -182,9 +181,9 @@ def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
     plot = tmp_path / "residual.html"
     code, out, err = answer("residual", quick_data, "--log", 2, "--plot", plot)
     assert code == 0, err
-    assert "the torque left over" in out
+    assert "residuals of" in out
     text = plot.read_text(encoding="utf-8")
-    assert "The torque left over" in text
+    assert "Residual torque" in text
     assert "The errors of the free run" in text
 
 

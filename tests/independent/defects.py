@@ -266,11 +266,11 @@ class Row(NamedTuple):
 ROWS = {
     "control": Row(_control),
     "base": Row(_base, ("p1",), r"\bbase\b"),
-    "own inertia": Row(_own_inertia, ("p1",), r"own inertia"),
+    "own inertia": Row(_own_inertia, ("p1",), r"own inertia|mass_inertia"),
     "friction by log": Row(_friction_by_log, ("p2", "coulomb"), r"log to log"),
     "weighed": Row(_weighed, ("p1", "p3", "p4"), r"weighed|masses contradict"),
-    "dead zone": Row(_dead_zone, ("p4",), r"dead zone"),
-    "saturation": Row(_saturation, ("p4",), r"saturat"),
+    "dead zone": Row(_dead_zone, ("p4",), r"dead.zone"),
+    "saturation": Row(_saturation, ("p4",), r"saturat|compression"),
     "backlash": Row(_backlash, ("p1", "p4"), r"backlash"),
     "clock": Row(_clock, ("p1",), r"clock"),
     "falling friction": Row(

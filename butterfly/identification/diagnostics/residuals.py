@@ -109,7 +109,7 @@ class LogResiduals:
 
     @property
     def times(self) -> float:
-        """What is left over what the sensor explains."""
+        """What is left, divided by what the sensor explains."""
         return self.left / self.explained if self.explained else np.inf
 
     def numbers(self) -> dict[str, Any]:
@@ -182,7 +182,7 @@ class Residuals:
 
     @property
     def times(self) -> float:
-        """What is left over what sensors explain."""
+        """What is left, divided by what sensors explain."""
         return self.left / self.explained if self.explained else np.inf
 
     @property

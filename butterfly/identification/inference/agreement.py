@@ -18,7 +18,7 @@ is a contrast as well: of p1 and p3 together, in its logs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -44,11 +44,6 @@ _LEAST_MASSES = 3  # of which one can be weighed wrong: to call two the same exp
 _LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
 
 
-_OF_TORQUES = ("p1", "p3", "p4")
-_FRICTION = {"p2", "coulomb"}
-_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
-
-
 class Condition(StrEnum):
     """What a parameter may follow."""
 
@@ -60,6 +55,17 @@ class Condition(StrEnum):
     DIRECTION = "direction"
     WEIGHED = "weighed"
     ALL = "all"
+
+
+_LIMITS: dict[Condition, tuple[float, ...]] = {
+    Condition.DIRECTION: (-1.0, 1.0),
+    Condition.WEIGHED: (),
+}
+"""Where conditions would disturb no more, if that is not at 0."""
+
+_OF_TORQUES = ("p1", "p3", "p4")
+_FRICTION = {"p2", "coulomb"}
+_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,14 +111,18 @@ class Conditions:
     @classmethod
     def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
         """Read them off logs, each of which was cut into some cells."""
-        pieces = [piece for log in logs for piece in _pieces(log, cells)]
+        angles = (part for log in logs for part in np.array_split(log.angle, cells))
+        times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
+        of_logs = {
+            Condition.MASS: [log.added_mass.inertia for log in logs],
+            Condition.COMMAND: [_of_command(log) for log in logs],
+            Condition.FREQUENCY: [_omega_squared(log) for log in logs],
+            Condition.DIRECTION: [_direction(log) for log in logs],
+        }
         values = {
-            Condition.MASS: _repeated([log.added_mass.inertia for log in logs], cells),
-            Condition.COMMAND: _repeated([_of_command(log) for log in logs], cells),
-            Condition.SWING: np.array([np.var(angle) for _, angle in pieces]),
-            Condition.FREQUENCY: _repeated([_omega_squared(log) for log in logs], cells),
-            Condition.TIME: np.array([time.mean() for time, _ in pieces]),
-            Condition.DIRECTION: _repeated([_direction(log) for log in logs], cells),
+            **{name: np.repeat(np.array(each), cells) for name, each in of_logs.items()},
+            Condition.SWING: np.array([np.var(part) for part in angles]),
+            Condition.TIME: np.array([part.mean() for part in times]),
         }
         if cells == 1:
             del values[Condition.TIME]
@@ -127,24 +137,25 @@ class Conditions:
         )
 
 
-class _About(NamedTuple):
-    """What a contrast is about."""
+class _Tried(NamedTuple):
+    """A contrast that was tried."""
 
-    parameter: str
+    parameter: str  # parameter, condition: of the contrast
     condition: Condition
     mean: float  # of the condition, by what the cells tell; of a mass its own
     x: Samples  # (k,) the condition
+    direction: Samples  # (k, n) along which the values move with a slope of 1
+    gamma: float = 0.0  # the slope
+    at_mean: Samples = np.empty(0)  # (n,) values with that slope, at the mean of the condition
+    share: float = 0.0  # of the squared errors that it explains
+    chance: float = 1.0
+    of_logs: float = 1.0  # the same by the scatter between logs
 
-
-class _Tried(NamedTuple):
-    """A contrast that was tried: its slope, share and chance, and what the others move by."""
-
-    about: _About
-    gamma: float
-    moves: Samples  # (n,) change of the parameters with the slope, about the mean
-    share: float
-    chance: float
-    of_logs: float  # the same by the scatter between logs
+    def at(self, x: float, place: int) -> Samples:
+        """(n,) values where the condition is x, the parameter being numbered ``place``."""
+        moved = self.at_mean.copy()
+        moved[place] += self.gamma * (x - self.mean)
+        return moved
 
 
 def disagreements_of(
@@ -152,19 +163,22 @@ def disagreements_of(
 ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
     """Return the contrasts that are no chance and matter, the best first, and their rivals.
 
-    A rival is what would hold at the limit of its condition: (n,) values each.
+    A rival is what would hold at the limit of its condition: (n,) values each. Of masses that are
+    weighed wrong, none is the wrong one for certain (see `weighed_within`).
     """
-    tried = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
+    asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
+    tried = [found for each in asked if (found := _solved(equations, conditions, each))]
     tried.sort(key=lambda each: each.chance)
     accepted: list[tuple[Contrast, list[Samples]]] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)
         if not chance < _LEVEL:
             break
-        rivals = [_rival(equations, each, limit) for limit in _limits(each)]
-        moved = rivals or [equations.values + each.moves]
-        if _matters(equations, each, moved, conditions):
-            accepted.append((_contrast(equations, each, chance), rivals))
+        limits = _LIMITS.get(each.condition, (0.0,))
+        place = 0 if not limits else equations.names.index(each.parameter)
+        rivals = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
+        if _matters(equations, each, rivals or [each.at_mean], conditions):
+            accepted.append((_contrast(each, place, chance), rivals))
     accepted.sort(key=lambda each: -each[0].share)
     return (
         tuple(contrast for contrast, _ in accepted),
@@ -187,21 +201,19 @@ def lacking_term(
     """
     absent = np.isin(equations.names, names)
     about = replace(equations, on_bound=equations.on_bound | absent)
+    every = np.ones(equations.log.size)
     tried = []
-    for name in names:
-        place = equations.names.index(name)
-        direction = np.zeros((equations.log.size, len(equations.names)))
-        direction[:, place] = 1.0
-        every = _About(name, Condition.ALL, 0.0, direction[:, place])
-        found = _tried(about, conditions, direction, every)
+    for place in np.flatnonzero(absent).tolist():
+        direction = np.outer(every, np.arange(absent.size) == place)
+        asked = _Tried(equations.names[place], Condition.ALL, 0.0, every, direction)
+        found = _solved(about, conditions, asked)
         if found and equations.values[place] + found.gamma > equations.lower[place]:
             tried.append(found)
     best = min(tried, key=lambda each: each.chance, default=None)
     if best is None or not best.chance * len(names) < _LEVEL:
         return None
-    moved = [equations.values + best.moves]
-    matters = _matters(equations, best, moved, conditions, _OF_TORQUES)
-    return best.about.parameter if matters else None
+    matters = _matters(equations, best, [best.at_mean], conditions, _OF_TORQUES)
+    return best.parameter if matters else None
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
@@ -213,97 +225,70 @@ def weighed_within(contrasts: Sequence[Contrast]) -> float:
     return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
 
 
-def _of_parameters(equations: CellEquations, conditions: Conditions) -> list[_Tried]:
-    """Try each parameter of the scale with each condition that differs from cell to cell."""
-    tried = []
+def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator[_Tried]:
+    """Yield each parameter of the scale with each condition that differs from cell to cell."""
     for condition, x in conditions.values.items():
-        if not np.ptp(x) > 0:
-            continue
-        for name in _FOLLOWING:
-            if name not in equations.names or equations.on_bound[equations.names.index(name)]:
-                continue
-            place = equations.names.index(name)
+        for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            if not weight.sum() > 0:
+            held = name not in _FOLLOWING or equations.on_bound[place]
+            if held or not (np.ptp(x) > 0 and weight.sum() > 0):
                 continue
             mean = float(weight @ x / weight.sum())
-            direction = np.zeros((x.size, len(equations.names)))
-            direction[:, place] = x - mean
-            found = _tried(equations, conditions, direction, _About(name, condition, mean, x))
-            tried += [found] if found else []
-    return tried
+            direction = np.outer(x - mean, np.arange(len(equations.names)) == place)
+            yield _Tried(name, condition, mean, x, direction)
 
 
-def _of_masses(equations: CellEquations, conditions: Conditions) -> list[_Tried]:
-    """Try whether each added mass was weighed wrong, where there are enough of them."""
+def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tried]:
+    """Yield each added mass as weighed wrong, where there are enough of them."""
     names, masses = equations.names, conditions.masses
-    different = sorted({mass for mass in masses if mass.mass})
     effects = {mass.inertia_and_moment for mass in masses}
     if len(effects) < _LEAST_MASSES or not {"p1", "p3"} <= {*names}:
-        return []
-    tried = []
-    for mass in different:
+        return
+    for mass in sorted({mass for mass in masses if mass.mass}):
         x = np.array([float(masses[number] == mass) for number in equations.log])
-        direction = np.zeros((x.size, len(names)))
-        direction[:, names.index("p1")] = x * mass.arm**2
-        direction[:, names.index("p3")] = x * mass.gravity * mass.arm
-        about = _About("mass", Condition.WEIGHED, mass.mass, x)
-        found = _tried(equations, conditions, direction, about)
-        tried += [found] if found else []
-    return tried
+        moves = {"p1": mass.arm**2, "p3": mass.gravity * mass.arm}
+        direction = np.outer(x, [moves.get(name, 0.0) for name in names])
+        yield _Tried("mass", Condition.WEIGHED, mass.mass, x, direction)
 
 
-def _tried(
-    equations: CellEquations, conditions: Conditions, direction: Samples, about: _About
-) -> _Tried | None:
-    """Let the parameters move along (k, n) directions; None where the cells cannot tell that."""
-    free = ~equations.on_bound
-    curvature, gradient = equations.curvature, equations.gradient
-    pulls = np.einsum("kmn,kn->km", curvature, direction)
+def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> _Tried | None:
+    """Let the values move along a direction; None where the cells cannot tell that from others."""
+    pulls = np.einsum("kmn,kn->km", equations.curvature, asked.direction)
     total, _ = equations.total
     scale = np.sqrt(np.maximum(np.diag(total), 0.0))
-    free = free & (scale > 0)
-    own = np.outer(scale[free], scale[free])
-    follow = np.zeros(len(scale))
-    follow[free] = (
-        np.linalg.lstsq(
-            total[np.ix_(free, free)] / own, pulls.sum(axis=0)[free] / scale[free], rcond=None
-        )[0]
-        / scale[free]
-    )
-    apart = direction - follow
-    parts = np.einsum("kn,kmn,km->k", apart, curvature, apart)
-    whole = float(np.einsum("kn,kn->", direction, pulls))
+    free = ~equations.on_bound & (scale > 0)
+    scaled = total[np.ix_(free, free)] / np.outer(scale[free], scale[free])
+    follow = np.zeros(scale.size)
+    follow[free] = np.linalg.lstsq(scaled, pulls.sum(axis=0)[free] / scale[free])[0] / scale[free]
+    apart = asked.direction - follow
+    parts = np.einsum("kn,kmn,km->k", apart, equations.curvature, apart)
     information = float(parts.sum())
-    if not information > _UNSEEN * whole:
+    if not information > _UNSEEN * float(np.sum(asked.direction * pulls)):
         return None
-    scores = np.einsum("kn,kn->k", apart, gradient)
-    gamma = -float(scores.sum()) / information
-    cost = float(equations.cost.sum())
+    scores = np.einsum("kn,kn->k", apart, equations.gradient)
+    gamma, cost = -float(scores.sum()) / information, float(equations.cost.sum())
     explained = gamma**2 * information
     logs = np.unique(equations.log, return_inverse=True)[1]
-    own_scores = np.asarray(np.bincount(logs, scores), dtype=float)
-    own_parts = np.asarray(np.bincount(logs, parts), dtype=float)
-    of_logs = _chance(own_scores, own_parts, gamma, information)
+    sums = (np.asarray(np.bincount(logs, each), dtype=float) for each in (scores, parts))
+    of_logs = _chance(*sums, gamma=gamma)
     if conditions.steady:
         freedom = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - free.sum() - 1
         left = max(cost - explained, np.finfo(float).tiny)
         chance = float(fdtrc(1, freedom, explained * freedom / left)) if freedom > 0 else 1.0
     else:
-        chance = _chance(scores, parts, gamma, information)
-        of_logs = chance if own_scores.size <= FEW else of_logs
-    return _Tried(
-        about=about,
+        chance = _chance(scores, parts, gamma=gamma)
+    return asked._replace(
         gamma=gamma,
-        moves=-follow * gamma,
+        at_mean=equations.values - follow * gamma,
         share=explained / cost if cost > 0 else 0.0,
         chance=chance,
-        of_logs=of_logs,
+        of_logs=chance if logs.max() < FEW and not conditions.steady else of_logs,
     )
 
 
-def _chance(scores: Samples, parts: Samples, gamma: float, information: float) -> float:
+def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
     """Probability of such a slope by chance, by the scatter of clusters (see above)."""
+    information = parts.sum()
     shares = parts / information
     freedom = 1 / float(np.sum(shares**2)) - 1
     errors = (scores + parts * gamma) / np.maximum(1 - shares, _UNSEEN)
@@ -311,23 +296,6 @@ def _chance(scores: Samples, parts: Samples, gamma: float, information: float) -
     if not freedom > 0 or not size > 0:
         return 1.0
     return float(2 * stdtr(freedom, -abs(gamma) * information / size))
-
-
-def _limits(each: _Tried) -> tuple[float, ...]:
-    """Where a condition would disturb no more: at 0; of the input's sign there is no such place.
-
-    Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
-    """
-    if each.about.condition is Condition.WEIGHED:
-        return ()
-    return (-1.0, 1.0) if each.about.condition is Condition.DIRECTION else (0.0,)
-
-
-def _rival(equations: CellEquations, each: _Tried, limit: float) -> Samples:
-    """(n,) values at the limit of a condition."""
-    moved = equations.values + each.moves
-    moved[equations.names.index(each.about.parameter)] += each.gamma * (limit - each.about.mean)
-    return np.maximum(moved, equations.lower)
 
 
 def _matters(
@@ -338,37 +306,26 @@ def _matters(
     of: tuple[str, ...] = ("p1", "p4"),
 ) -> bool:
     """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
-    names, values = equations.names, equations.values
-    places = [names.index(name) for name in of if name in names]
-    moved = max(
-        (
-            abs(rival[place] - values[place]) / (abs(values[place]) or np.inf)
-            for rival in rivals
-            for place in places
-        ),
-        default=0.0,
-    )
+    kept = np.isin(equations.names, of) & (equations.values != 0)
+    moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
     if not each.of_logs < _LEVEL:
         return False
     if conditions.steady:
-        return moved > _MOVES_STEADY
-    return each.share > _SHARES[not conditions.sines] or moved > _MOVES
+        return bool(moved > _MOVES_STEADY)
+    return bool(each.share > _SHARES[not conditions.sines] or moved > _MOVES)
 
 
-def _contrast(equations: CellEquations, each: _Tried, chance: float) -> Contrast:
+def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
     """Say what a parameter is at either end of its condition, or what a mass would have to be."""
-    about = each.about
-    if about.condition is Condition.WEIGHED:
-        least = largest = first = about.mean
-        last = about.mean + each.gamma
+    least, largest = float(each.x.min()), float(each.x.max())
+    if each.condition is Condition.WEIGHED:
+        least = largest = each.mean
+        first, last = each.mean, each.mean + each.gamma
     else:
-        place = equations.names.index(about.parameter)
-        middle = float(equations.values[place] + each.moves[place]) - each.gamma * about.mean
-        least, largest = float(about.x.min()), float(about.x.max())
-        first, last = middle + each.gamma * least, middle + each.gamma * largest
+        first, last = (float(each.at(x, place)[place]) for x in (least, largest))
     return Contrast(
-        parameter=about.parameter,
-        condition=about.condition,
+        parameter=each.parameter,
+        condition=each.condition,
         least=least,
         largest=largest,
         first=first,
@@ -376,16 +333,6 @@ def _contrast(equations: CellEquations, each: _Tried, chance: float) -> Contrast
         share=each.share,
         chance=chance,
     )
-
-
-def _pieces(log: Log, cells: int) -> list[tuple[Samples, Samples]]:
-    """Return stamps since the start, and angles less their line, of each cell of a log."""
-    pairs = zip(np.array_split(log.time, cells), np.array_split(log.angle, cells), strict=True)
-    return [(time - log.time[0], angle) for time, angle in pairs]
-
-
-def _repeated(values: Sequence[float], cells: int) -> Samples:
-    return np.repeat(np.array(values, dtype=float), cells)
 
 
 def _of_command(log: Log) -> float:
