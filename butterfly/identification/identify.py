@@ -11,6 +11,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.clock import judge_clock
 from butterfly.identification.diagnostics.plausibility import (
     judge_basis,
     judge_fit,
@@ -86,6 +87,7 @@ def judge(
     counted = list(range(len(data.logs))) if segmented else data.counted
     judged_so_far = found.with_findings(
         *judge_physics(found, data.masses),
+        *judge_clock(data.sines),
         *judge_fit(data.simulations.followed(found, counted)),
         *(residuals or residuals_of(data, found)).findings,
         *judge_input(found, data.input_kind),

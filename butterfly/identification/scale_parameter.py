@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.equations import CellEquations
+from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
@@ -58,29 +59,34 @@ class ScaleParameter:
         values, at = self.grown(solved.values, solved.names), self._place(solved.names)
         names = (*solved.names[:at], self.name, *solved.names[at:])
         turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
-        rows = solved.rows @ turned
-        lower = np.insert(solved.lower, at, TERMS[self.name].lower)
         about = dict(zip(names, values.tolist(), strict=True))
         prior = Penalty.of(names, self.known.parameters, solved.realised_variance, about)
         assert prior is not None  # noqa: S101 - the reference is uncertain
-        moved = values
-        if prior.active.sum() > 1:
-            moved = np.maximum(values + _step(rows, solved.residuals, prior, values), lower)
-        return replace(
+        bread = solved.bread
+        if bread is not None:
+            of_logs = bread if solved.prior is None else bread - solved.prior.curvature
+            bread = turned.T @ of_logs @ turned + prior.curvature
+        whole = replace(
             solved,
             names=names,
-            values=moved,
-            rows=rows,
-            residuals=solved.residuals + rows @ (moved - values),
+            values=values,
+            rows=solved.rows @ turned,
             on_bound=np.insert(solved.on_bound, at, [False]),
-            lower=lower,
-            bread=None if solved.bread is None else self._bread(solved, turned) + prior.curvature,
+            lower=np.insert(solved.lower, at, TERMS[self.name].lower),
+            bread=bread,
             prior=prior,
+        )
+        if prior.active.sum() == 1:
+            return whole
+        rows, left = whole.with_prior
+        moved = np.maximum(values - scaled_least_squares(rows, left), whole.lower)
+        return replace(
+            whole, values=moved, residuals=solved.residuals + whole.rows @ (moved - values)
         )
 
     def _place(self, names: Sequence[str]) -> int:
-        assert self.name is not None  # noqa: S101 - asked of a reference only
-        return sum(each in names for each in PARAMETERS[: PARAMETERS.index(self.name)])
+        before = [*PARAMETERS, self.name]
+        return sum(each in names for each in before[: before.index(self.name)])
 
     def _shares(self, solved: CellEquations) -> Samples:
         """(n,) changes of the others that do to residuals what one of the reference does.
@@ -93,18 +99,3 @@ class ScaleParameter:
         grown = [own + carried.get(n, 0.0) if n in GROWING else 0.0 for n, own in pairs]
         own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
         return -np.array(grown) / own
-
-    @staticmethod
-    def _bread(solved: CellEquations, turned: Samples) -> Samples:
-        """Return the derivatives of the gradient of the logs alone, by the reference as well."""
-        assert solved.bread is not None  # noqa: S101 - asked where there is one
-        of_logs = solved.bread if solved.prior is None else solved.bread - solved.prior.curvature
-        return np.asarray(turned.T @ of_logs @ turned)
-
-
-def _step(rows: Samples, residuals: Samples, prior: Penalty, values: Samples) -> Samples:
-    """Return the step to where rows and prior agree best."""
-    curvature = np.einsum("kmi,kmj->ij", rows, rows) + prior.curvature
-    pull = np.einsum("kmn,km->n", rows, residuals) + prior.gradient(values)
-    scale = np.sqrt(np.diag(curvature))
-    return np.asarray(-np.linalg.solve(curvature / np.outer(scale, scale), pull / scale) / scale)

@@ -325,6 +325,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "differs from run to run: record more."
     ),
     FindingKind.SCATTER: "Friction or gain differs from log to log: {names} by {percent:.2g} %.",
+    FindingKind.CLOCK: (
+        "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
+        "or omega is. A wrong clock moves {names} by about twice that share: check both."
+    ),
     FindingKind.UNCHECKED: (
         "The intervals were not checked by leaving an added mass out, as asked."
     ),

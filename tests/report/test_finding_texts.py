@@ -30,6 +30,7 @@ NUMBERS = {
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
+    FindingKind.CLOCK: (-0.0031, "-0.31 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
@@ -180,14 +181,14 @@ class HarmonicBalance(Estimator):
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
-        always = fit.phasors.names
+        always, alias = fit.phasors.names, like_a_clock(points)
         while True:
             chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
             fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
             while self.terms is None and (idle := fit.idle):
                 chosen = chosen.without(idle)
                 fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
-            lacking = fit.lacking(always, conditions) if self.terms is None else None
+            lacking = fit.lacking((*always, *alias), conditions) if self.terms is None else None
             if lacking is None:
                 break
             always = (*always, lacking)

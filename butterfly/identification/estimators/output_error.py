@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError, require_number
 from butterfly.identification.blocks import FEW, cells_of
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
@@ -119,14 +120,14 @@ class OutputError(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
-        first = starts(data, self.terms)
+        first, alias = starts(data, self.terms), like_a_clock(data.sines)
         calm = data.take(data.calm)
         few = len(calm.masses) < _LEAST_MASSES or len(calm.logs) <= FEW
         if few or len(calm.logs) == len(data.logs):
-            return self.of_starts(data.logs, first, data.known)
+            return self.of_starts(data.logs, first, data.known, alias)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
+        return self.of_starts(calm.logs, first, data.known, alias).with_findings(left_out)
 
     def of_logs(
         self,
@@ -144,12 +145,19 @@ class OutputError(Estimator):
         return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
     def of_starts(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
+        self,
+        logs: Sequence[Log],
+        first: Sequence[Start],
+        known: Prior = NO_PRIOR,
+        untried: tuple[str, ...] = (),
     ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses.
+
+        Terms that are ``untried`` are only fitted if they were asked for.
+        """
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-            found = replace(self, horizon=horizon).of_starts(logs, first, known)
+            found = replace(self, horizon=horizon).of_starts(logs, first, known, untried)
             return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
@@ -160,6 +168,8 @@ class OutputError(Estimator):
         problems = [
             self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
         ]
+        if self.terms is None:
+            problems = [each.without(untried) for each in problems]
         wide, rarer = problems[0], self._unseen(first)
         problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[NDArray[np.float64], ...] = ()

@@ -1,0 +1,67 @@
+"""Terms that the independent integrator's joints have are found unasked, at their size.
+
+A joint of the program stands beside none of these: dead zones are of the command, springs and
+inertias of the integrator, and friction that differs by direction of a time stepping written here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+from tests.independent import defects
+
+METHODS = {"harmonic-balance": HarmonicBalance(), "output-error": OutputError(workers=1)}
+SEED, NUMBER = 31, 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("row", "term", "size"),
+    [
+        ("own inertia", "mass_inertia", 0.05),
+        ("dead zone", "dead_zone", None),
+        ("spring", "spring", None),
+    ],
+)
+def test_a_term_that_a_bench_has_is_found_unasked(method, row, term, size):
+    robot = defects.draw(row, NUMBER, SEED)
+    found = METHODS[method](DataSet.of(robot.logs))
+    size = {"spring": 0.1 * robot.truth["p3"]}.get(term, size)
+    for name, truth in (robot.truth | ({term: size} if size else {})).items():
+        if name in ("p1", "p3", "p4", term):
+            assert found.parameters.terms().get(name, getattr(found.parameters, name)) == (
+                pytest.approx(truth, rel=0.03)
+            )
+    assert getattr(found.parameters, term) > 0
+
+
+def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bias():
+    """By Moreau's time stepping, whose friction holds between two unequal limits."""
+    inertia, gravity, forwards, backwards, step = 3e-3, 0.04, 1.2e-2, 4e-3, 1e-5
+    time = np.arange(0.0, 6.0, step)
+    torque = 0.03 * np.sin(2.0 * time) * np.exp(-time / 2.0)
+    angle, velocity, x, v = np.empty(time.size), np.empty(time.size), 0.3, 0.0
+    for k in range(time.size):
+        angle[k], velocity[k] = x, v
+        free = v + step * (torque[k] - gravity * np.sin(x)) / inertia
+        v = free - np.clip(free, -step * backwards / inertia, step * forwards / inertia)
+        x += step * v
+    same = LumpedParameters(
+        p1=inertia,
+        p2=0.0,
+        p3=gravity,
+        p4=1.0,
+        coulomb=(forwards + backwards) / 2,
+        bias=-(forwards - backwards) / 2,
+    )
+    coarse = time[::100]
+    middle = torque[50::100][: coarse.size - 1]
+    inputs = np.column_stack([torque[::100][:-1], middle, torque[::100][1:]])
+    found, _ = simulate(same, coarse, inputs, 0.3)
+    assert np.mean(velocity == 0) > 0.1  # it sticks as well
+    np.testing.assert_allclose(found, angle[::100], atol=2e-4)
