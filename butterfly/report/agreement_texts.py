@@ -13,6 +13,7 @@ _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a base th
 _FRICTION = ("a friction term that the model lacks",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log, as it warms up",)
+_SCATTER = ("a resistance that differs from log to log", "a saturation of the drive")
 _FOLLOWS = {
     Condition.MASS: "the added mass",
     Condition.COMMAND: "the command",
@@ -20,6 +21,7 @@ _FOLLOWS = {
     Condition.FREQUENCY: "the frequency",
     Condition.TIME: "time in the log",
     Condition.DIRECTION: "the sign of the input",
+    Condition.LOG: "the log",
 }
 
 _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
@@ -50,6 +52,8 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
         # the condition is 1 over the command, so that what grows with it falls with the command
         drive = "a saturation of the drive" if contrast.grows else "a dead zone of the drive"
         return (drive,) if name == "p4" else (*_FRICTION, drive)
+    if condition is Condition.LOG:
+        return _SCATTER if name == "p4" else ("friction that differs from log to log",)
     if condition is Condition.WEIGHED:
         return ("weighed wrong", *_WITH_MASS)
     if condition is Condition.DIRECTION:
@@ -69,6 +73,11 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
         )
     unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
     ends = (contrast.first, contrast.last)
+    if contrast.condition is Condition.LOG:
+        return (
+            f"{contrast.parameter} differs from log to log, from {ends[0]:.3g} to {ends[1]:.3g} "
+            f"{unit}: {first}{alike}?"
+        )
     if contrast.condition is Condition.COMMAND:
         ends = (contrast.last, contrast.first)
     way = "grows" if ends[1] > ends[0] else "falls"

@@ -9,6 +9,7 @@ added mass explains more, and where the logs, identified again without it, are f
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -35,9 +36,10 @@ from butterfly.identification.inference.agreement import Condition
 from butterfly.identification.inference.identifiability import PRECISE
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
+from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import FrictionTerms
-from butterfly.signals.frequency_response import response_point
+from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
@@ -47,11 +49,12 @@ _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
 _NOISE = 3.0  # times the noise of the angle, above which something else is left over
 _FITS = 4  # that are made at most
 _LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
-_SWINGS = (0.02, math.pi)  # rad, that the widest log may have
+_SWINGS = (0.1, math.pi)  # rad, that the widest log may have
 _LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
 _LONGEST_LOG = 3600.0  # s
 _UNSEEN = 1e-8  # share of a column that the others leave, below which it is one of them
-_SAMPLES = 2000  # of a log, where its shape alone matters
+_ENOUGH = 5000  # samples of a log
+_POINTS = 2**14  # of the spectrum that tells the pace of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
@@ -113,17 +116,30 @@ class _Mistake:
         """Return the data set as it is without the mistake."""
         numbers = self.logs or range(len(data.logs))
         logs = [self._undone(log) if k in numbers else log for k, log in enumerate(data.logs)]
-        points = (
-            point if log is old else response_point(log) if log.excitation else None
-            for log, old, point in zip(logs, data.logs, data.points, strict=True)
-        )
-        return replace(data, logs=tuple(logs), points=tuple(points))
+        pairs = zip(logs, data.logs, data.points, strict=True)
+        return replace(data, logs=tuple(logs), points=tuple(itertools.starmap(self._point, pairs)))
+
+    def _point(self, log: Log, old: Log, point: ResponsePoint | None) -> ResponsePoint | None:
+        """Return the steady response of a log, from that of the log as it was."""
+        if point is None or log is old:
+            return point
+        if self._column == "angle":
+            return replace(point, angle=point.angle.scaled(self.number))
+        if self._column in {"arm", UnitError.MASS}:
+            return replace(point, added_mass=log.added_mass)
+        return response_point(log)
+
+    @property
+    def _column(self) -> str:
+        if self.error is UnitError.COUNTS:
+            return "angle"
+        return TABLE[self.error].column if self.error in TABLE else self.error
 
     def _undone(self, log: Log) -> Log:
-        column = TABLE[self.error].column if self.error in TABLE else self.error
+        column = self._column
         if column == "time":
             return replace(log, time=self.number * log.time, lead=None)
-        if column in {"angle", UnitError.COUNTS}:
+        if column == "angle":
             return replace(log, angle=self.number * log.angle)
         if column == UnitError.SWAPPED:
             return replace(log, input=log.angle, angle=log.input, lead=None)
@@ -215,19 +231,15 @@ class _Equations:
         return basis, dict(zip(names, torques.tolist(), strict=True)), self._target - basis @ along
 
 
-def _every(log: Log) -> int:
-    """Return by how much a log is thinned where its shape alone matters."""
-    return max(1, log.time.size // _SAMPLES)
-
-
 def _averages(log: Log, zero: float) -> Samples:
     """(m, n) means of what `_NAMES` multiply in a log, the rms inertial term being 1/sqrt(m).
 
     The test functions are as wide as a third of a period of the motion, whatever the stamps' unit.
     """
-    span, few = log.time[-1] - log.time[0], log.angle[:: _every(log)]
-    periods = 1 + int(np.argmax(np.abs(np.fft.rfft(few - few.mean()))[1:]))
-    width = float(min(max(span / periods / 3, 12 * log.mean_step), span / 20))
+    span = log.time[-1] - log.time[0]
+    spectrum = np.abs(np.fft.rfft(log.angle - log.angle.mean(), _POINTS))
+    period = _POINTS / (1 + int(np.argmax(spectrum[1:]))) * log.mean_step
+    width = float(min(max(period / 3, 12 * log.mean_step), span / 20))
     signals = Averaging(log, zero, width, FrictionTerms()).signals(_NAMES)
     means = np.column_stack([signals.mean[name] for name in _NAMES])[signals.moving]
     return np.asarray(means / (float(np.linalg.norm(means[:, 0])) or 1.0))
@@ -261,9 +273,15 @@ class _Search:
     def _here(self) -> _Equations | None:
         """The equations of the logs as they are, if there are any."""
         try:
-            return _Equations.of(self.data)
+            return _Equations.of(self._thin)
         except _FAILURES:
             return None
+
+    @cached_property
+    def _thin(self) -> DataSet:
+        """The data set with as many samples as the equations need."""
+        logs = tuple(thinned(log, _ENOUGH) for log in self.data.logs)
+        return replace(self.data, logs=logs)
 
     def _tried(self) -> Iterator[_Mistake]:
         """Try what may have been mistaken."""
@@ -273,7 +291,8 @@ class _Search:
                 yield self._fitted(error, unit.factor)
             if self.of_clock:
                 continue
-            if unit.column == "angle" and _SWINGS[0] < unit.factor * widest:
+            swing = unit.factor * widest
+            if unit.column == "angle" and _SWINGS[0] < swing < max(_SWINGS[1], widest):
                 yield self._fitted(error, unit.factor)
             if unit.column == "arm" and self._here:
                 masses = tuple(replace(m, arm=unit.factor * m.arm) for m in self._here.masses)
@@ -291,26 +310,24 @@ class _Search:
     def _fitted(self, error: UnitError, number: float, data: DataSet | None = None) -> _Mistake:
         mistake = _Mistake(error=error, number=number)
         try:
-            return replace(mistake, misfit=_Equations.of(mistake.undone(data or self.data)).misfit)
+            return replace(mistake, misfit=_Equations.of(mistake.undone(data or self._thin)).misfit)
         except _FAILURES:
             return mistake
 
     def _counts(self, widest: float) -> Iterator[_Mistake]:
         """Suppose that the angle is in counts, with the number per turn that fits best.
 
-        Those of each mass in which it swings least and most tell it, thinned.
+        The logs of each mass in which it swings least and most tell it.
         """
         least, most = (2 * math.pi * widest / each for each in reversed(_SWINGS))
         factors = [2 * math.pi / each for each in COUNTS if least <= each <= most]
-        some = []
-        for mass in self.data.masses:
-            own = [log for log in self.data.logs if log.added_mass == mass]
-            own.sort(key=lambda log: float(np.ptp(log.angle)))
-            some += [
-                log.take(np.arange(0, log.time.size, _every(log)))
-                for log in own[:: len(own) - 1 or 1]
-            ]
-        few = replace(self.data, logs=tuple(some), points=(None,) * len(some))
+        groups = [
+            [k for k, log in enumerate(self._thin.logs) if log.added_mass == mass]
+            for mass in self.data.masses
+        ]
+        for own in groups:
+            own.sort(key=lambda k: float(np.ptp(self._thin.logs[k].angle)))
+        few = self._thin.take(sorted({k for own in groups for k in (own[0], own[-1])}))
         tried = [self._fitted(UnitError.COUNTS, each, few) for each in factors]
         if tried:
             best = min(tried, key=lambda each: each.misfit)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.identifiability import PRECISE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
@@ -245,7 +246,8 @@ def unit_errors_of_omega(
     if not near:
         return []
     worst = max((detuning for _, detuning in near), key=abs)
-    return [_of_omega(1 + worst, *(log for log, _ in near))]
+    moves = 2 * abs(worst) > PRECISE  # of inertia, by the square of the time
+    return [_of_omega(1 + worst, *(log for log, _ in near), moves=moves)]
 
 
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
@@ -278,8 +280,8 @@ def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:
     return measured / omegas, shares
 
 
-def _of_omega(ratio: float, *logs: Log) -> Finding:
+def _of_omega(ratio: float, *logs: Log, moves: bool = True) -> Finding:
     """Name a wrong omega; of one log by what it should be too."""
     sines = [log.excitation for log in logs if log.excitation]
     measured = [f"{ratio * each.omega:.4g} rad/s" for each in sines] if len(logs) == 1 else []
-    return unit_error(UnitError.OMEGA, ratio, *measured, logs=logs)
+    return unit_error(UnitError.OMEGA, ratio, *measured, logs=logs, moves=moves)

@@ -54,6 +54,7 @@ class Condition(StrEnum):
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
+    LOG = "log"
     ALL = "all"
 
 
@@ -63,6 +64,7 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 }
 """Where conditions would disturb no more, if that is not at 0."""
 
+_SCATTERS = {"coulomb": 0.05, "p2": 0.05, "p4": 0.01}  # least share that differs from log to log
 _OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
 _FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
@@ -179,6 +181,8 @@ def disagreements_of(
         rivals = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
         if _matters(equations, each, rivals or [each.at_mean], conditions):
             accepted.append((_contrast(each, place, chance), rivals))
+    if not accepted:
+        accepted = [(each, []) for each in _from_log_to_log(equations, conditions)]
     accepted.sort(key=lambda each: -each[0].share)
     return (
         tuple(contrast for contrast, _ in accepted),
@@ -284,6 +288,42 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
         chance=chance,
         of_logs=chance if logs.max() < FEW and not conditions.steady else of_logs,
     )
+
+
+def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterator[Contrast]:
+    """Yield the friction or gain that differs from log to log, by steady responses (F test).
+
+    One log more is one value more, which explains by chance what the share is adjusted for; other
+    residuals have few rows beside so many values, or `scatter` to weigh them.
+    """
+    (curvature, _), cost = equations.total, float(equations.cost.sum())
+    rows = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - len(equations.names)
+    more = equations.log.size - 1
+    if not conditions.steady or rows - more < 1:
+        return
+    for name, least in _SCATTERS.items():
+        if name not in equations.names or equations.on_bound[equations.names.index(name)]:
+            continue
+        place = equations.names.index(name)
+        pulls = equations.curvature[:, :, place]
+        own = np.diag(pulls[:, place]) - pulls @ np.linalg.pinv(curvature, hermitian=True) @ pulls.T
+        change = -np.linalg.pinv(own, hermitian=True) @ equations.gradient[:, place]
+        explained = -float(change @ equations.gradient[:, place])
+        left = max((cost - explained) / (rows - more), _UNSEEN * cost)
+        chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
+        scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
+        if chance < _LEVEL and scatter > least:
+            values = equations.values[place] + change
+            yield Contrast(
+                parameter=name,
+                condition=Condition.LOG,
+                least=0.0,
+                largest=float(more),
+                first=float(values.min()),
+                last=float(values.max()),
+                share=1 - left / (cost / rows),
+                chance=chance,
+            )
 
 
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
