@@ -7,7 +7,7 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import LumpedParameters
@@ -107,3 +107,41 @@ def test_one_added_mass_and_an_unknown_term_are_refused(logs):
         OutputError().of_logs(data.logs, ROBOT, data.equilibria)
     with pytest.raises(InputError, match="did you mean"):
         OutputError(terms=("drug",))
+
+
+@pytest.fixture(scope="module")
+def scattering():
+    """Logs of a joint whose friction differs by 20 % from log to log, and what it is on average."""
+    rng, robot = np.random.default_rng(11), replace(ROBOT, drag=0.0, load=0.0, stribeck=0.0)
+    seen = {"start": 0.05, "step": 4e-3, "zero": ZERO}
+    found = []
+    for mass in MASSES:
+        for omega, amplitude in ((2.0, 0.03), (3.5, 0.03), (5.5, 0.03), (7.0, 0.06), (9.0, 0.1)):
+            factor = 1 + 0.2 * rng.standard_normal()
+            own = replace(robot, p2=robot.p2 * factor, coulomb=robot.coulomb * factor)
+            sine = Sine(omega=omega, amplitude=amplitude)
+            named = f"{mass}-{omega}"
+            log = simulated(own, mass, sine.sample, 30.0, sine=sine, source=named, **seen)
+            found += noisy([log], 1e-4, rng)
+    return robot, found
+
+
+def test_friction_that_differs_from_log_to_log_is_said_and_pulls_at_nothing_else(scattering):
+    robot, logs = scattering
+    estimate = _fit(logs, terms=("bias", "p3_offset"), check=False)
+    robust = _fit(logs, terms=("bias", "p3_offset"), check=False, loss=Loss.HUBER)
+    said = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
+    assert [each.parameters for each in said] == [("p2", "coulomb")]
+    assert said[0].number == pytest.approx(0.2, rel=0.5)
+    assert not [each for each in robust.findings if each.kind is FindingKind.SCATTER]
+    errors = [abs(each.parameters.p1 / robot.p1 - 1) for each in (estimate, robust)]
+    assert errors[0] < 0.001
+    assert errors[0] < errors[1] / 2
+
+
+def test_of_few_logs_or_of_logs_that_agree_no_scatter_is_said(logs, scattering):
+    robot, differing = scattering
+    zeros = dict.fromkeys(MASSES, ZERO)
+    few = OutputError(terms=("bias",), check=False).of_logs(differing[::7], robot, zeros)
+    for found in (few, _fit(logs, terms=("drag", "load", "bias", "p3_offset", "stribeck"))):
+        assert FindingKind.SCATTER not in {each.kind for each in found.findings}

@@ -31,7 +31,7 @@ def weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fin
     It takes one step from the least squares, to where every log is simulated with friction and gain
     of its own, which tells the scatter better; the step from there is taken on trust. Few logs do
     not tell, and robust losses have weights of their own: None then, and where the logs are
-    followed far worse so.
+    followed far worse so, or no longer tell the parameters apart.
     """
     if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
         return None
@@ -49,6 +49,8 @@ def weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fin
     likelihood = Likelihood(logs, spread, prior, point)
     scatter = likelihood.best()
     at = _whitened(logs, scatter, spread, prior, point)
+    if problem.inseparable(at):
+        return None
     last = _step(problem, at, point)
     found = Minimum(
         point=np.maximum(point + last, problem.lower),

@@ -27,7 +27,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
+from butterfly.identification.blocks import CELLS
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.term_choice import NEGLIGIBLE
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
 
@@ -41,9 +43,6 @@ _USUAL = (0.003, 0.1, 0.02)
 standard deviations of their priors, the first on top of three times the noise."""
 
 _OVER_NOISE = 3.0
-_REMEMBERED = 0.1  # of a log, after which its residuals have forgotten what they were
-_UNTOLD = 1e-9  # of the strongest direction, below which there is only rounding
-_EXACT = 1e-6  # of the motion, which rounding leaves of logs without noise
 _EVIDENT = 10.8  # likelihood ratio of a size that is no chance: that of one in two thousand
 _FINEST = 1e-3  # of a value, below which free runs are not exact enough to tell
 _BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
@@ -173,11 +172,15 @@ class Likelihood:
         weighed = weight @ self._both
         sums = np.einsum("kqi,kqj->ij", self._both, weighed)
         normal = sums[:-1, :-1] + np.diag(self._known)
+        normal += np.diag(np.where(np.diag(normal) > 0, 0.0, 1.0))  # of what has no effect
         scale = np.sqrt(np.diag(normal))
-        inverse = np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+        eigenvalues, axes = np.linalg.eigh(normal / np.outer(scale, scale))
+        eigenvalues = np.maximum(eigenvalues, np.finfo(float).eps * eigenvalues[-1])
+        inverse = (axes / eigenvalues) @ axes.T / np.outer(scale, scale)
         pull = sums[:-1, -1] + self._pull
         change = inverse @ pull
-        logarithms = np.linalg.slogdet(variance)[1].sum() - np.linalg.slogdet(inverse)[1]
+        logarithms = np.linalg.slogdet(variance)[1].sum() + np.log(eigenvalues).sum()
+        logarithms += 2 * np.log(scale).sum()
         rows, left = weighed[:, :, :-1], weighed[:, :, -1] - weighed[:, :, :-1] @ change
         slope = weight - rows @ inverse @ np.swapaxes(rows, 1, 2)
         slope -= left[:, :, None] * left[:, None, :]
@@ -218,20 +221,21 @@ def _coordinates(
     """Return (q, n) R, (q,) U'r and (q, q) U'NU of a log (see `LogRows.of`)."""
     basis, triangle = np.linalg.qr(rows)
     left, sizes, right = np.linalg.svd(triangle @ mixture, full_matrices=False)
-    told = sizes > _UNTOLD * sizes[0]
+    told = sizes > np.finfo(float).eps * residuals.size * sizes[0]
     basis = basis @ left[:, told]
     own = basis.T @ residuals
     noise = _coloured(basis, residuals - basis @ own)
-    return sizes[told, None] * right[told], own, noise + _EXACT**2 * np.eye(own.size)
+    return sizes[told, None] * right[told], own, noise + NEGLIGIBLE**2 * np.eye(own.size)
 
 
 def _coloured(basis: Samples, residuals: Samples) -> Samples:
     """(q, q) variance that errors have along (m, q) columns, were they as (m,) residuals are.
 
-    The autocovariance is tapered by a triangle, whose spectrum is nowhere negative.
+    The autocovariance is tapered by a triangle, whose spectrum is nowhere negative, down to 0 at
+    the length of a cell.
     """
     count = residuals.size
-    lags = max(int(_REMEMBERED * count), 1)
+    lags = max(count // CELLS, 1)
     length = next_fast_len(count + lags, real=True)
     covariance = irfft(np.abs(rfft(residuals, length)) ** 2, length)[:lags] / count
     covariance *= 1 - np.arange(lags) / lags

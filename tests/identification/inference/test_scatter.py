@@ -138,3 +138,11 @@ def test_coloured_errors_weigh_as_their_autocovariance_says():
 def test_a_share_of_the_scatter_is_never_of_inertia_or_gravity():
     spread = spread_of(("p1", "p3", "p4", "drag", "bias"), np.arange(1.0, 6.0))
     np.testing.assert_array_equal(spread, [[0, 0, 0, 4, 0], [0, 0, 3, 0, 0]])
+
+
+def test_a_parameter_without_any_effect_takes_no_part():
+    """As Coulomb friction of a joint that has none, on its bound."""
+    rng = np.random.default_rng(8)
+    spread, blind = spread_of(NAMES, VALUES), np.diag([1.0, 1.0, 1.0, 0.0])
+    logs = [(residuals, rows, blind) for residuals, rows, _ in logs_of(rng, 30, 1e-3, friction=0.2)]
+    assert 0.05 < Likelihood(LogRows.of(logs), spread).best().friction < 0.5
