@@ -64,8 +64,10 @@ def test_values_are_within_their_intervals_whatever_tells_no_delay(cases, case):
     rows = {row.name: row for row in found.estimate.table()}
     for name, true in _truth(cases / case).items():
         assert rows[name].value == pytest.approx(true, rel=0.04), name
-        assert rows[name].lower <= true <= rows[name].upper, name
-    assert 0 <= rows["delay"].value < 1e-4
+        least, most = rows[name].lower, rows[name].upper
+        rounding = 1e-4 * abs(true)  # the encoder's, beside which these logs have no noise
+        assert least - rounding <= true <= most + rounding, name
+    assert 0 <= rows["delay"].value < 5e-4  # half a step of the clock
 
 
 @pytest.mark.parametrize("case", ["torque-steps", "p-law-steps"])

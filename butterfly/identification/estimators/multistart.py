@@ -18,6 +18,7 @@ from butterfly.identification.estimators.free_run_residuals import FreeRunResidu
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.inference.term_choice import candidates
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
@@ -45,10 +46,8 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
-    guesses = [(_from_sines, terms), (_from_any, terms)]
-    if terms is None:
-        guesses.append((_from_any, candidates(_LEFT_OUT, data.masses, data.known)))
-    for closed_form, wanted in guesses:
+    guesses = [(_from_any, candidates(_LEFT_OUT, data.masses, data.known))] if terms is None else []
+    for closed_form, wanted in ((_from_sines, terms), (_from_any, terms), *guesses):
         try:
             start = closed_form(data, wanted)
         except ButterflyError as refusal:
@@ -112,7 +111,8 @@ def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
     It is half of the most, or lets the speed settle within a step of the clock.
     """
     parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
-    most = dict(zip(found.names, found.upper.tolist(), strict=True)).get("p1", 0.0) + least
+    errors = dict(zip(found.names, found.standard_errors.tolist(), strict=True))
+    most = parameters.p1 + least + SPREADS * errors.get("p1", 0.0)
     if parameters.p1 + least > 0 or not most > 0:
         return parameters
     settling = parameters.p2 * min(log.mean_step for log in data.logs)

@@ -103,6 +103,8 @@ class _Averages:
         slow = self._fit.about.slow if speed is None else speed
         nested = self._fit.nested(self._windows, (*self.always, *terms), slow)
         cells = nested.equations.log.size // len(self._logs)
+        if nested.equations.log.size != cells * len(self._logs):
+            return nested  # a log never moves
         if cells not in self._conditions:
             self._conditions[cells] = Conditions.of(self._logs, cells)
         return replace(nested, conditions=self._conditions[cells])
