@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,6 +265,12 @@ class FreeRunResiduals:
         values = np.array(list((absent | found).values())) / self.scale
         return values, self.weighed(self.equations(values).counting(self.loss), values)
 
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Under which the cells were recorded."""
+        cells = cells_of(len(self.simulations), len(self.keys))
+        return Conditions.of([each.log for each in self.simulations], cells)
+
     def lacking(self, problem: FreeRunResiduals, point: Samples) -> str | None:
         """Return the rarer term, of those here, that fewer parameters lack where they ended."""
         tried = [n for n, _ in self.keys if n in RARER and (n, None) not in problem.keys]
@@ -271,8 +278,7 @@ class FreeRunResiduals:
             return None
         values, at = self.about(problem, point)
         cells = cells_of(len(at.logs), len(self.keys))
-        conditions = Conditions.of([each.log for each in self.simulations], cells)
-        return lacking_term(self._equations(values, at, cells), tried, conditions)
+        return lacking_term(self._equations(values, at, cells), tried, self.conditions)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""

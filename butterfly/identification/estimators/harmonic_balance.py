@@ -45,7 +45,7 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.agreement import Conditions, disagreements_of
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
@@ -182,6 +182,7 @@ class HarmonicBalance(Estimator):
         fit, robot = robot.settled(fit, ROUGHLY)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always, alias = fit.phasors.names, like_a_clock(points)
+        plain: tuple[HarmonicBalanceTerms, HarmonicBalanceFit, SteadyModel] | None = None
         while True:
             chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
             fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
@@ -191,8 +192,11 @@ class HarmonicBalance(Estimator):
             lacking = fit.lacking((*always, *alias), conditions) if self.terms is None else None
             if lacking is None:
                 break
+            plain = plain or (chosen, fit, robot)
             always = (*always, lacking)
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
+        if plain and disagreements_of(fit.solved, conditions)[0]:  # it is no such term
+            chosen, fit, robot = plain
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
             points,

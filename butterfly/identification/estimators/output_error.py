@@ -16,13 +16,13 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
-from butterfly.identification.blocks import FEW, cells_of
+from butterfly.identification.blocks import FEW
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
@@ -30,15 +30,16 @@ from butterfly.identification.estimators.free_run_residuals import (
     TRIED,
     FreeRunResiduals,
 )
-from butterfly.identification.estimators.gauss_newton import Loss
+from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.weighed_logs import weighed
-from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.agreement import disagreements_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
     RARER,
+    TermChoice,
     candidates,
     requested_terms,
 )
@@ -50,6 +51,9 @@ from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
+Samples = NDArray[np.float64]
+
+_WORST_CLOCK = 0.01  # share by which a clock is wrong at most: timers of software, not crystals
 _LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
 
@@ -172,8 +176,9 @@ class OutputError(Estimator):
             problems = [each.without(untried) for each in problems]
         wide, rarer = problems[0], self._unseen(first)
         problem, end, said = lowest_end([each.without(rarer) for each in problems])
-        rivals: tuple[NDArray[np.float64], ...] = ()
+        rivals: tuple[Samples, ...] = ()
         always, lacking = tuple(known.uncertain), None
+        plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
         while self.terms is None:
             here = wide.without(rarer)
             point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
@@ -182,8 +187,11 @@ class OutputError(Estimator):
             absent = {*TRIED} - {name for name, _ in problem.keys}
             lacking = wide.without(absent).lacking(problem, end.point)
             if lacking is None:
+                if plain and disagreements_of(problem.solved(end), problem.conditions)[0]:
+                    problem, end, rivals, choice = plain  # it is no such term
                 said = (*said, *choice.findings)
                 break
+            plain = plain or (problem, end, rivals, choice)
             rarer, always = rarer - {lacking}, (*always, lacking)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
@@ -203,8 +211,11 @@ class OutputError(Estimator):
             method="output error",
             check=self.check,
             driven=driven,
-            conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
-            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
+            conditions=problem.conditions,
+            rivals=[
+                reference.grown(each, solved.names[: each.size])
+                for each in (*rivals, *_of_clock(problem, solved))
+            ],
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),
@@ -279,3 +290,21 @@ class OutputError(Estimator):
             if each.name in told
             or (each.name not in fitted and getattr(start, each.name) != each.default)
         }
+
+
+def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:
+    """Return the values of a clock that is wrong instead, where masses' own inertia looks like it.
+
+    Stamps that are too short by a share make all inertia larger by twice that, that of the masses
+    among it, and damping by it; sines tell the two apart by their frequency.
+    """
+    own = dict(zip(solved.names, solved.values.tolist(), strict=True))
+    share = own.get("mass_inertia", 0.0)
+    if not 0 < abs(share) < 2 * _WORST_CLOCK or all(
+        each.log.excitation for each in problem.simulations
+    ):
+        return []
+    factors = {"p1": 1 + share, "p2": math.sqrt(1 + share)}
+    values = {name: value / factors.get(name, 1.0) for name, value in own.items()}
+    values["mass_inertia"] = 0.0
+    return [np.array([values[name] for name in solved.names[: problem.shared]])]
