@@ -150,7 +150,7 @@ def test_the_report_of_a_sweep_counts_verdicts_and_lists_what_went_wrong(pages):
     assert page.summary[0].startswith("60 runs, 58 ")
     assert any("1 of 58" in each for each in page.summary)
     assert (page.numbers["ok"], page.numbers["unconverged"]) == (58, 1)
-    assert page.numbers["verdicts"] == {"m": {"good": 57, "use with care": 0, "do not use": 1}}
+    assert page.numbers["verdicts"] == {"m": {"good": 0, "use with care": 57, "do not use": 1}}
     recovered = [each["parameter"] for each in page.numbers["recovery"]]
     assert recovered == ["p1", "p3"]  # not p4, which was known
     rows = {each.title: each.tables[0].rows for each in page.sections if each.tables}

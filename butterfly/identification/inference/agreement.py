@@ -36,6 +36,7 @@ from butterfly.model.terms import PARAMETERS
 Samples = NDArray[np.float64]
 
 _LEVEL = 0.05  # of a false alarm, over all contrasts (Holm, Scand. J. Statist. 6, 1979)
+_RARELY = 1e-3  # the same of what differs from log to log: none of 50 robots of A and B by chance
 _SHARES = (0.02, 0.05)  # of the squared errors, of sines and of transients: below, nothing is named
 _MOVES = 0.01  # of p1 or p4, by which a smaller share counts
 _MOVES_STEADY = 1e-3  # the same where steady responses say it, whose errors are known
@@ -312,7 +313,7 @@ def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterat
         left = max((cost - explained) / (rows - more), _UNSEEN * cost)
         chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
-        if chance < _LEVEL and scatter > least:
+        if chance < _RARELY and scatter > least:
             values = equations.values[place] + change
             yield Contrast(
                 parameter=name,
