@@ -44,7 +44,7 @@ standard deviations of their priors, the first on top of three times the noise."
 
 _OVER_NOISE = 3.0
 _EVIDENT = 10.8  # likelihood ratio of a size that is no chance: that of one in two thousand
-_FINEST = 1e-3  # of a value, below which free runs are not exact enough to tell
+_FINEST = 0.01  # of a value, below which nothing is said: 1 of 89 sound robots then is accused
 _BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
 
 
