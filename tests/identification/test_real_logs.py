@@ -59,9 +59,9 @@ def test_the_logs_are_followed_least_by_friction_that_is_viscous_and_coulomb_s_a
     assert real.fit.mean >= 92
     assert real.fit.worst >= 75
     best = FitSummary.of(real.data.simulations.fits(estimates["output error"]))
-    assert best.median >= 96.9
-    assert best.mean >= 95.6
-    assert best.worst >= 87
+    assert best.median >= 96.5  # weighed by their scatter: one log at its resonance counts less
+    assert best.mean >= 95.2
+    assert best.worst >= 75
     data, options = real.data, OutputError(terms=(), per_mass=("zero",), check=False)
     start = estimates["harmonic balance"].parameters
     fits = data.simulations.fits(options.of_logs(data.logs, start, data.equilibria))

@@ -154,7 +154,7 @@ def test_the_report_of_a_sweep_counts_verdicts_and_lists_what_went_wrong(pages):
     recovered = [each["parameter"] for each in page.numbers["recovery"]]
     assert recovered == ["p1", "p3"]  # not p4, which was known
     rows = {each.title: each.tables[0].rows for each in page.sections if each.tables}
-    assert rows["Verdicts"] == [("m", "57", "0", "1")]
+    assert rows["Verdicts"] == [("m", "0", "57", "1")]
     (unconverged,) = rows["Estimates that did not converge"]
     assert [str(cell) for cell in unconverged] == ["9", "m", "stopped", ""]
     assert [row[1] for row in rows["Runs without a result"]] == ["refused", "failed"]

@@ -102,7 +102,9 @@ class _Averages:
     def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
         slow = self._fit.about.slow if speed is None else speed
         nested = self._fit.nested(self._windows, (*self.always, *terms), slow)
-        cells = nested.equations.log.size // len(self._logs)
+        cells, lost = divmod(nested.equations.log.size, len(self._logs))
+        if lost or not cells:  # a log without windows that move has no conditions
+            return nested
         if nested.equations.log.size != cells * len(self._logs):
             return nested  # a log never moves
         if cells not in self._conditions:
