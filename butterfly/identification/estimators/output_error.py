@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
 from butterfly.identification.blocks import FEW
