@@ -32,7 +32,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def estimate(data):
-    return HarmonicBalance(check=False)(data)
+    return HarmonicBalance()(data)
 
 
 @pytest.fixture(scope="module")

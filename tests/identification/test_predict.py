@@ -51,7 +51,7 @@ def found(data):
 
 @pytest.fixture(scope="module")
 def unchecked(data):
-    return HarmonicBalance(terms=(), check=False)(data)
+    return HarmonicBalance(terms=())(data)
 
 
 def _predicted(data, found, draws, errors=(), seed=0):
@@ -236,7 +236,7 @@ EVERY_TERM = ("drag", "load", "bias", "p3_offset", "stribeck")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "estimator",
-    [HarmonicBalance(terms=(), check=False), OutputError(terms=EVERY_TERM, check=False)],
+    [HarmonicBalance(terms=()), OutputError(terms=EVERY_TERM)],
 )
 def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, estimator):
     """With an estimate from the other two masses only, where none could be checked."""

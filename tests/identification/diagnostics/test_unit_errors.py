@@ -169,7 +169,7 @@ def test_a_lone_log_that_no_model_follows_is_judged_though_no_other_can_tell_its
         [simulated(ROBOT, MASSES[1], lambda t: 0.02 * np.sin(3 * t), 12.0)],
         known=Prior.of({"p4": -ROBOT.p4}),
     )
-    found = identify(data, WeakForm(terms=(), check=False))
+    found = identify(data, WeakForm(terms=()))
     assert found.estimate.level is Level.WARNING
 
 

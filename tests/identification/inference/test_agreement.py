@@ -89,8 +89,8 @@ def test_a_parameter_that_follows_a_condition_is_named_with_what_a_fit_with_it_f
 
 def test_intervals_hold_what_would_be_at_the_limit():
     _, _, equations = _problem(2, _following(COMMAND, 0.002))
-    found = infer(equations, method="any", masses=MASSES, conditions=_conditions(), check=False)
-    plain = infer(equations, method="any", masses=MASSES, check=False)
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions())
+    plain = infer(equations, method="any", masses=MASSES)
     place = NAMES.index("p4")
     assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
@@ -119,7 +119,7 @@ def test_a_mass_that_is_weighed_wrong_is_told_and_within_what_masses_agree():
 
 def test_words_name_the_cause_and_which_way_the_parameter_goes():
     equations = _problem(4, _following(COMMAND, -0.002))[2]
-    found = infer(equations, method="any", masses=MASSES, conditions=_conditions(), check=False)
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions())
     best = found.agreement[0]
     assert causes(best) == ("a dead zone of the drive",)
     text = contrast_text(best, found)
