@@ -45,7 +45,7 @@ OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
     *(FindingKind.FEW_MASSES, FindingKind.OTHER_END),
-    *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
+    *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
@@ -173,7 +173,7 @@ def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
     reason = Finding(FindingKind.POOR_FIT, number=31.3)
-    note = Finding(FindingKind.UNCHECKED)
+    note = Finding(FindingKind.ABSOLUTE)
     verdict, *others = estimate_sentences(_estimate(reason, note))
     assert verdict.startswith("Do not use: ")
     assert "31.3 %" in verdict
