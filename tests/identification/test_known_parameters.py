@@ -1,7 +1,5 @@
 """What is known beforehand: exactly, with an uncertainty, wrongly, or not enough of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one bounded least squares, against other solvers and numerical derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@
 the others by sines. Of what varies within a session the mean is true.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

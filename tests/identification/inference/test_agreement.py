@@ -1,7 +1,5 @@
 """Contrasts between conditions against fits that have the contrast as a parameter."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

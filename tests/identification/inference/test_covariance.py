@@ -8,11 +8,7 @@ from scipy.stats import t as student
 
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.covariance import (
-    cluster_covariance,
-    honest_limits,
-    robust,
-)
+from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
 from butterfly.identification.inference.infer import infer
 from butterfly.model.parameters import AddedMass
 

@@ -1,7 +1,5 @@
 """What a misfit may have made of values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

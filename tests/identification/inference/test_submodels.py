@@ -1,7 +1,5 @@
 """Nested fits against fits that are made anew."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Terms that are in the data are chosen, others are not and are said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
