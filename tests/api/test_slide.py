@@ -1,7 +1,5 @@
 """A slide's results speak of kg and m."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Estimators are ranked by what they predict unseen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """MuJoCo, the grey box and a log of known parameters side by side."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the hand hangs, as the encoder reads it, found from any log."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

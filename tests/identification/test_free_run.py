@@ -1,7 +1,5 @@
 """Free runs and their FIT, from logs whose parameters and start are known."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

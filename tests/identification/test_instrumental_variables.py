@@ -1,7 +1,5 @@
 """Noise does not bias the weak form, since its equations are seen through simulated ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

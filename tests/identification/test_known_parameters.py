@@ -1,7 +1,5 @@
 """What is known beforehand: exactly, with an uncertainty, wrongly, or not enough of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +19,7 @@ from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady, wild
+from tests.identification.simulated import noisy as simulated_noise
 
 ONE = MASSES[1]
 METHODS = {
@@ -32,11 +31,8 @@ LINEAR = ("p1", "p2", "p3", "p4", "coulomb")
 MOTOR = {"torque_constant": (0.05, 0.002), "resistance": (2.3, 0.12), "gear_ratio": 4}
 
 
-def noisy(logs, size=2e-4, seed=0):
-    rng = np.random.default_rng(seed)
-    return [
-        replace(log, angle=log.angle + size * rng.standard_normal(log.time.size)) for log in logs
-    ]
+def noisy(logs):
+    return simulated_noise(logs, 2e-4, np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """The thesis's 41 logs: every estimator finds the robot that is known, and follows its motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Every estimator recovers every term that it offers, size and sign, from simulated logs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which sines have settled, and what the middles of their swings say of zero and bias."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import product

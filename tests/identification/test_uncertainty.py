@@ -1,7 +1,5 @@
 """Standard errors against spreads, and what estimators say of their own checks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +10,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
-from butterfly.identification.test_functions import (
-    HALF_WIDTH,
-    Averaging,
-)
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.model.prior import NO_PRIOR, SCALES, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES

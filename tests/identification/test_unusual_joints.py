@@ -1,7 +1,5 @@
 """Joints that other laboratories have: slides, flywheels, decays, drives wired the other way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

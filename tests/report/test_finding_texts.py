@@ -1,7 +1,5 @@
 """What was found is said, in a sentence for each kind, with its number and its parameters."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -110,10 +108,7 @@ def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
 
 def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
     ratios = replace(_estimate(reach=(0.5, 0.5, 0.01, 0.5)), ratios=True)
-    ratios = replace(
-        ratios,
-        names=("p2", "p3", "p4", "delay"),
-    )
+    ratios = replace(ratios, names=("p2", "p3", "p4", "delay"))
     verdict = estimate_verdict(ratios)
     assert verdict.level is Level.GOOD
     assert (
@@ -150,11 +145,7 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
             (),
             f"{_TIMES}; it misses something that looks like none of the terms on offer.",
         ),
-        (
-            [FOLLOWED, MISFIT, LACKS],
-            (),
-            f"{_TIMES}; it misses drag or load, 61 % of what is left.",
-        ),
+        ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; it misses drag or load, 61 % of what is left."),
         (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),

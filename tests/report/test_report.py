@@ -40,11 +40,7 @@ from butterfly.report.log_figures import (
 )
 from butterfly.report.page import Whisker, packable, write_html
 from butterfly.report.parameter_table import parameter_texts
-from butterfly.report.residual import (
-    residual_page,
-    residual_sentences,
-    residual_table,
-)
+from butterfly.report.residual import residual_page, residual_sentences, residual_table
 from butterfly.report.summary import summary
 
 

@@ -1,7 +1,5 @@
 """Good models are seldom accused; what is missing is, and by its name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 
@@ -10,11 +8,7 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.residuals import (
-    LogResiduals,
-    Residuals,
-    residuals_of,
-)
+from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals, residuals_of
 from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
