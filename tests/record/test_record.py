@@ -14,8 +14,8 @@ FACTS = {
         "standard_error": {"p1": 0.01, "p2": 0.02},
         "fit": {"a.csv": 99.5},
     },
-    "texts": {"verdict": "good", "findings": ["precise (note) p1"]},
-    "words": ["Good: nothing."],
+    "texts": {"verdict": "good", "findings": ["on-bound p2"]},
+    "words": ["Good: p1 within 1 %."],
 }
 RECORD = {"one": FACTS, "two": copy.deepcopy(FACTS)}
 
