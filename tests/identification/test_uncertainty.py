@@ -134,7 +134,7 @@ def _rescaled(log, scale, share):
 
 @pytest.mark.parametrize("scale", sorted(SCALES))
 def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, scale):
-    share, estimator = 0.002, HarmonicBalance(terms=(), check=False)
+    share, estimator = 2e-4, HarmonicBalance(terms=(), check=False)
     told = replace(sines, known=Prior.of({scale: (1.0, share)}))
     plain, wide = estimator(sines), estimator(told)
     off = estimator(DataSet.of([_rescaled(log, scale, share) for log in sines.logs]))
