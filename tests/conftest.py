@@ -1,7 +1,5 @@
 """Data that several tests share."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 ``python -m tests.house`` writes docs/tuned-numbers.md anew.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import re

@@ -7,8 +7,6 @@ First the tests run once, to learn which of them reach which line; then each err
 the tests that reach its line run, the most particular first, until one fails. Needs pytest-cov.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os

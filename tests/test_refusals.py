@@ -1,7 +1,5 @@
 """Each refusal in docs/refusals.md: what provokes it, how it begins, and that its remedy works."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import dataclass, replace
@@ -101,10 +99,7 @@ CASES = {
     "no sines, for a method that wants them": Case(
         f"identify unsaid-sines.yaml {BALANCE} {GAIN}",
         "no log says that its input was a sine",
-        (
-            f"identify sines.yaml {BALANCE} {GAIN}",
-            f"identify unsaid-sines.yaml {WEAK} {GAIN}",
-        ),
+        (f"identify sines.yaml {BALANCE} {GAIN}", f"identify unsaid-sines.yaml {WEAK} {GAIN}"),
     ),
     "too few sines": Case(
         f"identify sine.yaml {BALANCE} {GAIN}",

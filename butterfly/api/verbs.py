@@ -106,7 +106,7 @@ def select(
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
     estimator = make_estimator(method, options)
-    passed = select_terms(logs, estimator.unchecked(), tuple(candidates), track=track)
+    passed = select_terms(logs, estimator, tuple(candidates), track=track)
     chosen = estimator.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
     return Selection.of(logs, chosen, tuple(candidates), passed, found)
@@ -154,11 +154,10 @@ def validate(
                 raise InputError("validate", name, value, "none beside several methods")
         return rank([data], method, split=how, holdout=holdout, track=track)
     logs, estimator = _prepared(data, method, options, holdout)
-    quick = estimator.unchecked()
-    held = cross_validate(logs, quick, how, folds=folds, track=track)
+    held = cross_validate(logs, estimator, how, folds=folds, track=track)
     whole, drawn = judged(logs, estimator), None
     if bootstrap:
-        drawn = bootstrap_of(logs, quick, whole, repetitions=bootstrap, track=track)
+        drawn = bootstrap_of(logs, estimator, whole, repetitions=bootstrap, track=track)
     return Validated.of(logs, estimator, held, whole, drawn)
 
 

@@ -105,7 +105,6 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
         help=f"{text} Default: {_default_text(name, owners)}.",
         group=group,
         metavar=_WORDS.get(name),
-        negative=_flag(f"no_{name}") if name == "check" else (),
         show_default=False,
         show_choices=False,
     )

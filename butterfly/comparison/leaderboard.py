@@ -66,7 +66,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         fits = predictor.fits(found)
         found = judge(data, estimator, found)
         seen = FitSummary.of(fits, found.horizon)
-        held = cross_validate(data, estimator.unchecked(), split)
+        held = cross_validate(data, estimator, split)
     except ButterflyError as problem:
         error = str(problem)
     return Entry(

@@ -208,7 +208,7 @@ class _Run:
         try:
             held = cross_validate(
                 data,
-                self._threaded(spec).unchecked(),
+                self._threaded(spec),
                 validation.split,
                 folds=validation.folds,
                 track=self._track,

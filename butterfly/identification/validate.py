@@ -171,7 +171,7 @@ def bootstrap(
     """
     if repetitions < _LEAST_REPETITIONS:
         raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
-    held = estimator.holding_terms_of(estimate).unchecked()
+    held = estimator.holding_terms_of(estimate)
     rng = np.random.default_rng(seed)
     groups = [
         [k for k, log in enumerate(data.logs) if log.added_mass == mass] for mass in data.masses

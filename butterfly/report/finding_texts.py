@@ -329,9 +329,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
         "or omega is. A wrong clock moves {names} by about twice that share: check both."
     ),
-    FindingKind.UNCHECKED: (
-        "The intervals were not checked by leaving an added mass out, as asked."
-    ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} cannot be seen in the motion: its size is given."
     ),

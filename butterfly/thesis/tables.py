@@ -240,7 +240,7 @@ def _table_2_rows(scripted: dict[AddedMass, float], right: dict[AddedMass, float
 def _real_rows(root: Path | None) -> list[Row]:
     data = read_data_set(read_manifest(shipped("experiments/real-logs.yaml"), root))
     fine, coarse = fit_thesis(data.recorded, 5), fit_thesis(data.recorded, 25)
-    right = HarmonicBalance(check=False)(data).parameters
+    right = HarmonicBalance()(data).parameters
     resonances = [resonance_frequency(right.with_added_mass(mass)) for mass in data.masses]
     return [
         Row(

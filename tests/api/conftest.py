@@ -1,7 +1,5 @@
 """One data set, what is identified from it, and every kind of result that rests on that."""
 
-from __future__ import annotations
-
 import pytest
 
 import butterfly as bf

@@ -38,11 +38,6 @@ def test_a_plain_array_has_the_columns_of_a_matrix_or_those_that_are_told():
         bf.read(RAMP)
 
 
-def test_several_tables_make_one_data_set():
-    data = bf.read([pd.DataFrame(MADE), MADE], columns=COLUMNS, name="both")
-    assert (len(data.logs), data.name) == (2, "both")
-
-
 def test_what_only_files_have_is_refused_for_a_table():
     with pytest.raises(bf.InputError, match=r"arm: got 0\.1; expected none beside a table"):
         bf.read(MADE, columns=COLUMNS, arm=0.1)
@@ -63,12 +58,6 @@ def test_repairs_are_allowed_by_name():
         bf.read(log, repair="unwrap")
     with pytest.raises(bf.InputError, match="none of a repaired data set"):
         bf.read(data, repair=["unwrap"])
-
-
-@pytest.mark.parametrize("piece", [(1, 2, 3), 3.0])
-def test_a_piece_is_a_pair_of_instants(piece):
-    with pytest.raises(bf.InputError, match="piece: got"):
-        bf.read(MADE, columns=COLUMNS, piece=piece)
 
 
 @pytest.mark.parametrize("names", [[3], "log"])

@@ -107,7 +107,7 @@ def test_draws_are_a_file_a_frame_and_models(result, tmp_path):
 
 
 def test_what_was_held_is_drawn_too(data):
-    found = bf.identify(data, "output-error", terms=(), fixed=("delay",), check=False)
+    found = bf.identify(data, "output-error", terms=(), fixed=("delay",))
     drawn = bf.draws(found, 40)
     assert {row["delay"] for row in drawn.rows()} == {found.parameters.delay}
     assert drawn.parameters[0].delay == found.parameters.delay

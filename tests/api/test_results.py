@@ -144,7 +144,7 @@ def test_a_result_above_its_logs_is_moved_with_them_and_any_finds_them_where_one
 ):
     shutil.copytree(quick_data, tmp_path / "a/logs")
     monkeypatch.chdir(tmp_path)
-    found = bf.identify("a/logs", check=False)
+    found = bf.identify("a/logs")
     found.save("a/r.json")
     shutil.move("a", "b")
     monkeypatch.chdir("/")
@@ -156,7 +156,7 @@ def test_a_result_above_its_logs_is_moved_with_them_and_any_finds_them_where_one
 
 
 def test_local_values_and_unknown_ones_come_back(data, tmp_path):
-    local = bf.identify(data, OutputError(terms=(), per_log=("zero",), check=False))
+    local = bf.identify(data, OutputError(terms=(), per_log=("zero",)))
     found = bf.identify(data, "thesis")
     unknown = dict.fromkeys(found.estimate.resonances, float("nan"))
     lost = replace(found, estimate=replace(found.estimate, resonances=unknown))
@@ -244,7 +244,7 @@ def test_what_is_no_json_is_refused(tmp_path, text):
 
 
 def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_path):
-    found = bf.identify(list(data.recorded), check=False)
+    found = bf.identify(list(data.recorded))
     found.save(tmp_path / "r.json")
     with pytest.raises(bf.InputError, match="one source of files"):
         _ = bf.load(tmp_path / "r.json").data
@@ -252,7 +252,7 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
 
 
 def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
-    held = cross_validate(data, HarmonicBalance(check=False), Split.MASS)
+    held = cross_validate(data, HarmonicBalance(), Split.MASS)
     left_out = results["validation"].to_dataframe()["FIT left out in %"]
     np.testing.assert_allclose(left_out, held.fits)
     designed, compared = results["design"].rows(), results["comparison"]

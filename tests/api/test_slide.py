@@ -1,7 +1,5 @@
 """A slide's results speak of kg and m."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,7 @@ def test_a_slide_s_table_is_in_kilograms_and_it_makes_no_hinge(tmp_path):
     way, _ = motion(Joint(2.0, 4.0, 0.0, 3.0, coulomb=0.5), time, command)
     table = {"time": time, "input": command, "angle": 1e3 * way}
     data = bf.read(table, joint="slide", units={"angle": "mm"}, known={"p4": 3.0})
-    found = bf.identify(data, WeakForm(terms=(), check=False))
+    found = bf.identify(data, WeakForm(terms=()))
     units = {row["parameter"]: row["unit"] for row in found.rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
     assert "kg m²" not in repr(found) + str(found)

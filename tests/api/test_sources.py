@@ -249,6 +249,8 @@ def test_a_log_of_a_manifest_is_used_even_if_its_neighbours_are_held_out(quick_d
         ("holdout", ["nobody"]),
         ("piece", (3.0, 2.0)),
         ("piece", (1.0,)),
+        ("piece", (1, 2, 3)),
+        ("piece", 3.0),
         ("colums", {"time": 0}),
     ],
 )

@@ -44,7 +44,7 @@ def fitted(real):
     """The default output error of the real logs, without leaving a mass out."""
     data = real.data
     start = real.estimate.parameters, data.equilibria
-    return OutputError(check=False, workers=1).of_logs(data.logs, *start)
+    return OutputError(workers=1).of_logs(data.logs, *start)
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +53,7 @@ def fitted_problem(real, fitted):
     data = real.data
     parameters, own = fitted.applied(data.logs[0])
     zeros = dict.fromkeys(data.equilibria, own["zero"])
-    return OutputError(check=False, workers=1).problem(data.logs, parameters, zeros)
+    return OutputError(workers=1).problem(data.logs, parameters, zeros)
 
 
 @pytest.fixture(scope="session")

@@ -4,8 +4,6 @@ python -m tests.benchmarks.coverage --family ABC --robots 100 --seed 1
 python -m tests.benchmarks.coverage --family A --repeats 40 --of 7   # one robot, new noise
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

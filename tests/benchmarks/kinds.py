@@ -4,8 +4,6 @@ python -m tests.benchmarks.kinds --robots 20 --seed 1
 python -m tests.benchmarks.kinds --kind slide wrapped --method default --seed 3
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from itertools import product

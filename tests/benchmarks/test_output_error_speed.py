@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from butterfly.identification.estimators import OutputError
 from tests.benchmarks.bars import at_most
@@ -22,20 +21,13 @@ def test_residuals_and_their_jacobian_cost_at_most_2_5_simulations(fitted_proble
     at_most(both / once, 2.5, "output error: residuals and Jacobian", "a simulation of 41 logs")
 
 
-@pytest.mark.parametrize(
-    ("check", "bar", "what"),
-    [
-        (False, 16, "output error: fit of 12 parameters"),
-        (True, 45, "output error: the same, and without each mass"),
-    ],
-)
-def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation, check, bar, what):
+def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation):
     data, start = real.data, real.estimate.parameters
-    estimator = OutputError(terms=_GIVEN, fixed=("stribeck_velocity",), check=check, workers=1)
+    estimator = OutputError(terms=_GIVEN, fixed=("stribeck_velocity",), workers=1)
     once, fit = least_seconds(
         simulation, lambda: estimator.of_logs(data.logs, start, data.equilibria), repeats=5
     )
-    at_most(fit / once, bar, what, "a simulation of 41 logs")
+    at_most(fit / once, 16, "output error: fit of 12 parameters", "a simulation of 41 logs")
 
 
 def _turns(problem, scaled):

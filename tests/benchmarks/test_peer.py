@@ -118,7 +118,7 @@ def test_output_error_is_hundreds_of_times_faster_at_no_larger_error(logs):
     truth = _lumped(0.003, 0.05, 1e-3, 0.025)
     p1, p2, p3, p4 = _lumped(INERTIA, DISTANCE, DAMPING, GAIN)
     start = replace(ROBOT.lumped, p1=p1, p2=p2, p3=p3, p4=p4)
-    whole = OutputError(terms=(), check=False, workers=1)
+    whole = OutputError(terms=(), workers=1)
     four = replace(whole, fixed=("coulomb", "delay"))
     found = {}
 

@@ -1,7 +1,5 @@
 """Commands run once per session: their answers are asked for by many tests."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import sys

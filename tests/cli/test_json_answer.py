@@ -39,8 +39,7 @@ def _words(command, data, place):
 
 
 @pytest.mark.parametrize(
-    "command",
-    [pytest.param(each, marks=[pytest.mark.slow] * (each in SLOW)) for each in KINDS],
+    "command", [pytest.param(each, marks=[pytest.mark.slow] * (each in SLOW)) for each in KINDS]
 )
 def test_what_is_told_has_one_form_and_stands_alone_on_standard_output(
     answer, quick_data, place, command

@@ -45,11 +45,7 @@ def _printed(width, *table, **how):
 
 def test_a_table_that_fits_stands_as_it_is_without_columns_that_say_nothing():
     lines = _printed(80, "", ("", "true", "no"), [("p1", "0.00325", "–"), ("p2", "1", "")])
-    assert [line for line in lines if line] == [
-        "         true",
-        "  p1  0.00325",
-        "  p2        1",
-    ]
+    assert [line for line in lines if line] == ["         true", "  p1  0.00325", "  p2        1"]
 
 
 def test_a_table_too_wide_stands_in_blocks_that_each_name_their_rows():

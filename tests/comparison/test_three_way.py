@@ -1,7 +1,5 @@
 """MuJoCo, the grey box and a log of known parameters side by side."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -32,7 +30,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def estimate(data):
-    return HarmonicBalance(check=False)(data)
+    return HarmonicBalance()(data)
 
 
 @pytest.fixture(scope="module")

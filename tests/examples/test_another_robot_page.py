@@ -78,7 +78,7 @@ def test_what_the_page_identifies_is_near_what_the_weak_form_tells(pendulum):
     found = re.search(r"p₁ +(\S+) .*\n.*\n +p₃ +(\S+) ", PAGE)
     shown = np.array([float(found[1]), float(found[2])])
     logs = bf.read(pendulum, known={"delay": 0.0})
-    result = bf.identify(logs, method="weak-form", terms=(), check=False)
+    result = bf.identify(logs, method="weak-form", terms=())
     values = np.array([result.parameters.p1, result.parameters.p3])
     np.testing.assert_allclose(values, shown, rtol=0.1)
     assert values[1] / values[0] == pytest.approx(9.81 / 0.5, rel=0.08)

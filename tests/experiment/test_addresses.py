@@ -62,7 +62,7 @@ ESTIMATORS = [
     {"method": "harmonic-balance", "terms": []},
     {"method": "output-error", "terms": []},
     {"method": "output-error", "terms": [], "loss": "huber"},
-    {"method": "output-error", "terms": [], "check": False},
+    {"method": "output-error", "terms": [], "window": 15.0},
 ]
 
 

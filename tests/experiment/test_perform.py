@@ -161,8 +161,6 @@ def test_intervals_mean_the_same_whether_or_not_logs_are_held_out():
     assert plain == parameters(validation={"split": "mass"})
     assert all(row.lower <= row.least_left_out for row in plain)
     assert all(row.largest_left_out <= row.upper for row in plain)
-    unchecked = parameters(estimators=[estimators[0] | {"check": False}])
-    assert all(row.least_left_out is None for row in unchecked)
 
 
 def test_the_orbit_draws_from_a_stream_of_its_own(monkeypatch):

@@ -1,7 +1,5 @@
 """What happens to files: bits flip, ends are lost, bytes come in between, numbers turn absurd."""
 
-from __future__ import annotations
-
 import random
 import re
 

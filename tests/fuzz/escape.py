@@ -1,7 +1,5 @@
 """What is neither an answer nor a line, of a reader and of a command."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

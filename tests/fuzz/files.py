@@ -1,7 +1,5 @@
 """Files that are read: what they are when sound, and what escapes of damaged ones."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

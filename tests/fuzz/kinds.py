@@ -1,7 +1,5 @@
 """The kinds of files that are damaged: what they are when sound, and how they are read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path

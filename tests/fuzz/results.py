@@ -1,7 +1,5 @@
 """Damaged results of a sweep, and saved identifications, as the commands that look at them do."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from functools import cache

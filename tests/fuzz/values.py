@@ -1,7 +1,5 @@
 """Logs that are whole files of senseless numbers, as `inspect` and `identify` take them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

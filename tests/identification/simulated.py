@@ -1,7 +1,5 @@
 """Logs of a simulated robot, short and coarse, for the tests of estimators."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import product

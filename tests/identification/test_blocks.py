@@ -1,7 +1,5 @@
 """Logs are divided alike for whatever takes a part of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 The integrator is ``cases/make.py`` of the shared data, which knows nothing of this program.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What a data set refuses, and what it reads off its logs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -8,31 +8,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.draws import draw_parameters
-from butterfly.identification.estimate import Estimate
 from butterfly.model.terms import lower_bounds
 from tests.conftest import MASSES
+from tests.identification import simulated
 
 NAMES = ("p1", "p2", "p3", "p4", "coulomb", "load")
 VALUES = np.array([0.003, 1e-3, 0.04, 0.5, 8e-4, 1e-4])
 
 
 def estimate_of(values, errors, correlation, left_out=(), reach=1.96):
-    covariance = np.outer(errors, errors) * correlation
+    plain = simulated.estimate_of(
+        values, np.outer(errors, errors) * correlation, names=NAMES, reach=reach
+    )
     candidates = np.array([values, *left_out])
-    return Estimate(
-        method="a test",
-        names=NAMES[: len(values)],
-        values=values,
-        covariance=covariance,
-        lower=np.minimum(values - reach * errors, candidates.min(axis=0)),
-        upper=np.maximum(values + reach * errors, candidates.max(axis=0)),
+    return replace(
+        plain,
+        lower=np.minimum(plain.lower, candidates.min(axis=0)),
+        upper=np.maximum(plain.upper, candidates.max(axis=0)),
         left_out=dict(enumerate(left_out)),
-        condition=1.0,
-        on_bound=(),
-        ending=Ending.CONVERGED,
-        findings=(),
     )
 
 

@@ -1,7 +1,5 @@
 """Where the hand hangs, as the encoder reads it, found from any log."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -31,8 +29,8 @@ from tests.independent.integrator import Joint, motion
 P1, P2, P3, DRY = 0.0033, 1e-3, 0.05, 5e-4
 HEAVY = (NO_ADDED_MASS, AddedMass(mass=0.06, arm=0.104), AddedMass(mass=0.15, arm=0.104))
 STEP = 4e-3
-PLAIN = WeakForm(terms=(), check=False)
-BIASED = HarmonicBalance(terms=("bias",), check=False)
+PLAIN = WeakForm(terms=())
+BIASED = HarmonicBalance(terms=("bias",))
 
 
 def _run(mass, inputs, zero, *, start=0.0, bias=0.0, noise=0.0):
@@ -175,7 +173,7 @@ def test_output_error_fits_no_zero_that_is_exact_and_one_prior_for_each_that_is_
 
 def test_output_error_holds_a_told_zero_and_weighs_an_uncertain_one():
     logs = [log.take(np.arange(1500)) for log in _logs(0.3, turns=(0, 0, 0))]
-    fit = OutputError(terms=(), check=False, workers=1)
+    fit = OutputError(terms=(), workers=1)
     held = DataSet.of([replace(log, zero=0.3) for log in logs])
     found = fit.of_starts(held.logs, starts(held, ())[:1])
     assert found.local == {}

@@ -1,7 +1,5 @@
 """Free runs and their FIT, from logs whose parameters and start are known."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 
@@ -23,7 +21,7 @@ from tests.identification.simulated import ROBOT, driven
 from tests.independent.integrator import Joint
 
 SPEED, ZERO = 2.5, 0.2
-PLAIN = OutputError(terms=(), per_log=("velocity",), check=False, workers=1)
+PLAIN = OutputError(terms=(), per_log=("velocity",), workers=1)
 
 
 def _thrown(mass, seed):
@@ -109,7 +107,7 @@ def test_the_velocity_and_zero_found_for_each_log_predict_it_by_one_simulation(d
 def test_logs_that_are_held_out_are_simulated_once(data, runs):
     apart = data.holding([0])
     (held,) = apart.test_logs.logs
-    found = identify(apart, WeakForm(terms=(), check=False))
+    found = identify(apart, WeakForm(terms=()))
     assert runs.count(held.name) == 1
     assert list(found.held_out) == [held.name]
 

@@ -1,7 +1,5 @@
 """The equations of output error: their derivatives, and parts of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

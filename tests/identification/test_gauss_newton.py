@@ -1,7 +1,5 @@
 """The descent against certified figures and SciPy's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

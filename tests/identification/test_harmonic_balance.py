@@ -94,7 +94,7 @@ def test_the_spread_reaches_the_cramer_rao_bound():
     slopes = [(predicted(truth + d) - predicted(truth - d)) / (2 * d.sum()) for d in steps]
     jacobian = np.column_stack(slopes)
     bound = noise * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    quick = replace(PLAIN, check=False)
+    quick = replace(PLAIN)
     fits = [quick.of_points(_points(ROBOT, noise=noise, seed=k)).values for k in range(200)]
     rmse = np.sqrt(np.mean((np.array(fits) - truth) ** 2, axis=0))
     assert np.all(rmse < 1.15 * bound)
@@ -192,7 +192,7 @@ def test_two_sampling_rates_within_each_log_leave_the_delay_where_it_is(monkeypa
 
     monkeypatch.setattr(random_robots, "clock", two_rates)
     robot = random_robots.draw("A", 0, 77)
-    estimate = replace(PLAIN, check=False)(robot.data)
+    estimate = replace(PLAIN)(robot.data)
     place = estimate.names.index("delay")
     assert estimate.lower[place] <= robot.truth.delay <= estimate.upper[place]
     assert estimate.values[place] == pytest.approx(robot.truth.delay, abs=1e-5)

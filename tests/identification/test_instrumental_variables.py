@@ -1,7 +1,5 @@
 """Noise does not bias the weak form, since its equations are seen through simulated ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +33,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
         for sign in (1, -1):
             logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
             plain = fitted_terms(logs, _windows(logs), (), NO_PRIOR)[0].values
-            free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS).parameters
+            free = WeakForm(terms=()).of_logs(logs, ZEROS).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [ROBOT.p3, ROBOT.p4] - 1
     assert np.all(plain < -1e-3)
@@ -44,7 +42,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
 
 def test_without_noise_they_change_nothing(clean):
     plain = fitted_terms(clean, _windows(clean), (), NO_PRIOR)[0].solved.values
-    through = WeakForm(terms=(), check=False).of_logs(clean, ZEROS).values
+    through = WeakForm(terms=()).of_logs(clean, ZEROS).values
     np.testing.assert_allclose(through[:4], plain[:4], rtol=1e-3)
 
 
@@ -54,7 +52,7 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
     known = Prior.of({"p3": 0.0, "p4": robot.p4})
     logs = wild(robot)
     plain = fitted_terms(logs, _windows(logs), (), known)[0].values
-    free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS, known).parameters
+    free = WeakForm(terms=()).of_logs(logs, ZEROS, known).parameters
     assert plain["p1"] > 1.001 * robot.p1
     assert free.p1 == pytest.approx(robot.p1, rel=3e-4)
     assert free.coulomb == pytest.approx(robot.coulomb, rel=3e-4)
@@ -75,7 +73,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
 def test_a_parameter_on_its_bound_stays_there():
     frictionless = wild(replace(ROBOT, coulomb=0.0, p2=0.0), duration=8.0)
     logs = noisy(frictionless, 2e-3, np.random.default_rng(1))
-    found = WeakForm(terms=("drag",), check=False).of_logs(logs, ZEROS)
+    found = WeakForm(terms=("drag",)).of_logs(logs, ZEROS)
     assert found.on_bound
     for name in found.on_bound:
         assert found.values[found.names.index(name)] == 0.0

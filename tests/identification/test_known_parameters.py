@@ -1,7 +1,5 @@
 """What is known beforehand: exactly, with an uncertainty, wrongly, or not enough of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,22 +19,20 @@ from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady, wild
+from tests.identification.simulated import noisy as simulated_noise
 
 ONE = MASSES[1]
 METHODS = {
-    "harmonic-balance": HarmonicBalance(terms=(), check=False),
-    "weak-form": WeakForm(terms=(), check=False),
-    "output-error": OutputError(terms=(), check=False, workers=1),
+    "harmonic-balance": HarmonicBalance(terms=()),
+    "weak-form": WeakForm(terms=()),
+    "output-error": OutputError(terms=(), workers=1),
 }
 LINEAR = ("p1", "p2", "p3", "p4", "coulomb")
 MOTOR = {"torque_constant": (0.05, 0.002), "resistance": (2.3, 0.12), "gear_ratio": 4}
 
 
-def noisy(logs, size=2e-4, seed=0):
-    rng = np.random.default_rng(seed)
-    return [
-        replace(log, angle=log.angle + size * rng.standard_normal(log.time.size)) for log in logs
-    ]
+def noisy(logs):
+    return simulated_noise(logs, 2e-4, np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +205,7 @@ def test_a_vague_prior_beside_two_masses_widens_nothing():
 
 
 def test_a_term_that_is_known_is_not_chosen_away(pair):
-    estimate = OutputError(check=False, workers=1)(knowing(pair, p4=ROBOT.p4, bias=(2e-3, 2e-4)))
+    estimate = OutputError(workers=1)(knowing(pair, p4=ROBOT.p4, bias=(2e-3, 2e-4)))
     assert "bias" in estimate.names
     ((said, _),) = contradicted(estimate, FindingKind.PRIOR_APART)
     assert said == ("bias",)

@@ -1,7 +1,5 @@
 """Of several descents the best end is kept, and an end elsewhere is said."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

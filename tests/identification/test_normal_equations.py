@@ -1,7 +1,5 @@
 """The one bounded least squares, against other solvers and numerical derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +8,11 @@ from scipy.optimize import nnls
 
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.equations import compressed
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.normal_equations import Regression
 from butterfly.model.prior import Penalty
+from tests.identification.cells import cells
 
 NAMES = ("p3", "p4", "compression")
 TRUTH = np.array([-0.04, 0.5, 0.3])
@@ -79,15 +78,9 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     jacobian = rng.standard_normal((60, 3))
     residuals = rng.standard_normal(60)
     rows, left = compressed(cut(jacobian, residuals, np.arange(60) % 12, 1))
-    solved = CellEquations(
-        names=("p1", "coulomb", "zero"),
-        values=np.array([3.0, 0.05, 1.0]),
-        rows=rows,
-        residuals=left,
-        log=np.arange(12),
-        on_bound=np.array([False, True, True]),
-        lower=np.array([-np.inf, 0.0, -np.inf]),
-    )
+    bounds = {"on_bound": np.array([False, True, True]), "lower": np.array([-np.inf, 0.0, -np.inf])}
+    values = np.array([3.0, 0.05, 1.0])
+    solved = cells(("p1", "coulomb", "zero"), rows, left, values=values, **bounds)
     left_out = {"heavy": np.array([9.0, 0.1])}
     found = infer(solved, method="any", left_out=left_out, shared=2)
     assert found.names == ("p1", "coulomb")

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -75,7 +73,7 @@ def test_sign_unit_and_start_of_the_clock_and_order_of_logs_change_nothing_else(
 
 def test_a_third_of_the_sampling_rate_gives_the_same(logs):
     coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
-    fine, thinned = (_fit(each, check=False) for each in (logs, coarse))
+    fine, thinned = (_fit(each) for each in (logs, coarse))
     shift = np.abs(thinned.values - fine.values)
     assert np.all(shift < 5 * np.hypot(fine.standard_errors, thinned.standard_errors))
     np.testing.assert_allclose(thinned.values, fine.values, rtol=0.02)
@@ -93,9 +91,7 @@ def test_a_robust_loss_is_not_misled_by_a_log_that_jumps(logs):
     angle = logs[1].angle.copy()
     angle[6000:6600] += 0.5
     spoilt = [logs[0], replace(logs[1], angle=angle), *logs[2:]]
-    plain, robust = (
-        _fit(spoilt, loss=loss, check=False).parameters for loss in (Loss.LINEAR, Loss.CAUCHY)
-    )
+    plain, robust = (_fit(spoilt, loss=loss).parameters for loss in (Loss.LINEAR, Loss.CAUCHY))
     robust_error, plain_error = (abs(p.coulomb / ROBOT.coulomb - 1) for p in (robust, plain))
     assert robust_error < 2e-3
     assert plain_error > 5 * robust_error
@@ -128,8 +124,8 @@ def scattering():
 
 def test_friction_that_differs_from_log_to_log_is_said_and_pulls_at_nothing_else(scattering):
     robot, logs = scattering
-    estimate = _fit(logs, terms=("bias", "p3_offset"), check=False)
-    robust = _fit(logs, terms=("bias", "p3_offset"), check=False, loss=Loss.HUBER)
+    estimate = _fit(logs, terms=("bias", "p3_offset"))
+    robust = _fit(logs, terms=("bias", "p3_offset"), loss=Loss.HUBER)
     said = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
     assert [each.parameters for each in said] == [("p2", "coulomb")]
     assert said[0].number == pytest.approx(0.2, rel=0.5)
@@ -142,6 +138,6 @@ def test_friction_that_differs_from_log_to_log_is_said_and_pulls_at_nothing_else
 def test_of_few_logs_or_of_logs_that_agree_no_scatter_is_said(logs, scattering):
     robot, differing = scattering
     zeros = dict.fromkeys(MASSES, ZERO)
-    few = OutputError(terms=("bias",), check=False).of_logs(differing[::7], robot, zeros)
+    few = OutputError(terms=("bias",)).of_logs(differing[::7], robot, zeros)
     for found in (few, _fit(logs, terms=("drag", "load", "bias", "p3_offset", "stribeck"))):
         assert FindingKind.SCATTER not in {each.kind for each in found.findings}

@@ -1,7 +1,5 @@
 """Other parameters on the same logs, and what that costs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -20,7 +20,7 @@ from butterfly.identification.predict import (
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, simulated, steady
+from tests.identification.simulated import ROBOT, noisy, simulated, steady
 
 NOISE = 2e-3  # rad
 RELATIVE_NOISE = 0.02
@@ -33,9 +33,7 @@ def clean():
 
 
 def _noisy(logs, seed, noise=NOISE):
-    rng = np.random.default_rng(seed)
-    angles = [log.angle + noise * rng.standard_normal(log.angle.size) for log in logs]
-    return DataSet.of([replace(log, angle=a) for log, a in zip(logs, angles, strict=True)])
+    return DataSet.of(noisy(logs, noise, np.random.default_rng(seed)))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +49,7 @@ def found(data):
 
 @pytest.fixture(scope="module")
 def unchecked(data):
-    return HarmonicBalance(terms=(), check=False)(data)
+    return HarmonicBalance(terms=())(data)
 
 
 def _predicted(data, found, draws, errors=(), seed=0):
@@ -96,12 +94,12 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
 def _noisy_by_its_motion(logs, seed):
     """Noise in proportion to each log's motion, and a first sample without any."""
     rng = np.random.default_rng(seed)
-    noisy = []
+    found = []
     for log in logs:
         noise = RELATIVE_NOISE * np.std(log.angle) * rng.standard_normal(log.angle.size)
         noise[0] = 0.0
-        noisy.append(replace(log, angle=log.angle + noise))
-    return DataSet.of(noisy)
+        found.append(replace(log, angle=log.angle + noise))
+    return DataSet.of(found)
 
 
 @pytest.mark.slow
@@ -236,7 +234,7 @@ EVERY_TERM = ("drag", "load", "bias", "p3_offset", "stribeck")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "estimator",
-    [HarmonicBalance(terms=(), check=False), OutputError(terms=EVERY_TERM, check=False)],
+    [HarmonicBalance(terms=()), OutputError(terms=EVERY_TERM)],
 )
 def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, estimator):
     """With an estimate from the other two masses only, where none could be checked."""

@@ -1,7 +1,5 @@
 """The thesis's 41 logs: every estimator finds the robot that is known, and follows its motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,9 +17,9 @@ def estimates(real):
     logs, zeros = data.logs, data.equilibria
     return {
         "default": real.estimate,
-        "harmonic balance": HarmonicBalance(terms=(), check=False)(data),
-        "weak form": WeakForm(check=False).of_logs(logs, zeros),
-        "weak form with drag": WeakForm(terms=("drag",), check=False).of_logs(logs, zeros),
+        "harmonic balance": HarmonicBalance(terms=())(data),
+        "weak form": WeakForm().of_logs(logs, zeros),
+        "weak form with drag": WeakForm(terms=("drag",)).of_logs(logs, zeros),
         "output error": OutputError().of_logs(logs, start, zeros),
     }
 
@@ -62,7 +60,7 @@ def test_the_logs_are_followed_least_by_friction_that_is_viscous_and_coulomb_s_a
     assert best.median >= 96.5  # weighed by their scatter: one log at its resonance counts less
     assert best.mean >= 95.2
     assert best.worst >= 75
-    data, options = real.data, OutputError(terms=(), per_mass=("zero",), check=False)
+    data, options = real.data, OutputError(terms=(), per_mass=("zero",))
     start = estimates["harmonic balance"].parameters
     fits = data.simulations.fits(options.of_logs(data.logs, start, data.equilibria))
     assert 95 <= np.median(fits) < 96.5

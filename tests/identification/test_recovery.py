@@ -1,7 +1,5 @@
 """Every estimator recovers every term that it offers, size and sign, from simulated logs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +39,7 @@ TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}
 
 ZEROS = dict.fromkeys(MASSES, 0.0)
 START = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
-SIMULATED = OutputError(terms=(), check=False, workers=1)
+SIMULATED = OutputError(terms=(), workers=1)
 
 
 def _assert_recovered(found, term, truth, tolerance):
@@ -54,11 +52,11 @@ def _assert_recovered(found, term, truth, tolerance):
 
 def _balanced(robot, term, terms):
     swings = SLOW if term == "stribeck" else SWINGS
-    return HarmonicBalance(terms=terms, check=False)(DataSet.of(steady(robot, swings)))
+    return HarmonicBalance(terms=terms)(DataSet.of(steady(robot, swings)))
 
 
 def _averaged(robot, term, terms):  # noqa: ARG001 - as the others
-    estimator = WeakForm(terms=terms, cogging_periods=robot.cogging_periods, check=False)
+    estimator = WeakForm(terms=terms, cogging_periods=robot.cogging_periods)
     return estimator.of_logs(wild(robot), ZEROS)
 
 
@@ -133,7 +131,7 @@ def test_cogging_of_one_period_a_turn_is_dropped_and_said_since_it_is_what_p3_is
     robot = replace(ROBOT, cogging=-2e-3)
     logs = wild(robot, duration=8.0)
     for estimator, arguments in (
-        (WeakForm(terms=("cogging",), check=False), (logs, ZEROS)),
+        (WeakForm(terms=("cogging",)), (logs, ZEROS)),
         (replace(SIMULATED, terms=("cogging",)), (logs, ROBOT, ZEROS)),
     ):
         found = estimator.of_logs(*arguments)

@@ -60,7 +60,7 @@ def noisy():
 
 
 def _fit(logs, **options):
-    estimator = OutputError(terms=(), check=False, workers=1, **options)
+    estimator = OutputError(terms=(), workers=1, **options)
     return estimator.of_logs(logs, START, ZEROS, KNOWN)
 
 
@@ -134,7 +134,7 @@ def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before(
 
 
 def test_the_judgement_sees_segments_and_says_so(noisy):
-    found = identify(noisy, OutputError(terms=(), check=False, workers=1))
+    found = identify(noisy, OutputError(terms=(), workers=1))
     places = [found.estimate.names.index(name) for name in TRUTH]
     truth = np.array(list(TRUTH.values()))
     assert (found.estimate.lower[places] <= truth).all()

@@ -15,7 +15,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from tests.identification.simulated import ROBOT, SLOW, steady, wild
 
-BALANCE = HarmonicBalance(terms=(), check=False)
+BALANCE = HarmonicBalance(terms=())
 HEAVY = AddedMass(mass=0.1, arm=0.1)
 
 
@@ -75,7 +75,7 @@ def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
 @pytest.mark.parametrize(("kind", "least"), [("sines", 98), ("any motion", 99)])
 def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, kind, least):
     data = _of(sines, 2) if kind == "sines" else DataSet.of(wild(ROBOT))
-    estimator, seen = BALANCE if kind == "sines" else WeakForm(terms=(), check=False), []
+    estimator, seen = BALANCE if kind == "sines" else WeakForm(terms=()), []
 
     def spy(part):
         seen.append(sum(float(log.time[-1] - log.time[0]) for log in part.logs))

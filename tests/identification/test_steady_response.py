@@ -1,7 +1,5 @@
 """Which sines have settled, and what the middles of their swings say of zero and bias."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -84,7 +82,7 @@ def test_the_error_of_the_bias_is_its_spread():
 def test_harmonic_balance_finds_a_bias_unasked_and_the_encoder_s_zero():
     robot = replace(ROBOT, bias=BIAS)
     logs = [replace(log, angle=log.angle + ZERO) for log in steady(robot, SWINGS)]
-    found = HarmonicBalance(check=False)(DataSet.of(logs))
+    found = HarmonicBalance()(DataSet.of(logs))
     assert found.parameters.bias == pytest.approx(BIAS, rel=0.02)
     assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)
 

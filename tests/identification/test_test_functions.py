@@ -1,7 +1,5 @@
 """Averages over test functions, against integrals by quadrature and by parts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import quad

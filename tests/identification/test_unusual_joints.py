@@ -1,7 +1,5 @@
 """Joints that other laboratories have: slides, flywheels, decays, drives wired the other way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +20,7 @@ from butterfly.report.inspection import health_rows
 from tests.identification.simulated import driven, noisy
 from tests.independent.integrator import Joint
 
-FIT = OutputError(terms=(), check=False, workers=1)
+FIT = OutputError(terms=(), workers=1)
 SLIDE = AddedMass(joint=JointKind.SLIDE)
 
 
@@ -60,7 +58,7 @@ def test_a_small_mass_on_a_heavy_slide_tells_the_scale_to_simulations():
         wave = np.cumsum(rng.standard_normal((2, 3000)), axis=1) * 0.02
         logs += _logs(loaded, *wave, added=added, noise=1e-3)
     data = DataSet.of(logs)
-    closed = WeakForm(terms=(), check=False)(data).parameters
+    closed = WeakForm(terms=())(data).parameters
     assert not closed.p1 > 0
     found = FIT(data).parameters
     assert found.p1 == pytest.approx(4.0, rel=0.02)
@@ -105,14 +103,14 @@ def test_a_slide_is_told_in_metres(slide):
 
 
 def test_what_has_changed_of_a_slide_is_told_in_kilograms(slide):
-    found = identify(slide, WeakForm(terms=(), check=False))
+    found = identify(slide, WeakForm(terms=()))
     units = {row["parameter"]: row["unit"] for row in Changed.of(found, found).rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
 
 
 def test_a_slide_is_not_driven_further_than_its_logs_have_shown(slide):
     way = max(np.ptp(log.angle) for log in slide.logs) / 2
-    ranked = next_experiments(slide, WeakForm(terms=(), check=False)(slide))
+    ranked = next_experiments(slide, WeakForm(terms=())(slide))
     assert not any("decay" in each.what for each in ranked)
     trusted = [each for each in ranked if not each.warning]
     assert trusted

@@ -21,7 +21,7 @@ from butterfly.identification.validate import bootstrap, cross_validate, select_
 from butterfly.model.terms import PARAMETERS
 from tests.identification.simulated import ROBOT, steady
 
-BALANCE = HarmonicBalance(check=False)
+BALANCE = HarmonicBalance()
 
 
 @pytest.mark.parametrize(("split", "parts"), [(Split.MASS, 3), (Split.FREQUENCY, 5)])
@@ -41,8 +41,8 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real, s
 
 def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
     for estimator, median, mean, worst in (
-        (HarmonicBalance(check=False), 93.0, 91.2, 67),
-        (HarmonicBalance(terms=(), check=False), 92.5, 91.4, 68),
+        (HarmonicBalance(), 93.0, 91.2, 67),
+        (HarmonicBalance(terms=()), 92.5, 91.4, 68),
     ):
         summary = cross_validate(real.data, estimator, Split.MASS).summary
         assert summary.median >= median
@@ -53,12 +53,12 @@ def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
 @pytest.mark.slow
 def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
     """With the terms that `butterfly select` chooses."""
-    estimator = OutputError(terms=("p3_offset", "drag", "bias"), check=False)
+    estimator = OutputError(terms=("p3_offset", "drag", "bias"))
     masses = cross_validate(real.data, estimator, Split.MASS)
     assert masses.summary.median >= 94
     assert masses.summary.mean >= 92
     assert (masses.fits > 90).sum() >= 34
-    default = cross_validate(real.data, OutputError(check=False), Split.MASS).summary
+    default = cross_validate(real.data, OutputError(), Split.MASS).summary
     assert default.median >= 94.7
     assert default.mean >= 93.2
     half = real.data.take(range(0, 41, 2))
@@ -150,8 +150,8 @@ def test_an_estimator_holds_the_terms_of_an_estimate_and_all_else_as_it_was(esti
 
 
 def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
-    chosen = HarmonicBalance(check=False)(real.data)
-    held = HarmonicBalance(check=False).holding_terms_of(chosen)(real.data)
+    chosen = HarmonicBalance()(real.data)
+    held = HarmonicBalance().holding_terms_of(chosen)(real.data)
     assert held.names == chosen.names
     np.testing.assert_allclose(
         (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +71,7 @@ def test_on_a_slow_clock_a_held_input_s_gain_is_right():
             added_mass=mass,
         )
         logs.append(log)
-    found = WeakForm(terms=(), check=False).of_logs(logs, dict.fromkeys(MASSES, 0.0)).parameters
+    found = WeakForm(terms=()).of_logs(logs, dict.fromkeys(MASSES, 0.0)).parameters
     assert found.p4 == pytest.approx(robot.p4, rel=1e-5)
     assert found.delay == pytest.approx(0.0, abs=1e-6)
 

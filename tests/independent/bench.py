@@ -7,8 +7,6 @@ A cause is asked for where the parameters that the defect moves are off by more 
 answers of ``--against``, or in these: in the verdict, and (in brackets) anywhere.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

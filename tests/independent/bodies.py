@@ -1,7 +1,5 @@
 """Random joints that turn or slide, and recordings of them as an encoder sees them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -71,7 +69,7 @@ class Body:
         braking = loaded.viscous * speed + 8 / (3 * np.pi) * loaded.drag * speed**2
         return math.hypot(in_phase, braking + 4 / np.pi * loaded.coulomb)
 
-    def having(self, **torques: float) -> Body:
+    def having(self, **torques: float) -> "Body":
         """Return it with other parameters of the joint."""
         return replace(self, joint=self.joint._replace(**torques))
 
@@ -115,7 +113,7 @@ class Encoder:
     zero: float
 
     @classmethod
-    def drawn(cls, rng, zero: float, reach: float = 1.0) -> Encoder:
+    def drawn(cls, rng, zero: float, reach: float = 1.0) -> "Encoder":
         """Draw one of 12 to 16 bits a turn."""
         count = 2.0 * np.pi / 2 ** int(rng.integers(12, 17))
         return cls(count=reach * count, spread=reach * rng.uniform(0.0, 1e-3), zero=reach * zero)

@@ -4,8 +4,6 @@
 the others by sines. Of what varies within a session the mean is true.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -38,9 +36,6 @@ _ATTEMPTS = 1000
 class BenchRobot:
     """What was drawn."""
 
-    row: str
-    number: int
-    seed: int
     truth: dict[str, float]  # by name, of the bare joint
     heaviest: float  # largest added gravity moment in N m, as the size of p3's errors
     recordings: tuple[Recording, ...]
@@ -77,9 +72,6 @@ def draw(row: str, number: int, seed: int = 1) -> BenchRobot:
             logs.append(record(rng, body, run, encoder, **timing, bench=bench))
         if all(moves(body, log, encoder, _WIDEST) for log in logs):
             return BenchRobot(
-                row=row,
-                number=number,
-                seed=seed,
                 truth=body.truth(),
                 heaviest=max(each.mass * body.gravity * each.arm for each in body.masses),
                 recordings=tuple(map(bench.notes, logs)),

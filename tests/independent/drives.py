@@ -1,7 +1,5 @@
 """Torques as functions of (n,) stamps in s, each with its amplitude; clocks; random sizes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ a joint at rest slips at the beginning of a step or not at all. The input is giv
 it at every stamp of what an encoder reads there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@
 the program is used: what it reads are files.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass, field, replace

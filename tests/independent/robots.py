@@ -5,8 +5,6 @@ a robot that has some of Stribeck friction, drag, friction by load and a bias be
 inputs (sums of sines, chirps, free decays), half of the robots with drag.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """How near an identification comes to the truth of a random robot, and what it says of itself."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, field, replace
 

@@ -4,8 +4,6 @@ Each segment starts at an angle and a velocity of its own: nothing diverges, and
 start enters the parameters. Nothing of the program is used.
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 `python -m tests.independent.slips` prints how many of each kind are recognised and named.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections import Counter

@@ -4,8 +4,6 @@ A joint of the program stands beside none of these: dead zones are of the comman
 inertias of the integrator, and friction that differs by direction of a time stepping written here.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

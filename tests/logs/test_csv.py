@@ -1,7 +1,5 @@
 """Text files as people write them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -96,8 +96,7 @@ def test_jitter_is_the_rms_of_what_was_put_in_whatever_the_gaps(sine_log, gap):
 
 
 @pytest.mark.parametrize(
-    ("name", "what"),
-    [("input", "excites"), ("angle", "moving"), ("time", "never advances")],
+    ("name", "what"), [("input", "excites"), ("angle", "moving"), ("time", "never advances")]
 )
 def test_a_constant_column_is_refused(sine_log, name, what):
     with pytest.raises(InputError, match=what):

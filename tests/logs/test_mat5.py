@@ -1,7 +1,5 @@
 """Damaged .mat files end in one typed line, and never in SciPy's compiled reader."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

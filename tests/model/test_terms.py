@@ -10,13 +10,7 @@ from scipy.integrate import quad
 
 from butterfly.model.kernel import Constants, rates
 from butterfly.model.kinematics import Motion
-from butterfly.model.parameters import (
-    AddedMass,
-    Friction,
-    Hand,
-    LumpedParameters,
-    TorqueDrive,
-)
+from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
@@ -27,10 +21,7 @@ PLAIN = LumpedParameters(p1=0.004, p2=0.0, p3=0.0, p4=0.0, **SETTINGS)
 VALUE = 0.013
 STATES = [(0.7, 0.9), (-2.1, -0.3), (3.0, 1.7)]
 COMMAND = 0.6
-YIELDED = {
-    "compression": lambda c: COMMAND / (1 + c * COMMAND),
-    "dead_zone": lambda d: COMMAND - d,
-}
+YIELDED = {"compression": lambda c: COMMAND / (1 + c * COMMAND), "dead_zone": lambda d: COMMAND - d}
 
 STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]

@@ -1,7 +1,5 @@
 """The velocity that an observer sees, against a simulated truth and closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

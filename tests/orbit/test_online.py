@@ -1,7 +1,5 @@
 """On-line estimation against re-calibration, and against the same rows solved by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

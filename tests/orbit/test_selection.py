@@ -1,7 +1,5 @@
 """Which terms a re-calibration keeps, and the stretches by which it judges."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

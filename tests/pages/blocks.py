@@ -1,7 +1,5 @@
 """Code on pages, found as somebody reads it: from top to bottom."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from dataclasses import dataclass

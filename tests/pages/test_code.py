@@ -1,7 +1,5 @@
 """All code on the pages runs, or it is said here why not."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

@@ -1,7 +1,5 @@
 """The site has every page, and everything that its pages show."""
 
-from __future__ import annotations
-
 import re
 
 import yaml

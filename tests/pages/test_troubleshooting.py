@@ -1,7 +1,5 @@
 """docs/troubleshooting.md quotes what the program says, and leaves nothing of a verdict out."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

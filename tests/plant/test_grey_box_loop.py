@@ -180,10 +180,7 @@ REFUSED = {
     "starts beyond any angle": (PLAIN, FreeDecay(angle=1e6)),
     "command too large": (PLAIN, Table(time=(0.0, 0.05), values=(0.0, LARGEST_COMMAND))),
     "friction": (replace(PLAIN, robot=robot(load=-5e-3)), SINE),
-    "clutch": (
-        replace(PLAIN, robot=robot(clutch=Clutch(backlash=0.01, rotor_inertia=1e-3))),
-        SINE,
-    ),
+    "clutch": (replace(PLAIN, robot=robot(clutch=Clutch(backlash=0.01, rotor_inertia=1e-3))), SINE),
 }
 
 

@@ -12,10 +12,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.parameters import (
-    LumpedParameters,
-    TorqueDrive,
-)
+from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.plant.rollout import replay_input

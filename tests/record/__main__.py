@@ -4,8 +4,6 @@ python -m tests.record write build/record.json --part quick
 python -m tests.record compare old.json new.json --relative 1e-9
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

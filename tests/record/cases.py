@@ -1,7 +1,5 @@
 """What is recorded: each case by its name, as a function without arguments."""
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Two records beside each other."""
 
-from __future__ import annotations
-
 import math
 
 BY_PARAMETER = {"value", "lower", "upper", "left_out", "rival"}

@@ -4,8 +4,6 @@ What a record holds is named here, and by nothing in the program: where the prog
 renamed, these functions are adjusted, and records of before and after compare.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

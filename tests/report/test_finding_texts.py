@@ -1,7 +1,5 @@
 """What was found is said, in a sentence for each kind, with its number and its parameters."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -45,7 +43,7 @@ OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
     *(FindingKind.FEW_MASSES, FindingKind.OTHER_END),
-    *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART, FindingKind.UNCHECKED),
+    *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
@@ -110,10 +108,7 @@ def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
 
 def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
     ratios = replace(_estimate(reach=(0.5, 0.5, 0.01, 0.5)), ratios=True)
-    ratios = replace(
-        ratios,
-        names=("p2", "p3", "p4", "delay"),
-    )
+    ratios = replace(ratios, names=("p2", "p3", "p4", "delay"))
     verdict = estimate_verdict(ratios)
     assert verdict.level is Level.GOOD
     assert (
@@ -150,11 +145,7 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
             (),
             f"{_TIMES}; it misses something that looks like none of the terms on offer.",
         ),
-        (
-            [FOLLOWED, MISFIT, LACKS],
-            (),
-            f"{_TIMES}; it misses drag or load, 61 % of what is left.",
-        ),
+        ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; it misses drag or load, 61 % of what is left."),
         (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),
@@ -173,7 +164,7 @@ def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
     reason = Finding(FindingKind.POOR_FIT, number=31.3)
-    note = Finding(FindingKind.UNCHECKED)
+    note = Finding(FindingKind.ABSOLUTE)
     verdict, *others = estimate_sentences(_estimate(reason, note))
     assert verdict.startswith("Do not use: ")
     assert "31.3 %" in verdict

@@ -63,7 +63,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def found(data):
-    return HarmonicBalance(check=False)(data)
+    return HarmonicBalance()(data)
 
 
 @pytest.fixture(scope="module")

@@ -40,11 +40,7 @@ from butterfly.report.log_figures import (
 )
 from butterfly.report.page import Whisker, packable, write_html
 from butterfly.report.parameter_table import parameter_texts
-from butterfly.report.residual import (
-    residual_page,
-    residual_sentences,
-    residual_table,
-)
+from butterfly.report.residual import residual_page, residual_sentences, residual_table
 from butterfly.report.summary import summary
 
 
@@ -140,7 +136,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     simulated, tmp_path
 ):
     result, truth = simulated
-    linear = identify(result.data, Linear(check=False), against={"truth": truth})
+    linear = identify(result.data, Linear(), against={"truth": truth})
     write_report(linear, tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     row = re.search(r"<tr>\s*<td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]

@@ -1,7 +1,5 @@
 """What an input does between its stamps, against integrals by quadrature."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

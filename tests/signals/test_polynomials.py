@@ -1,7 +1,5 @@
 """Polynomials between a simulation's instants, and slopes of local ones, against SciPy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

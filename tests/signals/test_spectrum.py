@@ -5,12 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.signals.spectrum import (
-    dominant_frequency,
-    periodogram,
-    rms_amplitude,
-    uniform_grid,
-)
+from butterfly.signals.spectrum import dominant_frequency, periodogram, rms_amplitude, uniform_grid
 
 
 @given(periods=st.integers(1, 30), length=st.integers(3, 20), amplitude=st.floats(0.1, 10))

@@ -9,12 +9,7 @@ from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.sensors import Clock
 from butterfly.thesis.figure_data import write_figure_data
-from butterfly.thesis.tables import (
-    _scripted_resonance,
-    reproduce,
-    scripted_point,
-    synthetic_log,
-)
+from butterfly.thesis.tables import _scripted_resonance, reproduce, scripted_point, synthetic_log
 
 
 @pytest.mark.slow

@@ -380,9 +380,9 @@ class _Search:
         """
         undone = mistake.undone(self.data)
         sines = all(log.excitation for log in undone.logs)
-        quick: Estimator = HarmonicBalance(check=False) if sines else WeakForm(check=False)
+        quick: Estimator = HarmonicBalance() if sines else WeakForm()
         if isinstance(self.estimator, HarmonicBalance | WeakForm):
-            quick = self.estimator.unchecked()
+            quick = self.estimator
         try:
             found = quick(undone)
         except _FAILURES:

@@ -1,4 +1,4 @@
-"""What all estimators have in common: their terms, their label, and the check that costs most."""
+"""What all estimators have in common: their terms, their label, and what may be known."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Estimator:
         parts: list[str] = []
         for each in fields(self):
             value = getattr(self, each.name)
-            if each.name in {"method", "check"} or value == each.default:
+            if each.name == "method" or value == each.default:
                 continue
             if each.name == "terms":
                 parts += value or ["no terms"]
@@ -67,10 +67,6 @@ class Estimator:
         """
         terms = () if data.hangs else ("bias",)
         return (self.with_terms(terms) if hasattr(self, "terms") else self)(data)
-
-    def unchecked(self) -> Self:
-        """Return the estimator without the refits that leave one added mass out."""
-        return self._with(check=False) if hasattr(self, "check") else self
 
     def with_terms(self, terms: tuple[str, ...]) -> Self:
         """Return the estimator with other terms."""

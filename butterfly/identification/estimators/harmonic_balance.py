@@ -153,13 +153,10 @@ class HarmonicBalance(Estimator):
     terms
         Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
         logs that were left out.
-    check
-        Whether to fit again without each added mass.
     """
 
     method: Literal["harmonic-balance"] = "harmonic-balance"
     terms: tuple[str, ...] | None = None
-    check: bool = True
 
     summary: ClassVar[str] = "joint linear fit of the steady responses"
 
@@ -206,7 +203,6 @@ class HarmonicBalance(Estimator):
             reference,
             chosen=chosen,
             rest=known,
-            check=self.check,
             conditions=conditions,
         )
 
@@ -214,14 +210,14 @@ class HarmonicBalance(Estimator):
         """Estimate without terms, as far as describing functions go (see `Estimator`)."""
         require_usable(self.method, data.known)
         reference, fit = _begun(data.sines, data.known, PARAMETERS)
-        return _judged(data.sines, fit, _NAME, [], reference, check=False)
+        return _judged(data.sines, fit, _NAME, [], reference)
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
         chosen = HarmonicBalanceTerms.of(first, self.terms)
         fit = HarmonicBalanceFit.of(chosen.phasors)
-        return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
+        return _judged(points, fit, _NAME, [], reference, chosen=chosen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,15 +227,9 @@ class Linear(Estimator):
     For swings so small that sin th = th, without Coulomb friction and delay: what is left of the
     harmonic balance is the joint linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 =
     (Z w^2 - X) G.
-
-    Parameters
-    ----------
-    check
-        Whether to fit again without each added mass.
     """
 
     method: Literal["linear"] = "linear"
-    check: bool = True
 
     summary: ClassVar[str] = "joint complex fit for small swings without friction"
 
@@ -251,7 +241,7 @@ class Linear(Estimator):
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
         reference, fit = _begun(points, known, LINEAR, small=True)
-        return _judged(points, fit, "joint linear complex fit", [], reference, check=self.check)
+        return _judged(points, fit, "joint linear complex fit", [], reference)
 
 
 def _begun(
@@ -278,7 +268,6 @@ def _judged(
     *,
     chosen: HarmonicBalanceTerms | None = None,
     rest: RestAngles | None = None,
-    check: bool,
     conditions: Conditions | None = None,
 ) -> Estimate:
     """Judge a fit, and the bias that the rest angles tell."""
@@ -292,7 +281,6 @@ def _judged(
     found = infer(
         whole,
         method=method,
-        check=check,
         rivals=tuple(reference.grown(each, solved.names) for each in rivals),
         findings=said,
         fixed=chosen.fixed if chosen else None,

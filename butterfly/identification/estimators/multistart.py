@@ -77,7 +77,7 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
 
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms), check=False)
+    closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
     found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
@@ -94,7 +94,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     wanted, open_ = _known(WeakForm, terms), bool(data.unread)
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
-    closed_form = WeakForm(terms=wanted, check=False)
+    closed_form = WeakForm(terms=wanted)
     estimate = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     found = _moving(estimate, data)
     if not open_:
@@ -130,7 +130,7 @@ def _of_ratios(data: DataSet) -> Start | None:
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
     try:
         known = data.known | Prior.of({"p4": 1.0})
-        ratios = WeakForm(check=False).of_logs(logs, zeros, known).parameters
+        ratios = WeakForm().of_logs(logs, zeros, known).parameters
     except ButterflyError:
         return None
     if not ratios.p1:

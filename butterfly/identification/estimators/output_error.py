@@ -90,8 +90,6 @@ class OutputError(Estimator):
         How residuals count: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
         Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
-    check
-        Whether to fit again without each added mass.
     workers
         Threads; 0 for one per core.
     """
@@ -105,7 +103,6 @@ class OutputError(Estimator):
     horizon: float | None = None
     loss: Loss = Loss.LINEAR
     cogging_periods: float = 1.0
-    check: bool = True
     workers: int = 0
 
     summary: ClassVar[str] = "joint fit of free-run simulations"
@@ -210,7 +207,6 @@ class OutputError(Estimator):
             reference.whole(solved),
             unweighted=reference.whole(cells),
             method="output error",
-            check=self.check,
             driven=driven,
             conditions=problem.conditions,
             rivals=[

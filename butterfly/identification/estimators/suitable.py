@@ -28,13 +28,10 @@ class Suitable(Estimator):
     terms
         Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
         logs that were left out.
-    check
-        Whether to fit again without each added mass.
     """
 
     method: Literal["auto"] = "auto"
     terms: tuple[str, ...] | None = None
-    check: bool = True
 
     summary: ClassVar[str] = "harmonic-balance where all logs are sines, else output-error"
 
@@ -44,8 +41,8 @@ class Suitable(Estimator):
             steady, _ = steady_sines(data)
             enough = len(steady) > len(data.known.fitted(PARAMETERS))
             if enough and len(steady) >= _MOST * len(data.logs):
-                return HarmonicBalance(terms=self.terms, check=self.check)
-        return OutputError(terms=self.terms, check=self.check)
+                return HarmonicBalance(terms=self.terms)
+        return OutputError(terms=self.terms)
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate as the estimator does that suits the logs (see `Estimator`)."""

@@ -130,15 +130,12 @@ class WeakForm(Estimator):
         Of the test functions in s; a sine's logs use at most a quarter period.
     cogging_periods
         Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
-    check
-        Whether to fit again without each added mass.
     """
 
     method: Literal["weak-form"] = "weak-form"
     terms: tuple[str, ...] | None = None
     half_width: float = HALF_WIDTH
     cogging_periods: float = 1.0
-    check: bool = True
 
     summary: ClassVar[str] = "linear fit against test functions, for any input"
 
@@ -199,7 +196,6 @@ class WeakForm(Estimator):
         return infer(
             whole,
             method="weak form",
-            check=self.check,
             driven=driven,
             conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
             rivals=[reference.grown(each, solved.names) for each in rivals],

@@ -48,7 +48,6 @@ def infer(
     masses: Sequence[AddedMass] = (),
     conditions: Conditions | None = None,
     left_out: Mapping[Hashable, Samples] | None = None,
-    check: bool = True,
     driven: bool = True,
     rivals: Sequence[Samples] = (),
     shared: int | None = None,
@@ -66,11 +65,11 @@ def infer(
     ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
     agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
     were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
-    not given, which ``check`` asks for; ``rivals``: other fits that predict as well; both widen
-    the intervals. The first ``shared`` values are the robot's; ``besides`` is an (n, n) covariance
-    of what was taken as given, added to that of the equations; ``torques`` says that the residuals
-    are such, whose size is weighed beside what each value does. IdentifiabilityError says that the
-    equations are singular for every practical purpose.
+    not given; ``rivals``: other fits that predict as well; both widen the intervals. The first
+    ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken as
+    given, added to that of the equations; ``torques`` says that the residuals are such, whose size
+    is weighed beside what each value does. IdentifiabilityError says that the equations are
+    singular for every practical purpose.
     """
     cells = equations.independent
     whole, left = cells.with_prior
@@ -96,7 +95,7 @@ def infer(
         *scale_apart(cells, known, carried),
     ]
     if left_out is None:
-        left_out, few = without_each_mass(equations, masses, known, asked=check, driven=driven)
+        left_out, few = without_each_mass(equations, masses, known, driven=driven)
         apart += few
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
@@ -152,8 +151,7 @@ def without_each_mass(
     masses: Sequence[AddedMass],
     known: Prior,
     *,
-    asked: bool,
-    driven: bool = True,
+    driven: bool,
 ) -> tuple[dict[Hashable, Samples], list[Finding]]:
     """Estimate again without each added mass, but where the rest cannot determine the parameters.
 
@@ -162,8 +160,6 @@ def without_each_mass(
     said if there are none.
     """
     different = sorted({masses[number] for number in np.unique(equations.log)}) if masses else []
-    if not asked:
-        return {}, [Finding(FindingKind.UNCHECKED)]
     left_out: dict[Hashable, Samples] = {}
     sure = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():

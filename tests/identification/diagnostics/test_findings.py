@@ -1,7 +1,5 @@
 """What forbids the use of values, and what an older program found that is none now."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What no joint can have, and what does not follow the logs, is said; what is within errors not."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Good models are seldom accused; what is missing is, and by its name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 
@@ -10,11 +8,7 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.residuals import (
-    LogResiduals,
-    Residuals,
-    residuals_of,
-)
+from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals, residuals_of
 from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
@@ -23,7 +17,7 @@ from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
-FIT = OutputError(terms=(), check=False, workers=1)
+FIT = OutputError(terms=(), workers=1)
 MISSING = {
     "drag": {"drag": 2e-4},
     "stribeck": {"stribeck": 6e-4, "stribeck_velocity": 0.4},
@@ -139,7 +133,7 @@ def test_a_value_that_is_a_little_off_is_an_error_and_no_misfit(noisy):
 def test_harmonic_balance_of_steady_sines_leaves_no_misfit():
     swings = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
     data = _read(steady(ROBOT, swings), Encoder(steps=8192, noise=1e-3))
-    misfit = residuals_of(data, HarmonicBalance(check=False)(data))
+    misfit = residuals_of(data, HarmonicBalance()(data))
     assert misfit.relative < 1.3 * misfit.left
     assert not misfit.beyond_sensors
 

@@ -1,7 +1,5 @@
 """What is left over: its sensor's errors, its correlations, and the missing term it looks like."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

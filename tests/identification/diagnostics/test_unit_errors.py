@@ -9,11 +9,7 @@ import pytest
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.unit_errors import (
-    UnitError,
-    unit_error,
-    unit_error_text,
-)
+from butterfly.identification.diagnostics.unit_errors import UnitError, unit_error, unit_error_text
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.logs.log import Sine
@@ -91,8 +87,7 @@ def test_a_refusal_names_the_slip_that_explains_it(sines):
 
 
 @pytest.mark.parametrize(
-    "factor",
-    [0.1, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.8, 1.3, 5.0))],
+    "factor", [0.1, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.8, 1.3, 5.0))]
 )
 def test_of_three_masses_that_disagree_the_right_value_is_among_those_given(sines, factor):
     """Any one of three may be wrong: only their ratios are seen; the bare hand never is."""
@@ -169,7 +164,7 @@ def test_a_lone_log_that_no_model_follows_is_judged_though_no_other_can_tell_its
         [simulated(ROBOT, MASSES[1], lambda t: 0.02 * np.sin(3 * t), 12.0)],
         known=Prior.of({"p4": -ROBOT.p4}),
     )
-    found = identify(data, WeakForm(terms=(), check=False))
+    found = identify(data, WeakForm(terms=()))
     assert found.estimate.level is Level.WARNING
 
 

@@ -1,13 +1,11 @@
 """Contrasts between conditions against fits that have the contrast as a parameter."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.equations import compressed
 from butterfly.identification.inference.agreement import (
     Condition,
     Conditions,
@@ -20,8 +18,10 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import choose_terms
 from butterfly.model.parameters import AddedMass
 from butterfly.report.agreement_texts import causes, contrast_text
+from tests.identification.cells import cells
 
 LOGS, CELLS, ROWS = 12, 10, 40
+LOG = np.repeat(np.arange(LOGS), CELLS)
 NAMES = ("p1", "p3", "p4")
 TRUTH = np.array([0.003, 0.05, 0.02])
 UNITS = TRUTH
@@ -49,16 +49,7 @@ def _problem(seed, change=None, noise=0.05):
     flat = rows.reshape(-1, 3)
     found = np.linalg.lstsq(flat * UNITS, target.ravel(), rcond=None)[0] * UNITS
     factors, left = compressed(zip(rows, rows @ found - target, strict=True))
-    equations = CellEquations(
-        names=NAMES,
-        values=found,
-        lower=np.full(3, -np.inf),
-        on_bound=np.zeros(3, dtype=bool),
-        rows=factors,
-        residuals=left,
-        log=np.repeat(np.arange(LOGS), CELLS),
-    )
-    return rows, target, equations
+    return rows, target, cells(NAMES, factors, left, values=found, log=LOG)
 
 
 def _following(x, slope, name="p4"):
@@ -89,8 +80,8 @@ def test_a_parameter_that_follows_a_condition_is_named_with_what_a_fit_with_it_f
 
 def test_intervals_hold_what_would_be_at_the_limit():
     _, _, equations = _problem(2, _following(COMMAND, 0.002))
-    found = infer(equations, method="any", masses=MASSES, conditions=_conditions(), check=False)
-    plain = infer(equations, method="any", masses=MASSES, check=False)
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions())
+    plain = infer(equations, method="any", masses=MASSES)
     place = NAMES.index("p4")
     assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
@@ -119,7 +110,7 @@ def test_a_mass_that_is_weighed_wrong_is_told_and_within_what_masses_agree():
 
 def test_words_name_the_cause_and_which_way_the_parameter_goes():
     equations = _problem(4, _following(COMMAND, -0.002))[2]
-    found = infer(equations, method="any", masses=MASSES, conditions=_conditions(), check=False)
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions())
     best = found.agreement[0]
     assert causes(best) == ("a dead zone of the drive",)
     text = contrast_text(best, found)
@@ -135,16 +126,8 @@ def test_a_term_without_which_friction_follows_a_condition_is_kept():
     rows[..., 2] = swing[:, None] * rows[..., 1]
     target = rows @ np.array([1.0, 1.0, 0.5]) + rng.standard_normal(rows.shape[:2])
     factors, left = compressed(zip(rows, -target, strict=True))
-    equations = CellEquations(
-        names=("p1", "p2", "drag"),
-        values=np.zeros(3),
-        lower=np.full(3, -np.inf),
-        on_bound=np.zeros(3, dtype=bool),
-        rows=factors,
-        residuals=left,
-        log=np.repeat(np.arange(LOGS), CELLS),
-    )
-    blind = Submodels(equations=equations, folds=equations.log, slack=1e3)
+    equations = cells(("p1", "p2", "drag"), factors, left, log=LOG)
+    blind = Submodels(equations=equations, folds=LOG, slack=1e3)
     conditions = _conditions(values={Condition.SWING: swing**2})
     chosen = [
         choose_terms([each], always=("p1", "p2")).terms

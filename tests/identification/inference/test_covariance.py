@@ -7,14 +7,10 @@ import pytest
 from scipy.stats import t as student
 
 from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.covariance import (
-    cluster_covariance,
-    honest_limits,
-    robust,
-)
+from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
 from butterfly.identification.inference.infer import infer
 from butterfly.model.parameters import AddedMass
+from tests.identification.cells import cells
 
 
 def _regression(rng, clusters, size):
@@ -118,17 +114,9 @@ def test_what_is_uncertain_besides_widens_the_covariance_by_what_it_moves_the_es
 
 
 def _solved(jacobian, residuals, bread=None):
-    return CellEquations(
-        names=("p1", "p3")[: jacobian.shape[1]],
-        values=np.array([0.01, 0.1])[: jacobian.shape[1]],
-        rows=jacobian[:, None],
-        residuals=residuals[:, None],
-        log=np.arange(residuals.size),
-        on_bound=np.zeros(jacobian.shape[1], dtype=bool),
-        lower=np.full(jacobian.shape[1], -np.inf),
-        ending=Ending.CONVERGED,
-        bread=bread,
-    )
+    count = jacobian.shape[1]
+    more = {"values": np.array([0.01, 0.1])[:count], "ending": Ending.CONVERGED, "bread": bread}
+    return cells(("p1", "p3")[:count], jacobian[:, None], residuals[:, None], **more)
 
 
 def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and_p3():

@@ -1,12 +1,11 @@
 """What a misfit may have made of values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.equations import compressed
 from butterfly.identification.inference.doubt import misfit_over_value, outweighed
+from tests.identification.cells import cells
 
 NAMES, TRUTH = ("p1", "p2"), np.array([2.0, -1.0])
 LOGS, ROWS = 8, 200
@@ -24,16 +23,7 @@ def _regression(rng, drift):
 
 def _equations(rows, residuals, values):
     parts = zip(np.split(rows, LOGS), np.split(residuals, LOGS), strict=True)
-    cells, left = compressed(parts)
-    return CellEquations(
-        names=NAMES,
-        values=values,
-        lower=np.full(2, -np.inf),
-        on_bound=np.zeros(2, dtype=bool),
-        rows=cells,
-        residuals=left,
-        log=np.arange(LOGS),
-    )
+    return cells(NAMES, *compressed(parts), values=values)
 
 
 def test_a_misfit_is_weighed_beside_what_each_parameter_does_alone():

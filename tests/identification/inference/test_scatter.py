@@ -1,7 +1,5 @@
 """Scatter from log to log: found in models whose scatter is planted, and weights that know it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,32 +1,18 @@
 """Nested fits against fits that are made anew."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.submodels import Submodels, without_logs
+from tests.identification.cells import cells
 
 LOGS, ROWS = 6, 5
 NAMES = ("p1", "p3", "coulomb", "drag")
 UNITS = np.array([1e-3, 1.0, 1e3, 1e-2])
 FREE = np.full(4, -np.inf)
-
-
-def _equations(rows, residuals, about, lower=FREE):
-    return CellEquations(
-        names=NAMES,
-        values=about,
-        lower=lower,
-        on_bound=np.zeros(4, dtype=bool),
-        rows=rows,
-        residuals=residuals,
-        log=np.arange(LOGS),
-    )
 
 
 def _problem(*, lower=FREE, folds=None, seed=0):
@@ -37,7 +23,7 @@ def _problem(*, lower=FREE, folds=None, seed=0):
     target = rows @ truth + 0.3 * rng.standard_normal((LOGS, ROWS))
     about = np.maximum(truth + UNITS * rng.standard_normal(4), lower)
     nested = Submodels(
-        equations=_equations(rows, rows @ about - target, about, lower),
+        equations=cells(NAMES, rows, rows @ about - target, values=about, lower=lower),
         folds=np.arange(LOGS) if folds is None else folds,
     )
     return rows, target, nested
@@ -87,7 +73,7 @@ def test_errors_of_what_was_left_out_are_those_of_fits_to_the_rest(folds):
 def test_what_the_data_do_not_determine_has_no_fit():
     rows, target, _ = _problem()
     rows[..., 3] = rows[..., 2]
-    equations = _equations(rows, -target, np.zeros(4))
+    equations = cells(NAMES, rows, -target)
     nested = Submodels(equations=equations, folds=np.arange(LOGS))
     sets = np.array([[True, True, True, True], [True, True, True, False]])
     for found in (nested.fitted(sets), nested.held_out(sets)):
@@ -132,7 +118,7 @@ def test_a_parameter_on_its_bound_that_moves_nothing_stays_there():
     """Coulomb friction of a joint without any: its derivative is 0 where it is 0."""
     rows, target, _ = _problem(lower=BOUNDED)
     rows[..., 2] = 0.0
-    equations = _equations(rows, -target, np.zeros(4), BOUNDED)
+    equations = cells(NAMES, rows, -target, lower=BOUNDED)
     (found,) = Submodels(equations=equations, folds=np.arange(LOGS)).fitted(EVERYTHING)
     assert found[2] == 0.0
     expected = _anew(rows, target, np.array([True, True, False, True]), BOUNDED)

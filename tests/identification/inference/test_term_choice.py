@@ -1,7 +1,5 @@
 """Terms that are in the data are chosen, others are not and are said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
@@ -22,6 +19,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from tests.conftest import MASSES
+from tests.identification.cells import cells
 from tests.identification.simulated import ROBOT, steady
 
 ALWAYS = ("p1", "p3")
@@ -37,17 +35,7 @@ def _nested(*, truth, noise=0.1, seed=0, names=NAMES, twins=()):
         rows[..., names.index(one)] = rows[..., names.index(other)]
     target = rows @ np.array([truth.get(name, 0.0) for name in names])
     target += noise * rng.standard_normal(target.shape)
-    nothing = np.zeros(len(names))
-    equations = CellEquations(
-        names=names,
-        values=nothing,
-        lower=np.full(len(names), -np.inf),
-        on_bound=np.zeros(len(names), dtype=bool),
-        rows=rows,
-        residuals=-target,
-        log=np.arange(LOGS),
-    )
-    return Submodels(equations=equations, folds=np.arange(LOGS) % 4)
+    return Submodels(equations=cells(names, rows, -target), folds=np.arange(LOGS) % 4)
 
 
 @pytest.mark.parametrize("seed", range(5))
