@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
@@ -41,8 +42,6 @@ from butterfly.model.terms import FrictionTerms
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import dominant_frequency
 from butterfly.verdict import Level
-
-Samples = NDArray[np.float64]
 
 _LEFT = 0.5  # share of the misfit that a mistake undone must leave at most
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much

@@ -12,8 +12,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.identifiability import PRECISE
@@ -21,8 +21,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
-
-Samples = NDArray[np.float64]
 
 _NAMED = 4  # logs that a sentence names
 _SAME = 0.03  # relative difference that counts as none between units
