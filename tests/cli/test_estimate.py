@@ -28,7 +28,10 @@ SAYS = {
     "design {data} --limit 3": (r"^ +3  ",),
     "predict {data} --with {saved}": ("median FIT",),
     "predict {quick} --with {saved} --bands --draws 40": ("nobody has recorded",),
-    f"predict {{data}} --with {GIVEN}": (r"\AGood", "They move like this robot"),
+    f"predict {{data}} --with {GIVEN}": (
+        r"\AUse with care: how exact p1, p4",
+        r"\A.*\n12 logs simulated with these values",
+    ),
 }
 """Patterns of what answers say."""
 
@@ -239,4 +242,4 @@ def test_logs_are_predicted_with_bands_draws_and_a_page(answer, quick_data, save
 def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(answer, quick_data):
     code, said, _ = answer("predict", quick_data, "--with", GIVEN.replace("0.00325", "0.01"))
     assert code == ExitCode.NOT_TO_BE_USED
-    assert said.startswith("Do not use: The model follows the logs")
+    assert said.startswith("Do not use: The model does not follow the logs")
