@@ -212,7 +212,7 @@ CASES = {
     ),
     "a known value that no log agrees with": Case(
         f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.3",
-        "Do not use: The model follows the logs",
+        "Do not use: The model does not follow the logs",
         (f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.003",),
     ),
     "given parameters without p4": Case(

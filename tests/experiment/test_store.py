@@ -129,7 +129,8 @@ def test_a_half_done_sweep_of_0_2_0_is_read_and_done_anew(tmp_path):
     summary = run_sweep(plan, store.folder, HereEngine())
     assert (summary.done, summary.reused, summary.unsuccessful) == (2, 0, 0)
     again = store.read(plan.tasks[0].key).estimates[0].estimate
-    assert again.values == pytest.approx(record.estimates[0].estimate.values, rel=1e-9)
+    before = record.estimates[0].estimate
+    assert (abs(again.values - before.values) < before.standard_errors).all()
     assert store.record_path(first.key) in store.clean()
 
 

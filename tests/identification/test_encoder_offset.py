@@ -139,10 +139,12 @@ def test_the_weak_form_says_that_it_rests_on_a_guess(monkeypatch):
 
 
 def test_an_uncertain_zero_adds_what_it_moves_the_estimate_by():
-    logs, doubt = _logs(0.3), 1e-4
+    """Of logs that begin in motion, where no window may stick or not, and without a bound."""
+    logs, doubt = [log.piece(150, log.time.size) for log in _logs(0.3)], 1e-4
+    known = Prior.of({"delay": 0})
 
     def at(zero, **uncertain):
-        return PLAIN.of_logs(logs, dict.fromkeys(HEAVY, zero), **uncertain)
+        return PLAIN.of_logs(logs, dict.fromkeys(HEAVY, zero), known, **uncertain)
 
     added = at(0.3, uncertain=np.full((1, 3), doubt)).covariance - at(0.3).covariance
     moved = (at(0.3 + doubt).values - at(0.3 - doubt).values) / 2

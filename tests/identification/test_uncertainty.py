@@ -60,7 +60,7 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     assert np.abs(parts[False]).max() > 1e-6
 
 
-def test_a_robust_loss_has_a_robust_standard_error():
+def test_a_spoilt_log_misleads_neither_a_robust_loss_nor_weighed_logs():
     logs = noisy(wild(ROBOT, MASSES * 2, 6.0), 2e-3, np.random.default_rng(1))
     angle = logs[1].angle.copy()
     angle[1200:1500] += 0.5
@@ -72,11 +72,10 @@ def test_a_robust_loss_has_a_robust_standard_error():
         return found.values[3], found.standard_errors[3]
 
     _, clean = fit(logs, Loss.LINEAR)
-    p4, robust = fit(spoilt, Loss.CAUCHY)
-    _, misled = fit(spoilt, Loss.LINEAR)
-    assert abs(p4 - ROBOT.p4) < 4 * robust
-    assert clean / 3 < robust < 3 * clean
-    assert misled > 5 * clean
+    for loss in (Loss.CAUCHY, Loss.LINEAR):
+        p4, error = fit(spoilt, loss)
+        assert abs(p4 - ROBOT.p4) < 4 * error
+        assert clean < error < 3 * clean
 
 
 def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
@@ -129,7 +128,7 @@ def _rescaled(log, scale, share):
 
 @pytest.mark.parametrize("scale", sorted(SCALES))
 def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, scale):
-    share, estimator = 0.002, HarmonicBalance(terms=())
+    share, estimator = 2e-4, HarmonicBalance(terms=())
     told = replace(sines, known=Prior.of({scale: (1.0, share)}))
     plain, wide = estimator(sines), estimator(told)
     off = estimator(DataSet.of([_rescaled(log, scale, share) for log in sines.logs]))

@@ -176,7 +176,7 @@ def test_it_takes_no_more_threads_than_it_may():
 
 
 REFUSED = {
-    "diverges": (replace(PLAIN, robot=robot(viscous=20.0)), SINE),
+    "diverges": (replace(PLAIN, robot=robot(bias=1e6)), SINE),
     "starts beyond any angle": (PLAIN, FreeDecay(angle=1e6)),
     "command too large": (PLAIN, Table(time=(0.0, 0.05), values=(0.0, LARGEST_COMMAND))),
     "friction": (replace(PLAIN, robot=robot(load=-5e-3)), SINE),

@@ -146,6 +146,6 @@ def test_mujoco_s_coulomb_friction_hardly_creeps_at_rest():
 
 @pytest.mark.parametrize("simulator", Simulator)
 def test_a_simulation_that_diverges_is_refused(simulator):
-    rig = Rig(robot=robot(viscous=20.0), simulator=simulator)
+    rig = Rig(robot=robot(bias=1e6), simulator=simulator)
     with pytest.raises(InputError, match="diverged"):
         list(simulate_runs(rig, [(ADDED, SINE)], 1.0, np.random.SeedSequence(0).spawn(1)))
