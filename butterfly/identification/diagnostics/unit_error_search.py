@@ -284,10 +284,7 @@ class _Search:
             return mistake
 
     def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
-        """Suppose that a mass is another, or that of one log, or that a log's input is late.
-
-        Not where a parameter that follows the added mass, or any condition, explains more.
-        """
+        """Suppose that a mass is another, or that of one log, or that a log's input is late."""
         numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
         carried = np.array([[mass.mass] for mass in here.masses])
         rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
@@ -324,10 +321,7 @@ class _Search:
                 )
 
     def _without(self, mistake: _Mistake) -> Estimate | None:
-        """Return what is identified without a mistake, if the joint can be so and follows better.
-
-        A quick estimator of the same kind does it.
-        """
+        """Return what is quickly identified without a mistake, if a joint then follows better."""
         sines = all(log.excitation for log in self.data.logs)
         quick: Estimator = HarmonicBalance() if sines else WeakForm()
         if isinstance(self.estimator, HarmonicBalance | WeakForm):
