@@ -307,7 +307,7 @@ def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDA
 
 
 def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
-    """Return the (n,) signal that a parameter multiplies, and the order of the bump's derivative."""
+    """Return the (n,) signal that a parameter multiplies, and how often its bump is derived."""
     if row.derivative:
         return (-1) ** row.derivative * motion.angle, row.derivative
     if row.basis is None:
