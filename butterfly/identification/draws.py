@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
@@ -38,8 +39,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 from butterfly.progress import Track, in_threads, untracked
-
-Samples = NDArray[np.float64]
 
 COUNT = 200
 """Draws if no other number is asked for: five lie beyond either edge of a band."""

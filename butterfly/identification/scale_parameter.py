@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
-
-Samples = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.blocks import edges_of
 from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.parameters import LumpedParameters
-
-Samples = NDArray[np.float64]
 
 _ROUNDS = 12  # steps to a start at most
 _HOPEFUL = 2  # steps after which a model that is no better than a constant is given up

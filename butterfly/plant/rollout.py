@@ -12,8 +12,8 @@ from functools import lru_cache, partial
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
@@ -96,7 +96,7 @@ def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
 
 
 @lru_cache(maxsize=4)
-def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> NDArray[np.float64]:
+def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> Samples:
     """Return a multisine at (count + 1,) stamps; runs that differ in the robot alone share it."""
     return multisine.sample(stamps_of(np.full(count, step)))
 
@@ -134,9 +134,7 @@ def _by_mujoco(
                 yield rig.record(run, time, command, true, rng)
 
 
-def replay_input(
-    joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL
-) -> NDArray[np.float64]:
+def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL) -> Samples:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
     The input is what its drive delivers, held at its mean over each step, its hold and a delay

@@ -14,8 +14,8 @@ FACTS = {
         "standard_error": {"p1": 0.01, "p2": 0.02},
         "fit": {"a.csv": 99.5},
     },
-    "texts": {"verdict": "good", "findings": ["precise (note) p1"]},
-    "words": ["Good: nothing."],
+    "texts": {"verdict": "good", "findings": ["on-bound p2"]},
+    "words": ["Good: p1 within 1 %."],
 }
 RECORD = {"one": FACTS, "two": copy.deepcopy(FACTS)}
 
@@ -68,11 +68,11 @@ def test_what_changed_or_is_missing_is_found(new, shown):
 
 
 def test_other_words_are_told_where_they_are_asked_for_and_fail_nothing():
-    new = _changed("one", "words", to=["Good: nothing at all."])
+    new = _changed("one", "words", to=["Good: p1 within 2 %."])
     assert len(compare(RECORD, new, 0.0)[0]) == 1
     lines, differs = compare(RECORD, new, 0.0, words=True)
     assert not differs
-    assert lines[1:3] == ["  - Good: nothing.", "  + Good: nothing at all."]
+    assert lines[1:3] == ["  - Good: p1 within 1 %.", "  + Good: p1 within 2 %."]
 
 
 def test_what_is_written_says_no_place_and_has_only_numbers_of_json():

@@ -16,8 +16,8 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.identification.blocks import FEW
 from butterfly.identification.data import DataSet
@@ -51,8 +51,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters, require_peri
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-Samples = NDArray[np.float64]
 
 _WORST_CLOCK = 0.01  # share by which a clock is wrong at most: timers of software, not crystals
 _LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted

@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import OF_VERDICT
 from butterfly.identification.inference.identifiability import precision
-
-Samples = NDArray[np.float64]
 
 _NOTHING = np.finfo(float).tiny ** 0.5
 _OUTWEIGHED = 0.5  # R from which on a value is in doubt: it is 0.35 at most on good logs

@@ -6,8 +6,8 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
@@ -34,8 +34,6 @@ from butterfly.identification.normal_equations import pulled_below
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
-
-Samples = NDArray[np.float64]
 
 _SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
 
