@@ -54,6 +54,7 @@ _UNSEEN = 1e-8  # share of a column that the others leave, below which it is one
 _ENOUGH = 5000  # samples of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -289,7 +290,7 @@ class _Search:
         carried = np.array([[mass.mass] for mass in here.masses])
         rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
         contrasts = self.estimate.agreement if self.estimate else ()
-        shares = [each.share for each in contrasts if each.condition is not Condition.WEIGHED]
+        shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
         rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
         groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
