@@ -13,7 +13,7 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.normal_equations import Regression
 from butterfly.identification.test_functions import SPACING
-from butterfly.logs.log import InputKind, Intersample, Lead, Log
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import (
@@ -87,7 +87,6 @@ class OnlineRecalibration:
             angle=angle,
             input_kind=InputKind.TORQUE,
             intersample=Intersample.ZERO_ORDER_HOLD,
-            lead=Lead(time=time[:0], input=inputs[:0]),  # the loop ran before
             source="control loop",
         )
         names = ("p1", *self._names)

@@ -54,6 +54,7 @@ _UNSEEN = 1e-8  # share of a column that the others leave, below which it is one
 _ENOUGH = 5000  # samples of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -284,15 +285,12 @@ class _Search:
             return mistake
 
     def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
-        """Suppose that a mass is another, or that of one log, or that a log's input is late.
-
-        Not where a parameter that follows the added mass, or any condition, explains more.
-        """
+        """Suppose that a mass is another, or that of one log, or that a log's input is late."""
         numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
         carried = np.array([[mass.mass] for mass in here.masses])
         rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
         contrasts = self.estimate.agreement if self.estimate else ()
-        shares = [each.share for each in contrasts if each.condition is not Condition.WEIGHED]
+        shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
         rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
         groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
@@ -324,10 +322,7 @@ class _Search:
                 )
 
     def _without(self, mistake: _Mistake) -> Estimate | None:
-        """Return what is identified without a mistake, if the joint can be so and follows better.
-
-        A quick estimator of the same kind does it.
-        """
+        """Return what is quickly identified without a mistake, if a joint then follows better."""
         sines = all(log.excitation for log in self.data.logs)
         quick: Estimator = HarmonicBalance() if sines else WeakForm()
         if isinstance(self.estimator, HarmonicBalance | WeakForm):
