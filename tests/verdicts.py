@@ -1,18 +1,12 @@
 """Data whose identification is not to be used, for tests of what is then said."""
 
-from __future__ import annotations
-
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+import pytest
 import yaml
 
 from butterfly.identification.diagnostics import plausibility
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import pytest
 
 _EXCHANGED = {0.0: 0.12, 0.05: 0.05, 0.12: 0.0}  # kg
 

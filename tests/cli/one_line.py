@@ -1,4 +1,11 @@
-"""How a command says that its input is bad."""
+"""How a command says that its input is bad, and that it is done."""
+
+
+def done(result):
+    """What was printed, and nothing beside it."""
+    code, out, err = result
+    assert (code, err) == (0, "")
+    return out
 
 
 def assert_one_line_error(result, *parts):

@@ -13,7 +13,7 @@ import pytest
 from butterfly import __version__
 from butterfly.cli.app import COMMANDS, FORMER_COMMANDS, PANELS, RESULTS, program
 from butterfly.cli.output import ExitCode
-from tests.cli.one_line import assert_one_line_error
+from tests.cli.one_line import assert_one_line_error, done
 
 TWENTY = {
     *("inspect", "manifest", "fetch", "identify", "select", "validate", "residual", "predict"),
@@ -63,8 +63,7 @@ def test_every_command_explains_itself_in_any_width(answer, butterfly, monkeypat
     function = getattr(import_module(f"butterfly.cli.{module}"), name)
     summary = inspect.getdoc(function).splitlines()[0]
     assert COMMANDS[call].summary == summary
-    code, out, _ = answer(*call.split(), "--help")
-    assert code == 0
+    out = done(answer(*call.split(), "--help"))
     assert " ".join(summary.split()) in " ".join(out.replace("`", "").split()).replace("`", "")
     assert max(map(len, out.splitlines())) <= 80
     monkeypatch.setenv("COLUMNS", "60")

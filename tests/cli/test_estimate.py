@@ -11,7 +11,7 @@ import yaml
 from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance_regression
 from butterfly.logs.manifest import read_manifest
-from tests.cli.one_line import assert_one_line_error
+from tests.cli.one_line import assert_one_line_error, done
 
 GIVEN = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
 
@@ -76,8 +76,7 @@ def ask(answer, quick_data, saved):
 
 @pytest.mark.parametrize("words", SAYS)
 def test_what_is_asked_for_is_said(ask, words):
-    code, out, err = ask(words)
-    assert (code, err) == (0, "")
+    out = done(ask(words))
     for pattern in SAYS[words]:
         assert re.search(pattern, out, re.MULTILINE), pattern
     assert not re.search(SAYS_NOT.get(words, "$^"), out)
@@ -91,8 +90,7 @@ def test_what_cannot_be_is_refused_in_a_line(ask, words):
 def test_simulated_logs_are_identified_like_any_folder(butterfly, quick_in_mujoco, tmp_path):
     folder = tmp_path / "logs"
     assert butterfly("simulate", quick_in_mujoco, "--out", folder)[0] == 0
-    code, out, _ = butterfly("identify", folder, "--against", "p1=0.004,p2=0.001,p3=0.05")
-    assert code == 0
+    out = done(butterfly("identify", folder, "--against", "p1=0.004,p2=0.001,p3=0.05"))
     assert "12 logs with 3 added masses" in out
     assert "best p4" in out
 
@@ -119,8 +117,7 @@ def test_several_files_are_one_data_set(butterfly, quick_data):
 
 
 def test_the_real_logs_are_identified_from_the_shipped_manifest(butterfly, logs_folder):
-    code, out, _ = butterfly("identify", "real-logs", "--root", logs_folder)
-    assert code == 0
+    out = done(butterfly("identify", "real-logs", "--root", logs_folder))
     assert "41 logs with 3 added masses" in out
     assert "2.47" in out
 
@@ -170,8 +167,7 @@ def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
 def test_a_weighed_hand(answer, quick_data, tmp_path):
     page = tmp_path / "r.html"
     told = ("--known", "hand_mass=0.1+-0.001", "--report", page)
-    code, out, err = answer("identify", quick_data, *told)
-    assert code == 0, err
+    out = done(answer("identify", quick_data, *told))
     value, error = re.search(r"l_c, pivot to centre of +([\d.]+) +([\d.]+)", out).groups()
     assert float(value) == pytest.approx(0.05, rel=0.01)
     assert float(error) == pytest.approx(0.0005, rel=0.05)
@@ -182,8 +178,7 @@ def test_a_weighed_hand(answer, quick_data, tmp_path):
 
 def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
     plot = tmp_path / "residual.html"
-    code, out, err = answer("residual", quick_data, "--log", 2, "--plot", plot)
-    assert code == 0, err
+    out = done(answer("residual", quick_data, "--log", 2, "--plot", plot))
     assert "residuals of" in out
     text = plot.read_text(encoding="utf-8")
     assert "Residual torque" in text
@@ -192,24 +187,21 @@ def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
 
 def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
     saved = tmp_path / "result.json"
-    code, out, err = answer("identify", quick_data, "--holdout", "run000*", "--save", saved)
-    assert (code, err) == (0, "")
+    out = done(answer("identify", quick_data, "--holdout", "run000*", "--save", saved))
     assert "11 logs with 3 added masses" in out
     assert re.search(r"Held out: run000\S*, not used for the fit, has a FIT of 9\d\.\d %", out)
     content = json.loads(saved.read_text())
     (held,) = content["held_out"]
     assert held not in content["fits"]
     assert content["data"]["manifest"]["holdout"] == [held]
-    code, out, err = answer("validate", saved, "--split", "log", "--folds", 3)
-    assert (code, err) == (0, "")
+    out = done(answer("validate", saved, "--split", "log", "--folds", 3))
     assert "held out by name" in out
     assert "11 of 11" in out
 
 
 def test_both_simulators_are_compared_with_the_logs_and_reported(answer, quick_data, tmp_path):
     report = tmp_path / "compare.html"
-    code, out, err = answer("compare", quick_data, "--log", "0,3", "--report", report)
-    assert code == 0, err
+    out = done(answer("compare", quick_data, "--log", "0,3", "--report", report))
     assert "MuJoCo" in out
     assert "grey box" in out
     assert f"Report: {report}" in out
@@ -218,8 +210,7 @@ def test_both_simulators_are_compared_with_the_logs_and_reported(answer, quick_d
 
 def test_two_identifications_are_compared(answer, saved, tmp_path):
     told, page = tmp_path / "c.json", tmp_path / "c.html"
-    code, out, err = answer("compare", saved, saved, "--json", told, "--report", page)
-    assert (code, err) == (0, "")
+    out = done(answer("compare", saved, saved, "--json", told, "--report", page))
     assert out.startswith("No change can be seen")
     assert "of the logs are in both" in out
     assert json.loads(told.read_text())["schema"] == "butterfly.change"
@@ -229,8 +220,7 @@ def test_two_identifications_are_compared(answer, saved, tmp_path):
 def test_estimators_are_ranked_over_data_sets(answer, quick_data, saved, tmp_path):
     report = tmp_path / "board.html"
     told = ("--method", "harmonic-balance,linear", "--report", report)
-    code, out, err = answer("validate", quick_data, saved, *told)
-    assert code == 0, err
+    out = done(answer("validate", quick_data, saved, *told))
     best = re.search(r"(\S+) predicts best what it has not seen", out)
     assert best.group(1) == "harmonic-balance"
     assert report.stat().st_size > 1e5
@@ -238,10 +228,9 @@ def test_estimators_are_ranked_over_data_sets(answer, quick_data, saved, tmp_pat
 
 def test_logs_are_predicted_with_bands_draws_and_a_page(answer, quick_data, saved, tmp_path):
     options = ("--bands", "--draws", 50, "--out", tmp_path / "d.csv")
-    code, out, err = answer(
-        "predict", quick_data, "--with", saved, *options, "--report", tmp_path / "p.html"
+    out = done(
+        answer("predict", quick_data, "--with", saved, *options, "--report", tmp_path / "p.html")
     )
-    assert (code, err) == (0, "")
     assert "inside the band of a new log" in out
     assert "Good: p1 within " in out
     with (tmp_path / "d.csv").open(encoding="utf-8", newline="") as file:

@@ -8,14 +8,13 @@ import yaml
 
 from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance_regression
-from tests.cli.one_line import assert_one_line_error
+from tests.cli.one_line import assert_one_line_error, done
 
 
 def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
     butterfly, quick_in_mujoco, tmp_path
 ):
-    code, out, err = butterfly("run", quick_in_mujoco, "--out", tmp_path / "out")
-    assert (code, err) == (0, "")
+    out = done(butterfly("run", quick_in_mujoco, "--out", tmp_path / "out"))
     assert "0.00325" in out
     assert "deviation" in out
     assert (tmp_path / "out/report.html").stat().st_size > 5e5
@@ -80,8 +79,7 @@ control:
 def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     path = tmp_path / "orbit.yaml"
     path.write_text(ORBIT)
-    code, out, err = butterfly("run", path, "--out", tmp_path / "out", "--figures")
-    assert code == 0, err
+    out = done(butterfly("run", path, "--out", tmp_path / "out", "--figures"))
     assert "times less" in out
     assert out.startswith("Good: ")
     numbers = json.loads((tmp_path / "out/orbit.json").read_text())

@@ -12,7 +12,7 @@ from scipy.io import loadmat, savemat
 from butterfly.logs import thesis_logs
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
-from tests.cli.one_line import assert_one_line_error
+from tests.cli.one_line import assert_one_line_error, done
 
 
 @pytest.fixture
@@ -22,16 +22,14 @@ def log_file(sine_log, tmp_path):
 
 
 def test_inspect_shows_health_and_draws(butterfly, log_file, tmp_path):
-    code, out, _ = butterfly("inspect", log_file, "--plot", tmp_path / "plot.html")
-    assert code == 0
+    out = done(butterfly("inspect", log_file, "--plot", tmp_path / "plot.html"))
     assert "dominant frequency" in out
     assert "40000" in out
     assert (tmp_path / "plot.html").stat().st_size > 1e6
 
 
 def test_several_logs_are_told_in_a_line_each(butterfly, quick_data):
-    code, out, err = butterfly("inspect", quick_data)
-    assert (code, err) == (0, "")
+    out = done(butterfly("inspect", quick_data))
     for entry in read_manifest(quick_data / "manifest.yaml").logs:
         (line,) = [line for line in out.splitlines() if entry.file in line]
         samples = len(loadmat(quick_data / entry.file)["D"])
@@ -41,8 +39,7 @@ def test_several_logs_are_told_in_a_line_each(butterfly, quick_data):
 def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, quick_data, tmp_path):
     plot = tmp_path / "plot.html"
     file = quick_data / read_manifest(quick_data / "manifest.yaml").logs[2].file
-    code, out, _ = butterfly("inspect", quick_data, "--log", 2, "--plot", plot)
-    assert code == 0
+    out = done(butterfly("inspect", quick_data, "--log", 2, "--plot", plot))
     assert plot.stat().st_size > 1e6
     assert butterfly("inspect", file)[1] in out
     assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "12 logs", "--log N")
@@ -64,8 +61,7 @@ def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_dat
 
 
 def test_of_a_log_of_which_nothing_says_that_it_is_a_sine_the_zero_is_a_guess(butterfly, loose):
-    code, out, _ = butterfly("inspect", loose / "a_good.txt", *COLUMNS)
-    assert code == 0
+    out = done(butterfly("inspect", loose / "a_good.txt", *COLUMNS))
     assert "4000" in out
     assert "is a guess" in out
     assert "--zero" in out
@@ -122,8 +118,7 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     ]
     assert "swings +1 turn from the others" in " ".join(out.split())
     assert "--repair unwrap" in out
-    code, out, _ = butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap")
-    assert code == 0
+    out = done(butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap"))
     assert "by a turn undone; turns 2.5 times round" in " ".join(out.split())
 
 
@@ -141,8 +136,7 @@ def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path)
 
 
 def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, loose):
-    code, out, _ = butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap")
-    assert code == 0
+    out = done(butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap"))
     assert "added_mass" in out
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
     for key, what in (("input", "voltage or torque"), ("logs", "added_mass")):
@@ -184,8 +178,7 @@ def test_what_was_said_is_not_asked_again(butterfly, loose):
 def test_one_log_says_how_its_file_was_read(butterfly, loose):
     path = loose / "a_good.txt"
     path.write_text(path.read_text() + "4000")
-    code, out, _ = butterfly("inspect", path, *COLUMNS)
-    assert code == 0
+    out = done(butterfly("inspect", path, *COLUMNS))
     assert "semicolons between columns" in out
     assert "1 last line cut off, dropped" in out
     assert "rad (√2 rms), mean" in out
@@ -205,12 +198,10 @@ def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, t
     rows = [(t, np.sin(3 * t), 0.3 * np.sin(3 * t + k)) for k in range(2) for t in time]
     path = tmp_path / "two.csv"
     np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
-    code, out, _ = butterfly("inspect", path, "--restarts")
-    assert code == 0
+    out = done(butterfly("inspect", path, "--restarts"))
     assert all(f"two.csv (part {k})" in out for k in (1, 2))
     np.savetxt(path, rows[:200], delimiter=",", header="time,input,angle", comments="")
-    code, out, _ = butterfly("inspect", path, "--from", "0.5", "--to", "1.5")
-    assert code == 0
+    out = done(butterfly("inspect", path, "--from", "0.5", "--to", "1.5"))
     assert "101" in out
 
 
@@ -228,8 +219,7 @@ def published(tmp_path, monkeypatch):
 
 
 def test_logs_are_fetched_to_where_real_logs_finds_them(butterfly, published, tmp_path):
-    code, out, err = butterfly("fetch", "--from", published)
-    assert (code, err) == (0, "")
+    out = done(butterfly("fetch", "--from", published))
     assert out.splitlines() == [
         f"1 logs, 1 of them fetched: {tmp_path / 'own'}",
         "Next: butterfly identify real-logs",

@@ -17,7 +17,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.plant.robot import Robot
 from butterfly.plant.watch import picture
 from butterfly.plant.watch.picture import Painter, RenderingError
-from tests.cli.one_line import assert_one_line_error
+from tests.cli.one_line import assert_one_line_error, done
 from tests.conftest import ROBOT
 
 
@@ -109,8 +109,7 @@ def test_a_robot_is_drawn_and_turns_with_its_angle(butterfly, saved, tmp_path, s
     for added, angle in ((0.0, 0.8), (0.05, 0.8), (0.05, 0.8), (0.05, -0.8)):
         path = tmp_path / f"{len(pictures)}.png"
         asked = ("--added-mass", added, "--angle", angle, "--size", 96)
-        code, out, err = butterfly("show", named, "--out", path, *asked)
-        assert code == 0, err
+        out = done(butterfly("show", named, "--out", path, *asked))
         assert f"Picture: {path}\n" in out
         with Image.open(path) as picture:
             pictures.append(np.asarray(picture.convert("RGB")).astype(int))
@@ -126,13 +125,11 @@ def test_data_have_no_run_to_be_watched(answer, saved):
 
 
 def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
-    code, out, _ = answer("inspect", "quickstart", "--added-mass", 0.05)
-    assert code == 0
+    out = done(answer("inspect", "quickstart", "--added-mass", 0.05))
     assert "5.1306 rad/s" in out
     assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
     assert re.search(r"p4 +0\.025 N m/V", out)
-    code, out, _ = answer("export", "quickstart", "--out", tmp_path / "q.xml")
-    assert code == 0
+    out = done(answer("export", "quickstart", "--out", tmp_path / "q.xml"))
     assert f"Model: {tmp_path / 'q.xml'}, with steps of 1 ms" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
     assert model.dof_damping[0] == 2e-4
@@ -141,8 +138,7 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
 @pytest.mark.parametrize("source", ["saved", "data"])
 def test_the_twin_is_exported_and_moves_as_identified(answer, saved, quick_data, tmp_path, source):
     named = saved if source == "saved" else quick_data
-    code, out, _ = answer("export", named, "--out", tmp_path / "t.xml")
-    assert code == 0
+    out = done(answer("export", named, "--out", tmp_path / "t.xml"))
     assert "left out" not in out  # of the few microseconds that were found where there are none
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     data = mujoco.MjData(model)
@@ -171,8 +167,7 @@ def heavy_data(tmp_path_factory):
 
 
 def test_a_hand_gets_a_mass_that_its_parameters_allow(butterfly, heavy_data, tmp_path):
-    code, out, err = butterfly("export", heavy_data, "--out", tmp_path / "t.xml")
-    assert code == 0, err
+    out = done(butterfly("export", heavy_data, "--out", tmp_path / "t.xml"))
     assert "(--hand-mass)" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     hand = model.body("hand").id
@@ -191,8 +186,7 @@ def test_what_an_exported_model_cannot_do_is_said(butterfly, quick, tmp_path):
     content = yaml.safe_load(quick.read_text())
     content["plant"]["path"] = {"resolution": 0.01, "delay": 0.0021, "limit": 5.0}
     quick.write_text(yaml.safe_dump(content))
-    code, out, _ = butterfly("export", quick, "--out", tmp_path / "t.xml")
-    assert code == 0
+    out = done(butterfly("export", quick, "--out", tmp_path / "t.xml"))
     assert "MuJoCo does not round commands" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     assert model.actuator("motor").ctrlrange[1] == 5.0

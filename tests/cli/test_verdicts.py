@@ -8,6 +8,7 @@ import yaml
 
 from butterfly.cli.output import ExitCode
 from tests.cli.fitting import assert_tables_fit
+from tests.cli.one_line import done
 from tests.verdicts import follow_nothing, impossible_data
 
 REPORTED = {"validate", "select", "design"}
@@ -47,8 +48,7 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
     butterfly, quick_data, tmp_path, monkeypatch, command
 ):
     monkeypatch.setenv("COLUMNS", "80")
-    code, out, err = butterfly(*_arguments(butterfly, command, quick_data, tmp_path))
-    assert (code, err) == (ExitCode.DONE, "")
+    out = done(butterfly(*_arguments(butterfly, command, quick_data, tmp_path)))
     first = out.splitlines()[0]
     assert re.match("Good: (quickstart, harmonic-balance: )?p1 within ", first)
     assert_tables_fit(out)
@@ -127,8 +127,7 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
     (record,) = out.glob("runs/*/*.json")
     (estimate,) = json.loads(record.read_text(encoding="utf-8"))["estimates"]
     assert estimate["verdict"] == "do not use"
-    code, said, _ = butterfly("results", "show", out, 0)
-    assert code == ExitCode.DONE
+    said = done(butterfly("results", "show", out, 0))
     assert "harmonic-balance: Do not use: " in said
     assert said.index("Do not use: ") < said.index("95 % interval")
     code, said, _ = butterfly("compare", out / "0", out / "0")
@@ -144,8 +143,7 @@ def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monke
     content = yaml.safe_load(quick.read_text())
     content["sweep"] = {"repetitions": 2}
     quick.write_text(yaml.safe_dump(content))
-    code, said, err = butterfly("run", quick, "--out", tmp_path / "out", "--jobs", 1)
-    assert (code, err) == (ExitCode.DONE, "")
+    said = done(butterfly("run", quick, "--out", tmp_path / "out", "--jobs", 1))
     assert "Verdicts on 2 estimates: " in said
     numbers = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))
     assert sum(numbers["verdicts"]["harmonic-balance"].values()) == 2

@@ -7,10 +7,9 @@ import pytest
 
 from butterfly.comparison.change import LEVEL, change
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits
 from butterfly.model.prior import Prior
+from tests.identification.simulated import estimate_of
 
 NAMES = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 TRUTH = np.array([0.003, 0.001, 0.05, 0.5, 0.001, 0.002])
@@ -21,20 +20,8 @@ def estimate(values, covariance, freedom=None, *, names=NAMES, left_out=()):
     """Return an estimate with the intervals that its errors make."""
     free = np.full(len(names), np.inf) if freedom is None else freedom
     lower, upper = honest_limits(values, covariance, np.minimum(free, 1e9), left_out)
-    return Estimate(
-        method="any",
-        names=names,
-        values=values,
-        covariance=covariance,
-        lower=lower,
-        upper=upper,
-        left_out=dict(enumerate(left_out)),
-        condition=1.0,
-        on_bound=(),
-        ending=Ending.CONVERGED,
-        findings=(),
-        freedom=freedom,
-    )
+    limits = {"lower": lower, "upper": upper, "left_out": dict(enumerate(left_out))}
+    return replace(estimate_of(values, covariance, names=names), **limits, freedom=freedom)
 
 
 def drawn(rng, covariance, truth=TRUTH, freedom=None):

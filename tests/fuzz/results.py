@@ -9,6 +9,7 @@ from butterfly.experiment.record import RunRecord
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import kept_status, plan_sweep, run_sweep
+from tests.experiment.setting import HereEngine
 from tests.fuzz.escape import escape_of, escape_of_command
 
 _EXPERIMENT = """
@@ -40,7 +41,7 @@ def _sound() -> dict[str, bytes]:
         path = Path(folder) / "fuzzed.yaml"
         path.write_text(_EXPERIMENT, encoding="utf-8")
         plan = plan_sweep(Source(path))
-        run_sweep(plan, Path(folder) / "out", _Here())
+        run_sweep(plan, Path(folder) / "out", HereEngine())
         root = Path(folder) / "out"
         files = (each for each in root.rglob("*") if each.is_file())
         return {each.relative_to(root).as_posix(): each.read_bytes() for each in files}
@@ -51,13 +52,6 @@ def _kept_logs() -> dict[str, bytes]:
     paths = [Path(each) for each in _sound() if each.endswith("manifest.yaml")]
     inside = (each for each in _sound() if Path(each).parent == paths[0].parent)
     return {Path(each).name: _sound()[each] for each in inside}
-
-
-class _Here:
-    """Does tasks in this process."""
-
-    def run(self, work, tasks, tables):
-        return (work(task, tables) for task in tasks)
 
 
 def sounds() -> list[tuple[bytes, Callable[[bytes, Path], str]]]:

@@ -9,24 +9,14 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.equations import compressed
 from butterfly.identification.estimators import OutputError
 from butterfly.logs.log import Intersample, Sine
-from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import offered
 from tests.conftest import MASSES
-from tests.identification.simulated import simulated
+from tests.identification.simulated import RICH, simulated
 
-ROBOT = LumpedParameters(
-    p1=0.003,
-    p2=3e-4,
-    p3=0.03,
-    p4=0.5,
-    coulomb=2e-3,
+ROBOT = replace(
+    RICH,
     delay=0.0042,
-    drag=1e-4,
-    load=5e-4,
-    bias=2e-3,
-    p3_offset=-1e-3,
     tilt=0.2,
-    stribeck=5e-4,
     stribeck_velocity=0.13,
     cogging=2e-4,
     cogging_cosine=-1e-4,

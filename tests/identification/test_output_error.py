@@ -8,23 +8,10 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
 from butterfly.logs.log import Sine
-from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
-from tests.identification.simulated import noisy, simulated
+from tests.identification.simulated import RICH, noisy, simulated
 
-ROBOT = LumpedParameters(
-    p1=0.003,
-    p2=3e-4,
-    p3=0.03,
-    p4=0.5,
-    coulomb=2e-3,
-    delay=0.004,
-    drag=1e-4,
-    load=5e-4,
-    bias=2e-3,
-    p3_offset=-1e-3,
-    stribeck=5e-4,
-)
+ROBOT = RICH
 ZERO = 0.6
 
 

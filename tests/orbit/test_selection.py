@@ -14,17 +14,13 @@ from butterfly.orbit.recalibration import (
     chosen_terms,
 )
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, wild
+from tests.identification.simulated import ROBOT, noisy, wild
 
 CANDIDATES = ("drag", "p3_offset", "coulomb", "bias", "stribeck")
 
 
 def _loop(robot, seed, noise=1e-3, duration=24.0):
-    rng = np.random.default_rng(seed)
-    logs = [
-        replace(log, angle=log.angle + noise * rng.standard_normal(log.time.size))
-        for log in wild(robot, MASSES, duration)
-    ]
+    logs = noisy(wild(robot, MASSES, duration), noise, np.random.default_rng(seed))
     return LoopEquations(logs, 0.0, RecalibrationOptions(candidates=CANDIDATES))
 
 

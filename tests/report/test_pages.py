@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,6 @@ from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.diagnostics.residuals import residuals_of
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
@@ -35,6 +35,7 @@ from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep_page import sweep_page
 from butterfly.thesis.method import Thesis
+from tests.identification.simulated import estimate_of
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
 pytestmark = pytest.mark.slow
@@ -95,19 +96,12 @@ def _sweep_page(folder):
         status = {7: "refused", 8: "failed"}.get(number, "ok")
         names = ("p1", "p3")
         values = np.array([rng.normal(1, 0.05) for _ in (*names, "p4")])
-        found = Estimate(
-            method="m",
-            names=names,
-            values=values[:2],
-            covariance=np.diag([0.05**2] * 2),
+        known = Prior.of({"p4": values[2]})
+        found = replace(
+            estimate_of(values[:2], np.diag([0.05**2] * 2), known, names),
             lower=np.full(2, 0.9),
             upper=np.full(2, 1.1),
-            left_out={},
-            condition=3.0,
-            on_bound=(),
             ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
-            findings=(),
-            known=Prior.of({"p4": values[2]}),
         )
         estimate = EstimateRecord(
             estimator="m",

@@ -11,9 +11,9 @@ from butterfly.identification.estimators import Linear
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.frequency_response import ResponsePoint, response_point
-from butterfly.signals.sine_fit import SineFit
+from butterfly.signals.frequency_response import response_point
 from butterfly.thesis.tables import complex_fit
+from tests.identification.simulated import response
 from tests.thesis.resonance_formulas import (
     Resonance,
     multiplied_out,
@@ -39,19 +39,7 @@ def _points(mass, rng=None, noise=NOISE, omegas=OMEGAS):
         np.zeros((2, omegas.size)) if rng is None else noise * rng.standard_normal((2, omegas.size))
     )
     return [
-        ResponsePoint(
-            added_mass=mass,
-            input=AMPLITUDE,
-            angle=SineFit(
-                omega=float(w),
-                offset=0.0,
-                phasors=np.array([phasor]),
-                covariance=np.eye(2) * max(noise, 1e-12) ** 2,
-                residual_rms=0.0,
-            ),
-            drift=0.0,
-            label="",
-        )
+        response(mass, float(w), phasor, input_=AMPLITUDE, error=max(noise, 1e-12))
         for w, phasor in zip(omegas, exact + error[0] + 1j * error[1], strict=True)
     ]
 

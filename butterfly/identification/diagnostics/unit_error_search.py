@@ -9,7 +9,6 @@ added mass explains more, and where the logs, identified again without it, are f
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
@@ -39,10 +39,9 @@ from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import FrictionTerms
-from butterfly.signals.frequency_response import ResponsePoint, response_point
+from butterfly.signals.frequency_response import response_point
+from butterfly.signals.spectrum import dominant_frequency
 from butterfly.verdict import Level
-
-Samples = NDArray[np.float64]
 
 _LEFT = 0.5  # share of the misfit that a mistake undone must leave at most
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
@@ -50,13 +49,12 @@ _NOISE = 3.0  # times the noise of the angle, above which something else is left
 _FITS = 4  # that are made at most
 _LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
 _SWINGS = (0.1, math.pi)  # rad, that the widest log may have
-_LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
-_LONGEST_LOG = 3600.0  # s
+_SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
 _UNSEEN = 1e-8  # share of a column that the others leave, below which it is one of them
 _ENOUGH = 5000  # samples of a log
-_POINTS = 2**14  # of the spectrum that tells the pace of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -81,24 +79,14 @@ def find_unit_errors_of_refused(data: DataSet, estimator: Estimator) -> list[Fin
 
 def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the mistake that makes stamps advance slowly, before they are simulated for ages."""
-    return _Search(data, estimator, of_clock=True).named() if _is_slow(data) else []
+    steps = [log.mean_step for log in data.logs]
+    return _Search(data, estimator, of_clock=True).named() if np.median(steps) > _SLOW else []
 
 
 def _noise(data: DataSet) -> Samples:
     """(n,) noise of each log's angle over its motion, by what neighbours have not in common."""
     angles = [log.angle for log in data.logs]
     return np.array([np.sqrt(np.mean(np.diff(each, 2) ** 2) / 6) / each.std() for each in angles])
-
-
-def _is_whole(readings: Samples) -> bool:
-    return bool((readings == np.rint(readings)).all())
-
-
-def _is_slow(data: DataSet) -> bool:
-    """Whether the stamps of a data set advance as those of no robot that is controlled."""
-    steps = [log.mean_step for log in data.logs]
-    spans = [log.time[-1] - log.time[0] for log in data.logs]
-    return bool(np.median(steps) > _LONGEST_STEP or np.median(spans) > _LONGEST_LOG)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,42 +104,27 @@ class _Mistake:
         """Return the data set as it is without the mistake."""
         numbers = self.logs or range(len(data.logs))
         logs = [self._undone(log) if k in numbers else log for k, log in enumerate(data.logs)]
-        pairs = zip(logs, data.logs, data.points, strict=True)
-        return replace(data, logs=tuple(logs), points=tuple(itertools.starmap(self._point, pairs)))
-
-    def _point(self, log: Log, old: Log, point: ResponsePoint | None) -> ResponsePoint | None:
-        """Return the steady response of a log, from that of the log as it was."""
-        if point is None or log is old:
-            return point
-        if self._column == "angle":
-            return replace(point, angle=point.angle.scaled(self.number))
-        if self._column in {"arm", UnitError.MASS}:
-            return replace(point, added_mass=log.added_mass)
-        return response_point(log)
-
-    @property
-    def _column(self) -> str:
-        if self.error is UnitError.COUNTS:
-            return "angle"
-        return TABLE[self.error].column if self.error in TABLE else self.error
+        points = [
+            response_point(log) if point is not None and log is not old else point
+            for log, old, point in zip(logs, data.logs, data.points, strict=True)
+        ]
+        return replace(data, logs=tuple(logs), points=tuple(points))
 
     def _undone(self, log: Log) -> Log:
-        column = self._column
-        if column == "time":
-            return replace(log, time=self.number * log.time, lead=None)
-        if column == "angle":
-            return replace(log, angle=self.number * log.angle)
-        if column == UnitError.SWAPPED:
-            return replace(log, input=log.angle, angle=log.input, lead=None)
-        if column == UnitError.LATE:
-            delivered = np.interp(log.time + self.number, log.time, log.input)
-            return replace(log, input=delivered, lead=None)
-        mass = log.added_mass
         if self.place is not None:
-            right = replace(self.place, mass=self.number)
-        else:
-            right = replace(mass, arm=self.number * mass.arm)
-        return replace(log, added_mass=right)
+            return replace(log, added_mass=replace(self.place, mass=self.number))
+        match TABLE[self.error].column if self.error in TABLE else self.error:
+            case "time":
+                return replace(log, time=self.number * log.time, lead=None)
+            case "angle" | UnitError.COUNTS:
+                return replace(log, angle=self.number * log.angle)
+            case "arm":
+                mass = log.added_mass
+                return replace(log, added_mass=replace(mass, arm=self.number * mass.arm))
+            case UnitError.SWAPPED:
+                return replace(log, input=log.angle, angle=log.input, lead=None)
+        delivered = np.interp(log.time + self.number, log.time, log.input)
+        return replace(log, input=delivered, lead=None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -237,9 +210,9 @@ def _averages(log: Log, zero: float) -> Samples:
     The test functions are as wide as a third of a period of the motion, whatever the stamps' unit.
     """
     span = log.time[-1] - log.time[0]
-    spectrum = np.abs(np.fft.rfft(log.angle - log.angle.mean(), _POINTS))
-    period = _POINTS / (1 + int(np.argmax(spectrum[1:]))) * log.mean_step
-    width = float(min(max(period / 3, 12 * log.mean_step), span / 20))
+    omega, _ = dominant_frequency(log.time, log.angle)
+    third = 2 * math.pi / (3 * omega) if omega else span
+    width = float(min(max(third, 12 * log.mean_step), span / 20))
     signals = Averaging(log, zero, width, FrictionTerms()).signals(_NAMES)
     means = np.column_stack([signals.mean[name] for name in _NAMES])[signals.moving]
     return np.asarray(means / (float(np.linalg.norm(means[:, 0])) or 1.0))
@@ -286,63 +259,38 @@ class _Search:
     def _tried(self) -> Iterator[_Mistake]:
         """Try what may have been mistaken."""
         widest = max(float(np.ptp(log.angle)) / 2 for log in self.data.logs)
+        columns = {"time"} if self.of_clock else {"angle", "arm"}
         for error, unit in TABLE.items():
-            if unit.column == "time" and self.of_clock:
+            swing = unit.factor * widest if unit.column == "angle" else _SWINGS[1] / 2
+            if unit.column in columns and _SWINGS[0] < swing < max(_SWINGS[1], widest):
                 yield self._fitted(error, unit.factor)
-            if self.of_clock:
-                continue
-            swing = unit.factor * widest
-            if unit.column == "angle" and _SWINGS[0] < swing < max(_SWINGS[1], widest):
-                yield self._fitted(error, unit.factor)
-            if unit.column == "arm" and self._here:
-                masses = tuple(replace(m, arm=unit.factor * m.arm) for m in self._here.masses)
-                misfit = replace(self._here, masses=masses).misfit
-                yield _Mistake(error=error, number=unit.factor, misfit=misfit)
         if self.of_clock:
             return
         if self.estimate is None or self.estimate.level is Level.WARNING:
             yield self._fitted(UnitError.SWAPPED, 1.0)
-        if widest > _SWINGS[1] and all(_is_whole(log.angle) for log in self.data.recorded):
-            yield from self._counts(widest)
+        whole = all((log.angle == np.rint(log.angle)).all() for log in self.data.recorded)
+        swings = {2 * math.pi / each: 2 * math.pi * widest / each for each in COUNTS}
+        factors = [each for each, swing in swings.items() if _SWINGS[0] <= swing <= _SWINGS[1]]
+        if widest > _SWINGS[1] and whole and factors:
+            counts = (self._fitted(UnitError.COUNTS, each) for each in factors)
+            yield min(counts, key=lambda each: each.misfit)
         if self._here and math.isfinite(self._here.misfit):
             yield from self._masses_and_logs(self._here)
 
-    def _fitted(self, error: UnitError, number: float, data: DataSet | None = None) -> _Mistake:
+    def _fitted(self, error: UnitError, number: float) -> _Mistake:
         mistake = _Mistake(error=error, number=number)
         try:
-            return replace(mistake, misfit=_Equations.of(mistake.undone(data or self._thin)).misfit)
+            return replace(mistake, misfit=_Equations.of(mistake.undone(self._thin)).misfit)
         except _FAILURES:
             return mistake
 
-    def _counts(self, widest: float) -> Iterator[_Mistake]:
-        """Suppose that the angle is in counts, with the number per turn that fits best.
-
-        The logs of each mass in which it swings least and most tell it.
-        """
-        least, most = (2 * math.pi * widest / each for each in reversed(_SWINGS))
-        factors = [2 * math.pi / each for each in COUNTS if least <= each <= most]
-        groups = [
-            [k for k, log in enumerate(self._thin.logs) if log.added_mass == mass]
-            for mass in self.data.masses
-        ]
-        for own in groups:
-            own.sort(key=lambda k: float(np.ptp(self._thin.logs[k].angle)))
-        few = self._thin.take(sorted({k for own in groups for k in (own[0], own[-1])}))
-        tried = [self._fitted(UnitError.COUNTS, each, few) for each in factors]
-        if tried:
-            best = min(tried, key=lambda each: each.misfit)
-            yield self._fitted(UnitError.COUNTS, best.number)
-
     def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
-        """Suppose that a mass is another, or that of one log, or that a log's input is late.
-
-        Not where a parameter that follows the added mass, or any condition, explains more.
-        """
+        """Suppose that a mass is another, or that of one log, or that a log's input is late."""
         numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
         carried = np.array([[mass.mass] for mass in here.masses])
         rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
         contrasts = self.estimate.agreement if self.estimate else ()
-        shares = [each.share for each in contrasts if each.condition is not Condition.WEIGHED]
+        shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
         rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
         groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
@@ -374,16 +322,13 @@ class _Search:
                 )
 
     def _without(self, mistake: _Mistake) -> Estimate | None:
-        """Return what is identified without a mistake, if the joint can be so and follows better.
-
-        A quick estimator of the same kind does it.
-        """
-        undone = mistake.undone(self.data)
-        sines = all(log.excitation for log in undone.logs)
+        """Return what is quickly identified without a mistake, if a joint then follows better."""
+        sines = all(log.excitation for log in self.data.logs)
         quick: Estimator = HarmonicBalance() if sines else WeakForm()
         if isinstance(self.estimator, HarmonicBalance | WeakForm):
             quick = self.estimator
         try:
+            undone = mistake.undone(self.data)
             found = quick(undone)
         except _FAILURES:
             return None

@@ -7,13 +7,14 @@ named only where undoing it makes the logs agree with a joint, or with their man
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import stdtrit
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.identifiability import PRECISE
@@ -22,14 +23,14 @@ from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
-Samples = NDArray[np.float64]
-
 _NAMED = 4  # logs that a sentence names
 _SAME = 0.03  # relative difference that counts as none between units
 _DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
-_MOST_WRONG = 0.5  # share of the logs whose omega may be wrong, each by a factor of its own
-_STARTS = 50  # parts of a log, of which the first is its start
+_LEVEL = 0.05  # of a false alarm of the clock
+_LEAST = (
+    5e-4  # of the frequency, by which p1 is a thousandth off: what moves it is named from there
+)
 _HEAVIEST = 10.0  # kg
 _STEEL = 7850.0  # kg/m^3
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
@@ -96,10 +97,6 @@ COUNTS = tuple(
 )
 """Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
 
-_OF_FREQUENCIES = [each for each, unit in TABLE.items() if unit.column in {"time", "omega"}]
-
-_AGREE = "the logs agree with a joint"
-
 
 def unit_error(
     error: UnitError,
@@ -114,12 +111,49 @@ def unit_error(
 
 
 def unit_error_text(finding: Finding) -> str:
-    """Name the mistake that a finding is about, and the factor that undoes it."""
-    error = UnitError(finding.parameters[0])
-    if error not in TABLE:
-        return _TEXTS[error](finding)
-    unit = TABLE[error]
-    then = "they are the frequencies of the recorded inputs" if unit.column == "omega" else _AGREE
+    """Name the mistake that a finding is about, and what undoes it."""
+    error, *more = finding.parameters
+    number, where = finding.number or 0.0, listed(finding.logs)
+    match UnitError(error):
+        case UnitError.SWAPPED:
+            return (
+                "Input and angle look swapped: the other way round the logs agree with a joint. "
+                "The manifest's key columns, or --columns, says which is which."
+            )
+        case UnitError.OMEGA:
+            at = f" ({more[0]})" if more else ""
+            return (
+                f"The manifest's omega looks wrong for {where}: times {number:.4g} it is the "
+                f"frequency of the recorded input{at}."
+            )
+        case UnitError.MASS:
+            given, ways = more
+            choice = (
+                "" if ways == "1" else f"; one of {ways} ways, of which the motion tells no more"
+            )
+            return (
+                f"The added masses contradict each other: if {given} was {1e3 * number:.3g} g"
+                f"{' in ' * bool(where)}{where}, the logs agree with a joint{choice}."
+            )
+        case UnitError.LATE:
+            return (
+                f"In {where} the input looks {'early' if number < 0 else 'late'} beside the angle: "
+                f"moved by {1e3 * abs(number):.3g} ms the logs agree with a joint."
+            )
+        case UnitError.GRAMS:
+            return (
+                "The added masses look like grams: so much has hardly room at such an arm, or is "
+                "hardly moved by such a joint, which the motion cannot tell. If they are, times "
+                f"0.001 all values but the delay hold. {_advice('mass', 'g')}"
+            )
+        case UnitError.COUNTS:
+            turn = f"{2 * math.pi / number:.0f}"
+            times = f"{number:.4g} (2 pi/{turn})"
+            unit = Unit("angle", number, "encoder counts", f"counts/{turn}", times)
+        case other:
+            unit = TABLE[other]
+    agree = "the logs agree with a joint"
+    then = "they are the frequencies of the recorded inputs" if unit.column == "omega" else agree
     looks = f"{_LOOKS[unit.column]} like {unit.name}"
     return f"{looks}: times {unit.times} {then}. {_advice(unit.column, unit.key)}"
 
@@ -144,64 +178,6 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def _factor(finding: Finding) -> float:
-    assert finding.number is not None  # noqa: S101 - every mistake has its factor
-    return finding.number
-
-
-def _counts(finding: Finding) -> str:
-    factor = _factor(finding)
-    turn = f"{2 * math.pi / factor:.0f}"
-    return (
-        f"The angle looks like encoder counts: times {factor:.4g} (2 pi/{turn}) {_AGREE}. "
-        + _advice("angle", f"counts/{turn}")
-    )
-
-
-def _omega(finding: Finding) -> str:
-    measured = finding.parameters[1:]  # of one log
-    at = f" ({measured[0]})" if measured else ""
-    return (
-        f"The manifest's omega looks wrong for {listed(finding.logs)}: times {_factor(finding):.4g}"
-        f" it is the frequency of the recorded input{at}."
-    )
-
-
-def _late(finding: Finding) -> str:
-    seconds = _factor(finding)
-    return (
-        f"In {listed(finding.logs)} the input looks {'early' if seconds < 0 else 'late'} beside "
-        f"the angle: moved by {1e3 * abs(seconds):.3g} ms {_AGREE}."
-    )
-
-
-def _mass(finding: Finding) -> str:
-    _, given, ways = finding.parameters
-    where = f" in {listed(finding.logs)}" if finding.logs else ""
-    choice = "" if ways == "1" else f"; one of {ways} ways, of which the motion tells no more"
-    return (
-        f"The added masses contradict each other: if {given} was {1e3 * _factor(finding):.3g} g"
-        f"{where}, {_AGREE}{choice}."
-    )
-
-
-_TEXTS: dict[UnitError, Callable[[Finding], str]] = {
-    UnitError.COUNTS: _counts,
-    UnitError.SWAPPED: lambda _: (
-        f"Input and angle look swapped: the other way round {_AGREE}. The manifest's key columns, "
-        "or --columns, says which is which."
-    ),
-    UnitError.OMEGA: _omega,
-    UnitError.MASS: _mass,
-    UnitError.LATE: _late,
-    UnitError.GRAMS: lambda _: (
-        "The added masses look like grams: so much has hardly room at such an arm, or is hardly "
-        "moved by such a joint, which the motion cannot tell. If they are, times 0.001 all values "
-        f"but the delay hold. {_advice('mass', 'g')}"
-    ),
-}
-
-
 def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     """Tell why the inputs of sines are not at the frequencies that the manifest gives them."""
     sines = [log for log in logs if log.excitation is not None]
@@ -212,24 +188,23 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
         ratios, shares = _ratios(sines, "angle")
         right = (shares > _SINE) & (np.abs(ratios - 1) < _SAME)
         return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
-    for error in _OF_FREQUENCIES:
-        if np.all(np.abs(ratios / TABLE[error].factor - 1) < _SAME):
-            return [unit_error(error, TABLE[error].factor)]
-    common = float(np.median(ratios))
-    if np.all(np.abs(ratios / common - 1) < _DETUNED) and abs(common - 1) > _DETUNED:
-        return [_of_omega(common, *sines)]
     wrong = np.abs(ratios - 1) > _DETUNED
-    if np.mean(wrong) > _MOST_WRONG:
-        return []
-    return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
+    common = float(np.median(ratios))
+    if abs(common - 1) <= _DETUNED:
+        return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
+    for error, unit in TABLE.items():
+        if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < _SAME):
+            return [unit_error(error, unit.factor)]
+    same = np.all(np.abs(ratios / common - 1) < _DETUNED)
+    return [_of_omega(common, *sines)] if same else []
 
 
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
     """Tell why angles stand still: of joints that were let go, the inputs do, and come to rest."""
-    still = [log for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
-    if still and all(_comes_to_rest(log.input) for log in still):
-        return [unit_error(UnitError.SWAPPED, 1.0)]
-    return []
+    still = [log.input for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
+    halves = [[half.std() for half in np.array_split(each, 2)] for each in still]
+    rested = bool(still) and all(2 * second < first for first, second in halves)
+    return [unit_error(UnitError.SWAPPED, 1.0)] if rested else []
 
 
 def unit_errors_of_omega(
@@ -250,6 +225,26 @@ def unit_errors_of_omega(
     return [_of_omega(1 + worst, *(log for log, _ in near), moves=moves)]
 
 
+def judge_clock(points: Sequence[ResponsePoint]) -> list[Finding]:
+    """Tell by which share sines run faster than their omega, if it is more than its error.
+
+    The share is the same in all logs; whether the clock or omega is wrong, no log can say.
+    """
+    apart = np.array([point.detuning for point in points])
+    if apart.size < 2:  # noqa: PLR2004 - which have a scatter
+        return []
+    share = float(apart.mean())
+    error = float(apart.std(ddof=1)) / math.sqrt(apart.size)
+    if not abs(share) > max(stdtrit(apart.size - 1, 1 - _LEVEL / 2) * error, _LEAST):
+        return []
+    return [Finding(FindingKind.CLOCK, ("p1",), number=share)]
+
+
+def like_a_clock(points: Sequence[ResponsePoint]) -> tuple[str, ...]:
+    """Return the terms that are not to be tried, where a clock is wrong that looks like them."""
+    return ("mass_inertia",) if judge_clock(points) else ()
+
+
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
     """Tell whether a mass is too heavy for its place, as a thousand times its own would be.
 
@@ -262,14 +257,6 @@ def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
         if mass.arm > 0
     )
     return [unit_error(UnitError.GRAMS, 1e-3)] if heavy else []
-
-
-def _comes_to_rest(values: Samples) -> bool:
-    """Whether a signal is largest where it starts, and grows no more."""
-    first, second = np.array_split(values, 2)
-    distance = np.abs(values - second.mean())
-    start = distance[: max(1, values.size // _STARTS)]
-    return bool(start.max() >= distance.max() and np.std(second) < np.std(first))
 
 
 def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
@@ -16,8 +16,6 @@ from butterfly.identification.inference.identifiability import SINGULAR_CONDITIO
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
-
-Samples = NDArray[np.float64]
 
 CLEARLY_APART = 3.0
 """Standard errors between what was known and what the logs, or another source, say."""
