@@ -134,7 +134,7 @@ def infer(
         local=local or {},
         agreement=contrasts,
         known=known,
-        rivals=tuple(others),
+        rivals=tuple(rivals),
         horizon=horizon,
         freedom=freedom[own],
         ratios=ratios,
