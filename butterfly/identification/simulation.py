@@ -157,7 +157,7 @@ class Simulation:
             omega = log.excitation.omega
             stamps = log.time[steady_window(log, omega, STEADY_SECONDS)]
             basis = with_transient(sine_basis(stamps, omega), stamps, pole)
-            weights = np.asarray(np.linalg.solve(basis @ basis.T, basis)[:3], dtype=np.float64)
+            weights = np.asarray(np.linalg.inv(basis @ basis.T)[:3] @ basis, dtype=np.float64)
             self._reader = pole, stamps, weights
         _, stamps, weights = self._reader
         return stamps, weights
