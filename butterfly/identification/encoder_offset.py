@@ -194,10 +194,7 @@ def _guess(logs: Sequence[Log], home: float) -> EncoderOffset:
 
 
 def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, EncoderOffset]:
-    """Put the zeros that the motion told with different masses together, where they agree.
-
-    A mass of which there is but a guess has the zero that is known best of the others.
-    """
+    """Put the zeros that the motion told with different masses together, where they agree."""
     told = {mass: zero for mass, zero in found.items() if zero.kind is OffsetKind.FIT}
     one = _shared(list(told.values()))
     joint = {**found, **dict.fromkeys(told, one)} if one else dict(found)

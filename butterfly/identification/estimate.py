@@ -53,8 +53,7 @@ class Estimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     # what follows a condition though it should be the same in all, the most telling first
     agreement: tuple[Contrast, ...] = ()
-    # (n,) fits with other terms that predict as well, and what would hold at the limits of
-    # conditions that disagree: the intervals hold these too
+    # (n,) fits with other terms that predict as well, which the intervals hold too
     rivals: tuple[Samples, ...] = ()
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.prediction_horizon`)

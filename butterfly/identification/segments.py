@@ -151,10 +151,7 @@ class _Segment:
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
     ) -> tuple[Samples, Samples, Samples, Samples]:
-        """Return errors, derivatives (two) and directions at the best start (see `_About`).
-
-        Errors and derivatives are less what a change of the start explains.
-        """
+        """Return errors, derivatives (two) and directions at the best start (see `_About`)."""
         every = tuple(dict.fromkeys((*names, *_START)))
         found = self._about(every, parameters, zero, self._near)
         if not found.settled:

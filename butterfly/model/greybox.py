@@ -131,10 +131,7 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
 
 
 def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[str, float]]:
-    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`.
-
-    Friction below 0 counts as none: there it moves nothing.
-    """
+    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`."""
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}

@@ -78,10 +78,7 @@ def _simulated(
 
 
 def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
-    """Simulate a run, on any clock and through any path: the log of `Rig.play`.
-
-    What is random is drawn in the same order as there: cycles, encoder, faults.
-    """
+    """Simulate a run, on any clock and through any path: the log of `Rig.play`."""
     (added, excitation), rng = job
     cycles = rig.clock.cycles(duration, rng)
     time = stamps_of(cycles)
@@ -104,10 +101,7 @@ def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> Sample
 def _by_mujoco(
     rig: Rig, batches: Iterable[Sequence[_Job]], duration: float, threads: int
 ) -> Iterator[Log]:
-    """Simulate runs on a regular clock, of a robot that needs no `Assistance`.
-
-    MuJoCo's own compiled loop does, in its threads.
-    """
+    """Simulate runs on a regular clock, of a robot that needs no `Assistance`."""
     step, count = rig.clock.step, rig.clock.count(duration)
     time = step * np.arange(count + 1, dtype=np.float64)
     substeps = steps_of(step)

@@ -214,10 +214,7 @@ def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
 
 
 def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[Samples], slice]]:
-    """Of the first and the last round: its number, colour, motion, and what is drawn of that.
-
-    Time, angle and smoothed velocity are those of the run that starts farthest from the orbit.
-    """
+    """Of the first and the last round: its number, colour, motion, and what is drawn of that."""
     rounds = study.calibration.rounds
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
         each = rounds[number]

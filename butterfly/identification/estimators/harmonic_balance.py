@@ -31,8 +31,8 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.unit_errors import like_a_clock
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (

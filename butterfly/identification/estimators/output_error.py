@@ -21,8 +21,8 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.identification.blocks import FEW
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.unit_errors import like_a_clock
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable

@@ -284,10 +284,7 @@ class SteadyModel:
 
 
 def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> Phasors:
-    """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over.
-
-    The angles of logs in which the model does not move alike are in doubt.
-    """
+    """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over."""
     phasors, measured = fit.phasors, fit.phasors.angle
     size = np.abs(moved) / np.abs(measured)
     told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)

@@ -300,11 +300,7 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
 def _corrected(
     regression: Regression, through: Regression, fit: WeakFit, pairs: Sequence[Seen]
 ) -> Regression:
-    """Take from equations of the logs what those of their simulations lack of balance.
-
-    A simulation obeys the equation of motion with the parameters that it was made with; what its
-    averages leave over is their own error, and the logs' averages have it too.
-    """
+    """Take from equations of the logs what those of their simulations lack of balance."""
     simulated = np.array([each.instruments is not each.windows for each in pairs])
     error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
     return replace(regression, target=regression.target + error)
