@@ -115,11 +115,7 @@ def _translate(
 
 
 def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say
-    """Return pydantic's location of an error without the kinds that unions add.
-
-    Those are the parts that lead nowhere in the document, unless its last part is a key that the
-    document is ``lacking``.
-    """
+    """Return pydantic's location of an error without the kinds that unions add."""
     found = []
     for part in location:
         below = _value(content, part)
@@ -295,10 +291,7 @@ class _Extent(NamedTuple):
 
 
 def _extent(node: Node, known: dict[int, _Extent | None]) -> _Extent:
-    """Return the extent of a node, or refuse one that holds itself, or too much.
-
-    ``known`` has what was found, by the identity of nodes; None for those that hold this one.
-    """
+    """Return the extent of a node, or refuse one that holds itself, or too much."""
     if id(node) in known:
         return known[id(node)] or _refuse(node, "an alias within what it stands for")
     known[id(node)] = None

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
 from butterfly.identification.diagnostics.residuals import (
@@ -148,7 +148,7 @@ class Validated(Tabulated):
         )
 
 
-def _fits_table(title: str, fits: Mapping[str, NDArray[np.float64]], horizon: float) -> TextTable:
+def _fits_table(title: str, fits: Mapping[str, Samples], horizon: float) -> TextTable:
     rows = []
     for name, each in fits.items():
         fit, counted = FitSummary.of(each, horizon), each[~np.isnan(each)]

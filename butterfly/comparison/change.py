@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import CONFIDENCE, widened
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
-Values = NDArray[np.float64]
+Values = Samples
 
 LEVEL = 1 - CONFIDENCE
 """Share of comparisons of a robot that has not changed that say that it has, at most."""

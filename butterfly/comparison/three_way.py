@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
@@ -28,8 +28,8 @@ class ThreeWay:
     log: Log
     zero: float  # encoder reading in rad where the models' angle is 0
     parameters: LumpedParameters  # that both simulators had, of the bare hand
-    mujoco: NDArray[np.float64]  # (n,) angles in rad, from the encoder's zero
-    greybox: NDArray[np.float64]
+    mujoco: Samples  # (n,) angles in rad, from the encoder's zero
+    greybox: Samples
     residual: ResidualTorque  # that no term of the model explains
     gains: dict[str, complex]  # for a sine, by simulator: its response over the log's
 
@@ -81,7 +81,7 @@ def compare_three(
     return found
 
 
-def _gains(log: Log, simulated: dict[str, NDArray[np.float64]]) -> dict[str, complex]:
+def _gains(log: Log, simulated: dict[str, Samples]) -> dict[str, complex]:
     if log.excitation is None:
         return {}
     measured = response_point(log).gain

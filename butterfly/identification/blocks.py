@@ -12,9 +12,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.logs.log import MIN_SAMPLES, Log
-
-Samples = NDArray[np.float64]
 
 CELLS = 10
 """Blocks into which a log is cut: as many as tell their scatter within a quarter."""

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
@@ -45,7 +45,7 @@ class Candidate:
     added_mass: AddedMass  # what the hand carries
     signal: Excitation  # the input, as an experiment can be driven with it
     swing: float  # largest angle in rad predicted, on a slide way in m
-    errors: NDArray[np.float64]  # (n,) standard errors expected after it, over those before
+    errors: Samples  # (n,) standard errors expected after it, over those before
     warning: str = ""  # why it should not be relied on; empty if it may
 
     @property
@@ -197,9 +197,7 @@ def _peak(signal: Excitation) -> float:
     return signal.peak if isinstance(signal, Multisine) else math.inf
 
 
-def _respond(
-    parameters: LumpedParameters, mass: AddedMass, signal: Excitation
-) -> NDArray[np.float64]:
+def _respond(parameters: LumpedParameters, mass: AddedMass, signal: Excitation) -> Samples:
     """Simulate a candidate from rest, its bias aside."""
     time = np.arange(0.0, DURATION, _STEP)
     instants = np.column_stack([time[:-1], time[:-1] + _STEP / 2, time[1:]])

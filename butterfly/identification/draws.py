@@ -29,17 +29,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.inference.covariance import SPREADS, widened
+from butterfly.identification.inference.covariance import SPREADS, honest_limits, widened
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 from butterfly.progress import Track, in_threads, untracked
-
-Samples = NDArray[np.float64]
 
 COUNT = 200
 """Draws if no other number is asked for: five lie beyond either edge of a band."""
@@ -151,13 +150,20 @@ def draw_parameters(
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
-    """(n, n) covariance whose spreads are at least those of the intervals; refused without one."""
+    """(n, n) covariance whose spreads are at least those of the intervals; refused without one.
+
+    What would hold at the limits of conditions that disagree is left aside: logs to be predicted
+    are recorded under such as were seen.
+    """
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance to draw parameters from"
         )
     apart = list(estimate.left_out.values())
+    if estimate.freedom is not None:
+        own = (estimate.values, estimate.covariance, estimate.freedom, apart, estimate.rivals)
+        limits = np.clip(honest_limits(*own), *limits)
     covariance = widened(estimate.values, estimate.covariance, apart, estimate.rivals)
     widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the narrower one
     spread = np.sqrt(np.diag(covariance))

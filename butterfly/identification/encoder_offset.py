@@ -24,6 +24,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import cut, independent_cells_of
 from butterfly.identification.equations import compressed
@@ -40,7 +41,7 @@ _GUESSED = 0.5  # rad, largest standard uncertainty of a guess: more says no mor
 _SLACK = 0.1  # friction over the moment of gravity, where nothing is known of it
 _APART = 3.0  # standard errors between readings that are not the same
 _ALIKE = 0.005  # rad between readings that are
-Samples = NDArray[np.float64]
+
 _TARGET, _GRAVITY, _BIAS = "p1", ("p3", "p3_offset"), "bias"
 _NAMES = (*_GRAVITY, "p2", "coulomb", "p4", "delay")
 _PER_UNKNOWN = 3  # test functions at least
@@ -116,7 +117,7 @@ def encoder_offsets(
     )
 
 
-def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> NDArray[np.float64]:
+def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
     """(k, n) standard uncertainties in rad of k independent errors in the zeros of n logs.
 
     Logs of one zero share its error.
@@ -193,10 +194,7 @@ def _guess(logs: Sequence[Log], home: float) -> EncoderOffset:
 
 
 def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, EncoderOffset]:
-    """Put the zeros that the motion told with different masses together, where they agree.
-
-    A mass of which there is but a guess has the zero that is known best of the others.
-    """
+    """Put the zeros that the motion told with different masses together, where they agree."""
     told = {mass: zero for mass, zero in found.items() if zero.kind is OffsetKind.FIT}
     one = _shared(list(told.values()))
     joint = {**found, **dict.fromkeys(told, one)} if one else dict(found)

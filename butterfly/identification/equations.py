@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import FEW, cut
 from butterfly.identification.diagnostics.findings import Ending
@@ -25,8 +26,6 @@ from butterfly.identification.normal_equations import (
     scaled_least_squares,
 )
 from butterfly.model.prior import Penalty
-
-Samples = NDArray[np.float64]
 
 _TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
@@ -34,12 +34,12 @@ class Estimate:
 
     method: str  # how they were obtained
     names: tuple[str, ...]  # the n that were estimated: PARAMETERS of model.terms, then terms
-    values: NDArray[np.float64]  # (n,) in their order
-    covariance: NDArray[np.float64]  # (n, n); NaN where the method has no statement to make
-    lower: NDArray[np.float64]  # (n,) limits of the 95 % intervals
-    upper: NDArray[np.float64]
+    values: Samples  # (n,) in their order
+    covariance: Samples  # (n, n); NaN where the method has no statement to make
+    lower: Samples  # (n,) limits of the 95 % intervals
+    upper: Samples
     # (n,) estimates without the logs of one added mass, or one run; none if there are too few
-    left_out: Mapping[Hashable, NDArray[np.float64]]
+    left_out: Mapping[Hashable, Samples]
     condition: float  # number of the column-scaled regression, or Jacobian
     on_bound: tuple[str, ...]  # parameters held by a bound
     ending: Ending
@@ -53,14 +53,13 @@ class Estimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     # what follows a condition though it should be the same in all, the most telling first
     agreement: tuple[Contrast, ...] = ()
-    # (n,) fits with other terms that predict as well, and what would hold at the limits of
-    # conditions that disagree: the intervals hold these too
-    rivals: tuple[NDArray[np.float64], ...] = ()
+    # (n,) fits with other terms that predict as well, which the intervals hold too
+    rivals: tuple[Samples, ...] = ()
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.prediction_horizon`)
     horizon: float | None = None
     known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
-    freedom: NDArray[np.float64] | None = None  # (n,) degrees, of the standard errors
+    freedom: Samples | None = None  # (n,) degrees, of the standard errors
     unestimated: tuple[str, ...] = ()  # names to which the method gives a value all the same
     ratios: bool = False  # whether the values are ratios to p1, gains excepted
     input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
@@ -172,7 +171,7 @@ class Estimate:
         values = [others[name] if name in others else rows[name]["value"] for name in names]
         limits = [[rows.get(name, {}).get(key) for name in names] for key in ("lower", "upper")]
         freedom = content.get("freedom")
-        left_out: dict[Hashable, NDArray[np.float64]] = {
+        left_out: dict[Hashable, Samples] = {
             _mass(part["added_mass"]) if "added_mass" in part else part["without"]: _array(
                 [part["values"][name] for name in names]
             )
@@ -239,7 +238,7 @@ class Estimate:
         return dict(zip(self.names, shares.tolist(), strict=True))
 
     @property
-    def standard_errors(self) -> NDArray[np.float64]:
+    def standard_errors(self) -> Samples:
         """(n,) square roots of the variances."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -297,7 +296,7 @@ def left_out_content(
     return content
 
 
-def _array(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - whatever is in the file
+def _array(values: Any) -> Samples:  # noqa: ANN401 - whatever is in the file
     """Return numbers as an array; null is NaN, anything else a TypeError or ValueError."""
     return np.array(values, dtype=np.float64)
 

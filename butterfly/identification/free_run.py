@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.prediction_horizon import horizon_of
@@ -32,7 +32,7 @@ class FreeRun:
     """
 
     log: Log
-    simulated: NDArray[np.float64]
+    simulated: Samples
     horizon: float = math.inf
 
     @classmethod
@@ -87,7 +87,7 @@ class FitSummary:
     horizon: float | None = None
 
     @classmethod
-    def of(cls, fits: NDArray[np.float64], horizon: float | None = None) -> FitSummary:
+    def of(cls, fits: Samples, horizon: float | None = None) -> FitSummary:
         """Summarise the (n,) FIT values of n logs; an infinite horizon is one of whole logs."""
         finite = horizon if horizon is not None and math.isfinite(horizon) else None
         return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite)
@@ -194,7 +194,7 @@ class Simulations:
         self._followed[number, setting] = run.followed
         return run
 
-    def followed(self, estimate: Estimate, numbers: Iterable[int]) -> NDArray[np.float64]:
+    def followed(self, estimate: Estimate, numbers: Iterable[int]) -> Samples:
         """(n,) how well some logs are followed with an estimate (see `FreeRun.followed`)."""
         keys = [(number, self.setting(number, estimate)) for number in numbers]
         for key in keys:
@@ -202,14 +202,12 @@ class Simulations:
                 self.run_with(*key)
         return np.array([self._followed[key] for key in keys])
 
-    def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> NDArray[np.float64]:
+    def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> Samples:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""
         chosen = range(len(self._logs)) if numbers is None else numbers
         return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
 
-    def fits_with(
-        self, parameters: LumpedParameters, horizon: float = math.inf
-    ) -> NDArray[np.float64]:
+    def fits_with(self, parameters: LumpedParameters, horizon: float = math.inf) -> Samples:
         """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
         settings = [
             Setting(parameters=parameters, zero=reading_of(log, self._zeros), horizon=horizon)

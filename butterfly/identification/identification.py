@@ -11,8 +11,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
@@ -274,7 +274,7 @@ class Identification(Result):
         return IdentifiedModel(self.parameters, self.estimate.joint)
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Samples:
         """(n, n), in the order of `rows`."""
         return self.estimate.covariance
 
@@ -321,7 +321,7 @@ class Identification(Result):
         return FitSummary.of(np.array([*self.velocity_fits.values()] or [np.nan]))
 
     @property
-    def fit_of_logs(self) -> NDArray[np.float64]:
+    def fit_of_logs(self) -> Samples:
         """(n,) FIT of each log in per cent."""
         return np.array([run.fit for run in self.runs] or list(self.fits.values()))
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.clock import judge_clock
 from butterfly.identification.diagnostics.plausibility import (
     judge_basis,
     judge_fit,
@@ -25,7 +24,7 @@ from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors_of_clock,
     find_unit_errors_of_refused,
 )
-from butterfly.identification.diagnostics.unit_errors import with_unit_errors
+from butterfly.identification.diagnostics.unit_errors import judge_clock, with_unit_errors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
@@ -36,7 +36,7 @@ class OtherParameters:
     name: str  # Where the parameters come from
     parameters: LumpedParameters  # Of the bare hand
     gain_fitted: bool  # Whether p4 was chosen here, for the highest median FIT
-    fits: NDArray[np.float64]  # (n,) FIT of each log in per cent
+    fits: Samples  # (n,) FIT of each log in per cent
     horizon: float = math.inf  # Longest stretch in s that was simulated at a time
 
     @property

@@ -13,8 +13,8 @@ from enum import StrEnum
 from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.derived_quantities import (
     BEST_SPEED,
     SIGNED,
@@ -147,7 +147,7 @@ def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
 
 def _together(
     estimate: Estimate,
-    errors: NDArray[np.float64],
+    errors: Samples,
     known: Prior,
     input_kind: InputKind,
     carrier: AddedMass,
@@ -174,7 +174,7 @@ def _together(
     )
 
 
-def _estimated(estimate: Estimate, errors: NDArray[np.float64]) -> Quantities:
+def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
     """Return the lumped parameters, those that were held exactly known."""
     held = {
         name: value
@@ -197,7 +197,7 @@ def _estimated(estimate: Estimate, errors: NDArray[np.float64]) -> Quantities:
     )
 
 
-def _of_intervals(estimate: Estimate) -> NDArray[np.float64]:
+def _of_intervals(estimate: Estimate) -> Samples:
     """Return (n,) standard errors of which the intervals are the normal ones."""
     reach = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
     return np.maximum(reach / SPREADS, estimate.standard_errors)

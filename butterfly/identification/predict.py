@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.blocks import length_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import ParameterDraws, samples_of_bands
@@ -34,8 +35,6 @@ from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.progress import Track, in_threads, untracked
-
-Samples = NDArray[np.float64]
 
 OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"

@@ -10,14 +10,12 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.spectrum import uniform_grid
-
-Samples = NDArray[np.float64]
 
 GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
-
-Samples = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,10 +87,7 @@ class ScaleParameter:
         return sum(each in names for each in before[: before.index(self.name)])
 
     def _shares(self, solved: CellEquations) -> Samples:
-        """(n,) changes of the others that do to residuals what one of the reference does.
-
-        Residuals do not change if all torques grow alike.
-        """
+        """(n,) changes of the others that do to residuals what one of the reference does."""
         assert self.name is not None  # noqa: S101 - asked of a reference only
         carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
         pairs = zip(solved.names, solved.values.tolist(), strict=True)

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.blocks import edges_of
 from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.parameters import LumpedParameters
-
-Samples = NDArray[np.float64]
 
 _ROUNDS = 12  # steps to a start at most
 _HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
@@ -153,10 +151,7 @@ class _Segment:
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
     ) -> tuple[Samples, Samples, Samples, Samples]:
-        """Return errors, derivatives (two) and directions at the best start (see `_About`).
-
-        Errors and derivatives are less what a change of the start explains.
-        """
+        """Return errors, derivatives (two) and directions at the best start (see `_About`)."""
         every = tuple(dict.fromkeys((*names, *_START)))
         found = self._about(every, parameters, zero, self._near)
         if not found.settled:

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
@@ -18,8 +18,6 @@ from butterfly.signals import hold, polynomials
 from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
 from butterfly.signals.sine_fit import sine_basis, with_transient
 from butterfly.signals.spectrum import uniform_grid
-
-Samples = NDArray[np.float64]
 
 Begin: TypeAlias = InitialState | float | None
 """How a simulation starts: with angle and velocity, with a velocity, or as the log does."""

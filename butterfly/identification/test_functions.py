@@ -307,10 +307,7 @@ def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDA
 
 
 def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
-    """Return what a parameter multiplies: an (n,) signal, and the order of the bump's derivative.
-
-    Derivatives of the angle go over to the bump, as does that of the input by which a delay acts.
-    """
+    """Return the (n,) signal that a parameter multiplies, and how often its bump is derived."""
     if row.derivative:
         return (-1) ** row.derivative * motion.angle, row.derivative
     if row.basis is None:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
@@ -29,7 +29,7 @@ class CrossValidation:
     division: Division  # what was left out together
     # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
     # the estimate from the others; NaN of logs that were never left out
-    fits: NDArray[np.float64]
+    fits: Samples
     estimates: dict[str, Estimate]  # one for each part left out, by its name
     horizon: float = math.inf  # longest stretch in s that was simulated at a time
 
@@ -149,9 +149,9 @@ def select_terms(
 class Bootstrap:
     """Estimates from resampled logs."""
 
-    values: NDArray[np.float64]  # (repetitions, n) estimates
-    lower: NDArray[np.float64]  # (n,) limits of the percentile intervals at `CONFIDENCE`
-    upper: NDArray[np.float64]
+    values: Samples  # (repetitions, n) estimates
+    lower: Samples  # (n,) limits of the percentile intervals at `CONFIDENCE`
+    upper: Samples
 
 
 def bootstrap(
@@ -176,7 +176,7 @@ def bootstrap(
     groups = [
         [k for k, log in enumerate(data.logs) if log.added_mass == mass] for mass in data.masses
     ]
-    values: list[NDArray[np.float64]] = []
+    values: list[Samples] = []
     failures = 0
     for _ in track(range(repetitions), "Bootstrap"):
         while True:

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow
-from numpy.typing import NDArray
 from pyarrow import csv
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
 from butterfly.files import replacing
 from butterfly.logs.formats import (
@@ -49,7 +49,6 @@ _BY_NUMBER = (
     "(--columns time=0,input=1,angle=2)"
 )
 
-Samples = NDArray[np.float64]
 Column: TypeAlias = Samples | pyarrow.ChunkedArray
 
 

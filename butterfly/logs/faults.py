@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Samples = NDArray[np.float64]
+from butterfly.arrays import Samples
+
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 

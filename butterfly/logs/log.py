@@ -14,6 +14,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.units import Units
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -34,8 +35,6 @@ _SETTLED = 0.3  # share by which half as many samples may give another velocity
 _NOTABLE = 0.1  # share of the rms velocity, from which on a beginning is in motion
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
-
-Samples = NDArray[np.float64]
 
 SAMPLED = ("time", "input", "angle", "velocity")
 """The sampled columns of a log; the last may be missing."""

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.logs.health import GAP_FACTOR
 from butterfly.logs.log import Intersample, Log
-
-Samples = NDArray[np.float64]
 
 ENOUGH = 4_000_000
 """Samples of a log, above which their means are taken: an hour at 1.1 kHz."""

@@ -7,8 +7,9 @@ from typing import Any
 
 import control
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from butterfly.arrays import Samples
 from butterfly.model.kinematics import Motion
 from butterfly.model.linear import DelayStates, Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -108,7 +109,7 @@ def nonlinear_system(
     names = ["angle", "velocity", *["torque"] * lagging, *["deflection"] * bending]
     sliding = [row for row in (*CONSERVATIVE, *DISSIPATIVE) if not (bending and row.dry)]
 
-    def update(_: float, state: NDArray[np.float64], command: Any, __: Any) -> list[float]:  # noqa: ANN401
+    def update(_: float, state: Samples, command: Any, __: Any) -> list[float]:  # noqa: ANN401
         now = dict(zip(names, map(float, state), strict=True))
         v = now["velocity"]
         motion = Motion.of(p, now["angle"], v)._replace(direction=math.tanh(v / smoothing))

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import LumpedParameters
@@ -134,20 +134,20 @@ class Orbit:
         """Integral of thd^2 over one period, in rad^2/s, by quadrature."""
         return 2 * self._over_angle(lambda speed: speed)
 
-    def solution(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def solution(self, times: Samples) -> tuple[Samples, ...]:
         """Return (n,) angles and velocities of the nominal motion, released at `upper`."""
         from scipy.integrate import solve_ivp  # noqa: PLC0415 - slow to import
 
         p = self.parameters
 
-        def rhs(_: float, state: NDArray[np.float64]) -> list[float]:
+        def rhs(_: float, state: Samples) -> list[float]:
             return [float(state[1]), pull(p, float(state[0])) / p.p1]
 
         span = (0.0, float(times[-1]) if times.size else 0.0)
         solved = solve_ivp(rhs, span, [self.upper, 0.0], "DOP853", times, rtol=1e-12, atol=1e-13)
         return solved.y[0], solved.y[1]
 
-    def _over_angle(self, integrand: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> float:
+    def _over_angle(self, integrand: Callable[[Samples], Samples]) -> float:
         """Integrate a function of the speed over the angle, its square-root ends straightened.
 
         In the phase the integrand is periodic and smooth: the midpoint rule converges

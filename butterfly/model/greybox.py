@@ -15,13 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model import kernel
 from butterfly.model.kernel import COLUMNS, Constants, integrate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import DRIVE, TERMS
-
-Samples = NDArray[np.float64]
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
@@ -30,11 +29,11 @@ and the derivatives of the initial angle and velocity by it."""
 
 def simulate(
     parameters: LumpedParameters,
-    time: NDArray[np.float64],
-    inputs: NDArray[np.float64],
+    time: Samples,
+    inputs: Samples,
     angle: float,
     velocity: float = 0.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Samples, Samples]:
     """Integrate the equation of `LumpedParameters` over ``time``, one RK4 step per interval.
 
     A step in which the velocity changes sign is split where it vanishes; the joint then sticks
@@ -132,10 +131,7 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
 
 
 def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[str, float]]:
-    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`.
-
-    Friction below 0 counts as none: there it moves nothing.
-    """
+    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`."""
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}

@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.terms import TERMS, TORQUES
-
-Samples = NDArray[np.float64]
 
 PHYSICAL = {
     "resistance": "Ohm",

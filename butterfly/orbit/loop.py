@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import judge_fit
@@ -235,7 +235,7 @@ def swing(log: Log, zero: float, since: float) -> float:
     return float(np.mean(upper) + np.mean(lower)) / 2
 
 
-def _turning_points(time: NDArray[np.float64], angle: NDArray[np.float64]) -> list[float]:
+def _turning_points(time: Samples, angle: Samples) -> list[float]:
     """Heights of the maxima above 0, each the top of a quartic through the samples about it."""
     above = np.concatenate([[False], angle > 0, [False]])
     edges = np.flatnonzero(np.diff(above.astype(int)))
@@ -264,7 +264,7 @@ class OrbitStudy:
     small_swings: Estimate | None  # that it began with; None if parameters were given
     errors: dict[str, float]  # rms in rad over `PERIODS`, by model: "generic", "re-calibrated"
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
-    cross: NDArray[np.float64]  # (n, n) rms in rad of the row's model at the column's orbit
+    cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
 
     @property
     def generic(self) -> LumpedParameters:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
 from butterfly.model.kinematics import Motion
@@ -91,8 +91,8 @@ class _Transverse:
     """The loop's linearisation along its orbit, at the Gauss nodes of the period's steps."""
 
     step: float  # s
-    fall: NDArray[np.float64]  # (2 steps,) curvature of the potential over p1, in 1/s^2
-    feedback: NDArray[np.float64]  # (2 steps, 2) acceleration per angle and velocity, gamma 1
+    fall: Samples  # (2 steps,) curvature of the potential over p1, in 1/s^2
+    feedback: Samples  # (2 steps, 2) acceleration per angle and velocity, gamma 1
 
     @classmethod
     def of(cls, orbit: Orbit) -> _Transverse:
@@ -143,10 +143,10 @@ class _Swings:
 
     inertia: float  # kg m^2
     p4: float  # N m per unit of input
-    periods: NDArray[np.float64]  # (n,) s
-    missing: NDArray[np.float64]  # (n,) J that they are short of
-    velocity: NDArray[np.float64]  # (n, samples) rad/s over a period each
-    friction: NDArray[np.float64]  # (n, samples) N m
+    periods: Samples  # (n,) s
+    missing: Samples  # (n,) J that they are short of
+    velocity: Samples  # (n, samples) rad/s over a period each
+    friction: Samples  # (n, samples) N m
 
     @classmethod
     def below(cls, orbit: Orbit) -> _Swings:
@@ -195,7 +195,7 @@ class _Swings:
         return bool((np.mean((late - self.friction) * self.velocity, axis=1) > 0).any())
 
 
-def _exponential(exponents: NDArray[np.float64]) -> NDArray[np.float64]:
+def _exponential(exponents: Samples) -> Samples:
     """Return Padé's approximation of third order to the exponentials of (n, k, k) matrices.
 
     SciPy's own goes through them one by one, which takes a hundred times as long.
@@ -205,9 +205,7 @@ def _exponential(exponents: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.solve(even - odd, even + odd))
 
 
-def _edge(
-    holds: Callable[[float], bool], inside: float, others: NDArray[np.float64], none: float
-) -> float:
+def _edge(holds: Callable[[float], bool], inside: float, others: Samples, none: float) -> float:
     """Return where the orbit is first lost going through ``others``, or ``none`` if nowhere."""
     for other in map(float, others):
         if not holds(other):

@@ -6,14 +6,14 @@ import math
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.normal_equations import Regression
 from butterfly.identification.test_functions import SPACING
-from butterfly.logs.log import InputKind, Intersample, Lead, Log
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import (
@@ -57,7 +57,7 @@ class OnlineRecalibration:
         self._names = (*BASE[1:], *terms)
         self._keep = math.exp(-SPACING * options.half_width / memory)
         longest = math.ceil(_FORGOTTEN / -math.log(self._keep))
-        self._rows: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=longest)
+        self._rows: deque[tuple[int, Samples]] = deque(maxlen=longest)
         self._samples: list[tuple[float, float, float]] = []
         self._count = 0
 
@@ -87,7 +87,6 @@ class OnlineRecalibration:
             angle=angle,
             input_kind=InputKind.TORQUE,
             intersample=Intersample.ZERO_ORDER_HOLD,
-            lead=Lead(time=time[:0], input=inputs[:0]),  # the loop ran before
             source="control loop",
         )
         names = ("p1", *self._names)
@@ -103,7 +102,7 @@ class OnlineRecalibration:
         """Whether there is twice as much data as unknowns."""
         return self._count >= 2 * len(self._names)
 
-    def ratios(self) -> NDArray[np.float64]:
+    def ratios(self) -> Samples:
         """(n,) current p2/p1, p3/p1, p4/p1 and terms over p1."""
         return self._regression().solve().values
 

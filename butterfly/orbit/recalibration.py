@@ -24,7 +24,7 @@ from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import SLACK_OF_STRETCHES, choose_terms
 from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
-from butterfly.logs.log import Log
+from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, offered
 
@@ -84,9 +84,13 @@ class RecalibrationOptions:
         require_number("recalibration", delay=self.delay)
 
     def averaging(self, log: Log, zero: float) -> Averaging:
-        """Make a log ready to be averaged, its encoder reading ``zero`` rad at angle 0."""
+        """Make a log ready to be averaged, its encoder reading ``zero`` rad at angle 0.
+
+        As in a loop that runs on, no test function reaches before its beginning.
+        """
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
-        return Averaging(log, zero, self.half_width, settings, self.balance)
+        running = replace(log, lead=log.lead or Lead(time=log.time[:0], input=log.input[:0]))
+        return Averaging(running, zero, self.half_width, settings, self.balance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

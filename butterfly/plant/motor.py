@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.terms import DriveTerms
@@ -33,7 +33,7 @@ class Reading(NamedTuple):
 
 
 ControlLaw = Callable[[Reading], float]
-Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Signal = Callable[[Samples], Samples]
 Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
 
 
@@ -103,7 +103,7 @@ class CommandPath(DriveTerms):
             value = self.resolution * round(value / self.resolution)
         return min(max(value, -self.limit), self.limit)
 
-    def shape_all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shape_all(self, values: Samples) -> Samples:
         """Return what leaves the path when (n,) ``values`` enter it one by one."""
         usable = np.abs(values) < LARGEST_COMMAND
         if not usable.all():
@@ -112,7 +112,7 @@ class CommandPath(DriveTerms):
             values = self.resolution * rounded(values / self.resolution)
         return np.clip(values, -self.limit, self.limit)
 
-    def deliver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def deliver(self, values: Samples) -> Samples:
         """Return (n,) inputs that the joint gets when (n,) shaped commands have been set."""
         return np.asarray(self.delivered(values))
 
@@ -201,7 +201,7 @@ class ControlLoop:
         commands = iter(signal(stamps_of(cycles)).tolist())
         return self._samples(lambda _: next(commands), cycles)
 
-    def _samples(self, law: ControlLaw, cycles: NDArray[np.float64]) -> Iterator[Sample]:
+    def _samples(self, law: ControlLaw, cycles: Samples) -> Iterator[Sample]:
         motor = self._motor
         for cycle in [*cycles.tolist(), 0.0]:
             reading = motor.read()
@@ -220,9 +220,9 @@ class ControlLoop:
 
 
 def recorded(
-    time: NDArray[np.float64],
-    inputs: NDArray[np.float64],
-    angle: NDArray[np.float64],
+    time: Samples,
+    inputs: Samples,
+    angle: Samples,
     *,
     source: str = "bench",
     **about: Any,  # noqa: ANN401 - the other fields of Log

@@ -8,8 +8,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.joints import GreyBoxJoint, Joint, MujocoJoint
@@ -153,9 +153,9 @@ class Rig:
     def record(
         self,
         run: tuple[AddedMass, Excitation],
-        time: NDArray[np.float64],
-        commands: NDArray[np.float64],
-        true: NDArray[np.float64],
+        time: Samples,
+        commands: Samples,
+        true: Samples,
         rng: np.random.Generator,
     ) -> Log:
         """Return the log that `play` makes, of a run that was simulated elsewhere.

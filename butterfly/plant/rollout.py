@@ -12,8 +12,8 @@ from functools import lru_cache, partial
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
@@ -78,10 +78,7 @@ def _simulated(
 
 
 def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
-    """Simulate a run, on any clock and through any path: the log of `Rig.play`.
-
-    What is random is drawn in the same order as there: cycles, encoder, faults.
-    """
+    """Simulate a run, on any clock and through any path: the log of `Rig.play`."""
     (added, excitation), rng = job
     cycles = rig.clock.cycles(duration, rng)
     time = stamps_of(cycles)
@@ -96,7 +93,7 @@ def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
 
 
 @lru_cache(maxsize=4)
-def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> NDArray[np.float64]:
+def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> Samples:
     """Return a multisine at (count + 1,) stamps; runs that differ in the robot alone share it."""
     return multisine.sample(stamps_of(np.full(count, step)))
 
@@ -104,10 +101,7 @@ def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> NDArra
 def _by_mujoco(
     rig: Rig, batches: Iterable[Sequence[_Job]], duration: float, threads: int
 ) -> Iterator[Log]:
-    """Simulate runs on a regular clock, of a robot that needs no `Assistance`.
-
-    MuJoCo's own compiled loop does, in its threads.
-    """
+    """Simulate runs on a regular clock, of a robot that needs no `Assistance`."""
     step, count = rig.clock.step, rig.clock.count(duration)
     time = step * np.arange(count + 1, dtype=np.float64)
     substeps = steps_of(step)
@@ -134,9 +128,7 @@ def _by_mujoco(
                 yield rig.record(run, time, command, true, rng)
 
 
-def replay_input(
-    joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL
-) -> NDArray[np.float64]:
+def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL) -> Samples:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
     The input is what its drive delivers, held at its mean over each step, its hold and a delay

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number, require_room
 from butterfly.logs.log import Log
@@ -38,7 +38,7 @@ class BandLimitedNoise:
         if not 0 <= self.seed < 2**32:
             raise InputError("BandLimitedNoise", "seed", self.seed, "from 0 to 2^32 - 1")
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) noise in rad at (n,) instants in s, from 0 on."""
         index = np.floor(np.asarray(time) / self.sample_time * (1 + 1e-12)).astype(np.int64)
         last = int(index.max(initial=0))
@@ -49,7 +49,7 @@ class BandLimitedNoise:
 
 
 @lru_cache(maxsize=8)
-def _normals(seed: int, count: int) -> NDArray[np.float64]:
+def _normals(seed: int, count: int) -> Samples:
     """Return the first ``count`` standard normal numbers of Simulink's generator."""
     high, bit = seed >> 16, seed & 32768
     state = ((((seed - (high << 16)) + bit) << 16) + bit + high) & 0xFFFFFFFF
@@ -58,7 +58,7 @@ def _normals(seed: int, count: int) -> NDArray[np.float64]:
 
 
 @compiled
-def _polar(state: int, count: int) -> NDArray[np.float64]:
+def _polar(state: int, count: int) -> Samples:
     """Draw by Marsaglia's polar method, the second number of each pair thrown away."""
     numbers = np.empty(count)
     for k in range(count):
@@ -98,9 +98,7 @@ class Encoder:
             raise InputError("Encoder", "steps", found, f"1 to {_FINEST} steps per turn")
         require_number("Encoder", unit="rad", noise=self.noise)
 
-    def read(
-        self, time: NDArray[np.float64], angle: NDArray[np.float64], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+    def read(self, time: Samples, angle: Samples, rng: np.random.Generator) -> Samples:
         """Return the (n,) readings in rad of (n,) true angles in rad at (n,) instants in s."""
         if self.noise:
             angle = angle + self.noise * rng.standard_normal(angle.size)
@@ -168,7 +166,7 @@ class Clock:
         require_room("Clock", "duration", f"{duration:g} s", _BYTES_PER_CYCLE * count)
         return round(count)
 
-    def cycles(self, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    def cycles(self, duration: float, rng: np.random.Generator) -> Samples:
         """Return the (n,) lengths in s of the cycles that fill about ``duration`` s."""
         count = self.count(duration)
         if self.jitter == 0:
@@ -177,19 +175,17 @@ class Clock:
         return np.maximum(steps, _SHORTEST * self.step)
 
 
-def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def rounded(values: Samples) -> Samples:
     """Return (n,) values rounded as Python's ``round`` does, which knows no negative 0."""
     return np.rint(values) + 0.0
 
 
-def stamps_of(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+def stamps_of(cycles: Samples) -> Samples:
     """Return the (n + 1,) instants in s at which (n,) cycles of given lengths in s begin or end."""
     return np.concatenate([[0.0], np.cumsum(cycles)])
 
 
-def filtered_difference(
-    time: NDArray[np.float64], angle: NDArray[np.float64], lag: float = VELOCITY_LAG
-) -> NDArray[np.float64]:
+def filtered_difference(time: Samples, angle: Samples, lag: float = VELOCITY_LAG) -> Samples:
     """Return (n,) velocities in rad/s, from 0 on, of (n,) angles in rad at increasing stamps in s.
 
     As a controller makes them, and `FilteredDifference` one by one: a backward difference and a
@@ -201,7 +197,7 @@ def filtered_difference(
 
 
 @compiled
-def _low_passed(keep: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _low_passed(keep: Samples, values: Samples) -> Samples:
     filtered = np.zeros(values.size + 1)
     for k in range(values.size):
         filtered[k + 1] = keep[k] * filtered[k] + (1.0 - keep[k]) * values[k]

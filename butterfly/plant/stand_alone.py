@@ -14,8 +14,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.files import replacing
 from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -217,7 +217,7 @@ def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:
     ]
 
 
-def _polygon(knots: NDArray[np.float64]) -> NDArray[np.float64]:
+def _polygon(knots: Samples) -> Samples:
     """Return the (n,) values at knots of the polygon nearest to 1 - exp(-x^2), from 0 to 1.
 
     One through points of the curve would brake too little throughout its first, convex part.

@@ -141,10 +141,7 @@ def spectrum_series(runs: Sequence[FreeRun], residuals: Sequence[LogResiduals]) 
 
 
 def _spectra(run: FreeRun, residuals: LogResiduals) -> tuple[NDArray[np.float64], ...]:
-    """Return frequencies in rad/s, and amplitudes in rad of a sine that would look so.
-
-    Of several frequencies that share a point, it is the largest amplitude.
-    """
+    """Return frequencies in rad/s, and amplitudes in rad of a sine that would look so."""
     log = run.log
     every = max(1, log.time.size // _MOST_SAMPLES)
     time = log.time[::every]

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
+from butterfly.arrays import Samples
 from butterfly.experiment.record import OrbitRecord
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.energy import Orbit, energy
@@ -213,11 +213,8 @@ def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
     return figure
 
 
-def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[NDArray[np.float64]], slice]]:
-    """Of the first and the last round: its number, colour, motion, and what is drawn of that.
-
-    Time, angle and smoothed velocity are those of the run that starts farthest from the orbit.
-    """
+def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[Samples], slice]]:
+    """Of the first and the last round: its number, colour, motion, and what is drawn of that."""
     rounds = study.calibration.rounds
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
         each = rounds[number]

@@ -7,10 +7,10 @@ from functools import partial
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
+from butterfly.arrays import Samples
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals
@@ -186,7 +186,7 @@ def _add_by_mass(
             )
 
 
-def _angles(each: ThreeWay) -> dict[str, NDArray[np.float64]]:
+def _angles(each: ThreeWay) -> dict[str, Samples]:
     return {"log": each.log.angle, "MuJoCo": each.mujoco, "grey box": each.greybox}
 
 

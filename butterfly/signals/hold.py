@@ -9,13 +9,10 @@ and runs on a straight line from each stamp to the next. After the last stamp bo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.compiled import compiled, inlined
 from butterfly.logs.log import Intersample
-
-Samples = NDArray[np.float64]
-
 
 _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rounding
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.compiled import compiled
-
-Samples = NDArray[np.float64]
 
 _BLOCK = 1024  # samples that stay in the fastest cache
 

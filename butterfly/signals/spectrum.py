@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
+
+from butterfly.arrays import Samples
 
 _MOST = 2**15  # samples that are looked at, where a signal has more
 
 
-def periodogram(
-    values: NDArray[np.float64], step: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def periodogram(values: Samples, step: float) -> tuple[Samples, Samples]:
     """Squared amplitudes |W_k|^2 of the unitary DFT (27)-(28), for k = 1 .. floor(N/2).
 
     Of (N,) uniform samples `step` s apart. Returns frequencies 2 pi k/(N step) in rad/s, and
@@ -23,7 +22,7 @@ def periodogram(
     return np.asarray(omega, dtype=np.float64), np.asarray(np.abs(spectrum) ** 2, dtype=np.float64)
 
 
-def rms_amplitude(centred: NDArray[np.float64]) -> float:
+def rms_amplitude(centred: Samples) -> float:
     """Amplitude sqrt(2 S/T) of a centred, uniformly sampled signal, S its integrated square (71).
 
     White noise of variance s^2 biases it to sqrt(A^2 + 2 s^2); `fit_basis` does not have this bias.
@@ -31,9 +30,7 @@ def rms_amplitude(centred: NDArray[np.float64]) -> float:
     return float(np.sqrt(2.0 * np.mean(centred**2)))
 
 
-def dominant_frequency(
-    time: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[float, float]:
+def dominant_frequency(time: Samples, values: Samples) -> tuple[float, float]:
     """Return the frequency in rad/s of the one sine that explains most of a signal, and its share.
 
     Of (n,) samples at stamps in s. The share of the variance is 1 for a sine, 0 for a constant.
@@ -62,7 +59,7 @@ def dominant_frequency(
     return float(found.x), 1.0 - float(found.fun)
 
 
-def uniform_grid(time: NDArray[np.float64], step: float | None = None) -> NDArray[np.float64]:
+def uniform_grid(time: Samples, step: float | None = None) -> Samples:
     """Return uniform instants from the first stamp on, none after the last (25).
 
     `step` in s; without it the mean one, which keeps the number of samples.
@@ -73,8 +70,6 @@ def uniform_grid(time: NDArray[np.float64], step: float | None = None) -> NDArra
     return np.asarray(time[0] + step * np.arange(count))
 
 
-def resample(
-    time: NDArray[np.float64], values: NDArray[np.float64], grid: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def resample(time: Samples, values: Samples, grid: Samples) -> Samples:
     """Interpolate linearly at ``grid``, as the thesis's scripts do."""
     return np.interp(grid, time, values)

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.files import replacing, shipped
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
@@ -25,7 +25,7 @@ from butterfly.thesis.tables import (
     synthetic_log,
 )
 
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Samples]
 
 _WINDOW = 40.0  # s of Figure 6
 _REAL_STEP = 0.04  # s, to which Figures 9 and 11 are resampled
@@ -70,7 +70,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
     curve = np.linspace(0.5, 8.0, 400)
     held = HeldSystem.of(linear, coarse)
 
-    def gains(logs: Iterable[Log]) -> NDArray[np.float64]:
+    def gains(logs: Iterable[Log]) -> Samples:
         return np.array([10 ** (scripted_point(log).gain_db / 20) for log in logs])
 
     return {

@@ -13,9 +13,9 @@ from itertools import product
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
@@ -114,7 +114,7 @@ def fit_resonances(
     upper: Sequence[float] = UPPER_BOUNDS,
     *,
     p2: float | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Samples, Samples]:
     """Minimise (102) over 0 <= p1, p2, p3 <= upper, from several starts.
 
     Table 5 is not this minimum: it is where the script's optimiser stopped.
@@ -125,7 +125,7 @@ def fit_resonances(
     measured = np.square(list(resonances.values()))
     bounds = np.asarray(upper, dtype=np.float64)
 
-    def residuals(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(shares: Samples) -> Samples:
         p1, damping, p3 = shares * bounds
         if p2 is not None:
             damping = p2

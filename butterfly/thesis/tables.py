@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
@@ -132,7 +132,7 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 
 def complex_fit(
     points: Sequence[ResponsePoint],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Samples, Samples]:
     """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
 
     By maximum likelihood of complex responses at three frequencies of one robot or more. Sanathanan

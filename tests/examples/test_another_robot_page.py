@@ -68,8 +68,8 @@ def test_given_values_move_as_the_page_shows(pendulum, butterfly):
     _write_manifests(pendulum)
     (command,) = (each for each in _commands("predict") if "coulomb" in each)
     code, out, _ = butterfly(*command.split())
-    assert code == 0
-    shown = ("Use with care", ".csv")
+    assert code == 3
+    shown = ("Do not use", ".csv")
     _assert_shown(line for line in out.splitlines() if any(each in line for each in shown))
 
 

@@ -4,17 +4,22 @@ import ast
 import re
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import UnitError
+from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.model.parameters import JointKind
+from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.finding_texts import finding_text
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
 QUOTED = re.findall(r"^\| `([^`]+)` \|", PAGE, re.MULTILINE)
 GAP = "\N{HORIZONTAL ELLIPSIS}"
+CONDITIONS = [each for each in Condition if each is not Condition.ALL]  # which is of terms
 VALUES = {"p1": 0.003, "p4": 0.02}
 
 
@@ -60,11 +65,18 @@ def _example_of_slip(slip):
     return Finding(FindingKind.UNIT_ERROR, parameters, number=0.001, logs=("a.mat",))
 
 
+def _said_of(condition):
+    numbers = dict.fromkeys(("least", "largest", "first", "share", "chance"), 0.01)
+    contrast = Contrast(parameter="p4", condition=condition, last=0.02, **numbers)
+    return contrast_text(contrast, SimpleNamespace(input_kind=None, joint=JointKind.HINGE))
+
+
 @cache
 def _sentences():
     """Return what the program says of findings, by their kind or slip."""
     said = {kind: [_said(each) for each in _examples(kind)] for kind in KINDS}
-    return said | {slip: [_said(_example_of_slip(slip))] for slip in UnitError}
+    said |= {slip: [_said(_example_of_slip(slip))] for slip in UnitError}
+    return said | {each: [_said_of(each)] for each in CONDITIONS}
 
 
 @cache
@@ -89,6 +101,6 @@ def test_every_message_on_the_page_is_one_of_the_program_s(quoted):
     assert any(_holds(text, quoted) for text in texts)
 
 
-@pytest.mark.parametrize("what", [*KINDS, *UnitError], ids=str)
+@pytest.mark.parametrize("what", [*KINDS, *UnitError, *CONDITIONS], ids=str)
 def test_whatever_a_verdict_may_say_stands_on_the_page(what):
     assert any(_holds(text, quoted) for text in _sentences()[what] for quoted in QUOTED)

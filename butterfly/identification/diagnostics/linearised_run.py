@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
@@ -26,8 +26,6 @@ from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import first_counted
-
-Samples = NDArray[np.float64]
 
 _ALLOWED = 7e-4  # misfit over rms swing that counts for nothing: no free run is more exact
 _DRAWN = 24  # sets of sensor errors

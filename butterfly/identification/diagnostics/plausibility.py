@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import apart
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
@@ -136,7 +136,7 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
     return [Finding(FindingKind.RESTS_ON, rests)] if rests else []
 
 
-def judge_fit(fits: NDArray[np.float64]) -> list[Finding]:
+def judge_fit(fits: Samples) -> list[Finding]:
     """Tell whether the model does not follow, by the (n,) FIT in % of the free runs of n logs."""
     median = float(np.median(fits))
     return [] if median >= LEAST_FIT else [Finding(FindingKind.POOR_FIT, number=median)]

@@ -17,8 +17,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.data import DataSet
@@ -48,8 +48,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
-
-Samples = NDArray[np.float64]
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _BY_CHANCE = 0.25  # share of logs that may be outside

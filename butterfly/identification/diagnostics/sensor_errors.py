@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
-Samples = NDArray[np.float64]
+from butterfly.arrays import Samples
 
 LEVELS = (0.95, 0.99)
 """Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""

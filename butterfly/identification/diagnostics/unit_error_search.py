@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
@@ -42,8 +43,6 @@ from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import dominant_frequency
 from butterfly.verdict import Level
 
-Samples = NDArray[np.float64]
-
 _LEFT = 0.5  # share of the misfit that a mistake undone must leave at most
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
 _NOISE = 3.0  # times the noise of the angle, above which something else is left over
@@ -55,6 +54,7 @@ _UNSEEN = 1e-8  # share of a column that the others leave, below which it is one
 _ENOUGH = 5000  # samples of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -153,19 +153,15 @@ class _Equations:
     def misfit(self) -> float:
         """Share of the torques that is left over; infinite where no joint has such an inertia."""
         _, torques, rest = self._solved
-        sizes = math.hypot(*torques.values(), float(np.linalg.norm(self._target)))
+        size = math.hypot(*torques.values(), float(np.linalg.norm(self._target)))
         least = min(mass.inertia for mass in self.masses)
-        if not (sizes > 0 and self.values["p1"] + least > 0):
-            return math.inf
-        return float(np.linalg.norm(rest) / sizes)
+        possible = size > 0 and self.value("p1") + least > 0
+        return float(np.linalg.norm(rest) / size) if possible else math.inf
 
-    @cached_property
-    def values(self) -> dict[str, float]:
-        """Parameters that fit best."""
-        _, torques, _ = self._solved
-        sizes = np.linalg.norm(self.columns, axis=0)
-        found = {name: torque / sizes[_NAMES.index(name)] for name, torque in torques.items()}
-        return {"p1": 0.0, "p4": 0.0} | found | self.known
+    def value(self, name: str) -> float:
+        """Return a parameter that fits best; 0 if nothing tells it."""
+        torque, column = self._solved[1].get(name, 0.0), self.columns[:, _NAMES.index(name)]
+        return self.known.get(name, torque / (float(np.linalg.norm(column)) or 1.0))
 
     def following(self, weights: Samples, *names: str) -> Samples:
         """(m,) sum of some columns, each times a weight by log: (k, n) for n names."""
@@ -285,15 +281,12 @@ class _Search:
             return mistake
 
     def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
-        """Suppose that a mass is another, or that of one log, or that a log's input is late.
-
-        Not where a parameter that follows the added mass, or any condition, explains more.
-        """
+        """Suppose that a mass is another, or that of one log, or that a log's input is late."""
         numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
         carried = np.array([[mass.mass] for mass in here.masses])
         rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
         contrasts = self.estimate.agreement if self.estimate else ()
-        shares = [each.share for each in contrasts if each.condition is not Condition.WEIGHED]
+        shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
         rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
         groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
@@ -316,19 +309,16 @@ class _Search:
                     place=more,
                     alone=own != groups[mass],
                 )
-        for k in numbers if here.values["p4"] else ():
+        for k in numbers if here.value("p4") else ():
             misfit, value = here.beside(here.following(np.eye(len(numbers))[:, [k]], "delay"))
             if misfit < rival and len(numbers) > 1:
-                late = value / here.values["p4"]
+                late = value / here.value("p4")
                 yield _Mistake(
                     error=UnitError.LATE, number=-late, misfit=misfit, logs=(k,), alone=True
                 )
 
     def _without(self, mistake: _Mistake) -> Estimate | None:
-        """Return what is identified without a mistake, if the joint can be so and follows better.
-
-        A quick estimator of the same kind does it.
-        """
+        """Return what is quickly identified without a mistake, if a joint then follows better."""
         sines = all(log.excitation for log in self.data.logs)
         quick: Estimator = HarmonicBalance() if sines else WeakForm()
         if isinstance(self.estimator, HarmonicBalance | WeakForm):

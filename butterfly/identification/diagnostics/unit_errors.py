@@ -12,8 +12,9 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import stdtrit
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.identifiability import PRECISE
@@ -22,12 +23,14 @@ from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
-Samples = NDArray[np.float64]
-
 _NAMED = 4  # logs that a sentence names
 _SAME = 0.03  # relative difference that counts as none between units
 _DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
+_LEVEL = 0.05  # of a false alarm of the clock
+_LEAST = (
+    5e-4  # of the frequency, by which p1 is a thousandth off: what moves it is named from there
+)
 _HEAVIEST = 10.0  # kg
 _STEEL = 7850.0  # kg/m^3
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
@@ -220,6 +223,26 @@ def unit_errors_of_omega(
     worst = max((detuning for _, detuning in near), key=abs)
     moves = 2 * abs(worst) > PRECISE  # of inertia, by the square of the time
     return [_of_omega(1 + worst, *(log for log, _ in near), moves=moves)]
+
+
+def judge_clock(points: Sequence[ResponsePoint]) -> list[Finding]:
+    """Tell by which share sines run faster than their omega, if it is more than its error.
+
+    The share is the same in all logs; whether the clock or omega is wrong, no log can say.
+    """
+    apart = np.array([point.detuning for point in points])
+    if apart.size < 2:  # noqa: PLR2004 - which have a scatter
+        return []
+    share = float(apart.mean())
+    error = float(apart.std(ddof=1)) / math.sqrt(apart.size)
+    if not abs(share) > max(stdtrit(apart.size - 1, 1 - _LEVEL / 2) * error, _LEAST):
+        return []
+    return [Finding(FindingKind.CLOCK, ("p1",), number=share)]
+
+
+def like_a_clock(points: Sequence[ResponsePoint]) -> tuple[str, ...]:
+    """Return the terms that are not to be tried, where a clock is wrong that looks like them."""
+    return ("mass_inertia",) if judge_clock(points) else ()
 
 
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:

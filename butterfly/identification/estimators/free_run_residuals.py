@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import FEW, cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
@@ -48,8 +49,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
 from butterfly.signals.frequency_response import first_counted
-
-Samples = NDArray[np.float64]
 
 TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 """Terms that are tried where none are told."""

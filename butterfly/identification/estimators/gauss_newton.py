@@ -15,14 +15,12 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.equations import compressed
 from butterfly.model.prior import Penalty
-
-Samples = NDArray[np.float64]
 
 _NORMAL = 1.4826  # standard deviation over median absolute deviation
 _OUTLYING = 1.5  # robust standard deviations beyond which a residual is taken for an outlier

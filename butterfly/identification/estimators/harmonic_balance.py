@@ -27,12 +27,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.unit_errors import like_a_clock
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (
@@ -77,7 +77,7 @@ class HarmonicBalanceTerms:
     phasors: Phasors  # the balance with them
     fixed: dict[str, float]  # what is set, not fitted
     # (n,) values of fits with other terms that predict as well
-    rivals: tuple[NDArray[np.float64], ...]
+    rivals: tuple[Samples, ...]
     said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
 
     @classmethod

@@ -176,10 +176,7 @@ class Phasors:
 
     @cached_property
     def _target(self) -> NDArray[np.complex128]:
-        """(n,) torques that the known masses and the remainder leave to the parameters.
-
-        So do the parameters that are known exactly, but for the motor's.
-        """
+        """(n,) torques that the known masses and the remainder leave to the parameters."""
         carried = self._inertia * self._columns["p1"] + self._moment * self._columns["p3"]
         for name, value in self.known.fixed.items():
             if name in self._columns:

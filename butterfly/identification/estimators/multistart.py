@@ -106,10 +106,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
-    """Return an estimate's parameters; an inertia below 0 that may be above hardly shows.
-
-    It is half of the most, or lets the speed settle within a step of the clock.
-    """
+    """Return an estimate's parameters; an inertia below 0 that may be above hardly shows."""
     parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
     errors = dict(zip(found.names, found.standard_errors.tolist(), strict=True))
     most = parameters.p1 + least + SPREADS * errors.get("p1", 0.0)

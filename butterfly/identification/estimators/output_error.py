@@ -16,13 +16,13 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.identification.blocks import FEW
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.clock import like_a_clock
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.unit_errors import like_a_clock
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
@@ -51,8 +51,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters, require_peri
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-Samples = NDArray[np.float64]
 
 _WORST_CLOCK = 0.01  # share by which a clock is wrong at most: timers of software, not crystals
 _LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted

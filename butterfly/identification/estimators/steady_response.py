@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import j0
 
+from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors
@@ -30,7 +31,6 @@ from butterfly.model.prior import Known
 from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import ResponsePoint
 
-Samples = NDArray[np.float64]
 _EXACT = Known(value=0.0)
 _NAMES = ("zero", "bias")
 _NEGLIGIBLE = 1e-6  # rad
@@ -284,10 +284,7 @@ class SteadyModel:
 
 
 def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> Phasors:
-    """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over.
-
-    The angles of logs in which the model does not move alike are in doubt.
-    """
+    """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over."""
     phasors, measured = fit.phasors, fit.phasors.angle
     size = np.abs(moved) / np.abs(measured)
     told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)

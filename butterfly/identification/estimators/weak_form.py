@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import require_number
 from butterfly.identification.blocks import cells_of
 from butterfly.identification.data import DataSet
@@ -166,7 +166,7 @@ class WeakForm(Estimator):
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
         known: Prior = NO_PRIOR,
-        uncertain: NDArray[np.float64] | None = None,
+        uncertain: Samples | None = None,
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
@@ -36,8 +37,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
-
-Samples = NDArray[np.float64]
 
 _ROUNDS = 20  # about delay and scatter
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
@@ -301,11 +300,7 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
 def _corrected(
     regression: Regression, through: Regression, fit: WeakFit, pairs: Sequence[Seen]
 ) -> Regression:
-    """Take from equations of the logs what those of their simulations lack of balance.
-
-    A simulation obeys the equation of motion with the parameters that it was made with; what its
-    averages leave over is their own error, and the logs' averages have it too.
-    """
+    """Take from equations of the logs what those of their simulations lack of balance."""
     simulated = np.array([each.instruments is not each.windows for each in pairs])
     error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
     return replace(regression, target=regression.target + error)

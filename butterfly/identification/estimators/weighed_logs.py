@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
@@ -19,8 +19,6 @@ from butterfly.identification.estimators.gauss_newton import (
 )
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.model.prior import Penalty
-
-Samples = NDArray[np.float64]
 
 _WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say
 

@@ -24,16 +24,14 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr
 
+from butterfly.arrays import Samples
 from butterfly.identification.blocks import FEW
 from butterfly.identification.equations import CellEquations
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
-
-Samples = NDArray[np.float64]
 
 _LEVEL = 0.05  # of a false alarm, over all contrasts (Holm, Scand. J. Statist. 6, 1979)
 _RARELY = 1e-3  # the same of what differs from log to log: none of 50 robots of A and B by chance

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from butterfly.arrays import Samples
 from butterfly.model.prior import Penalty
-
-Samples = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 """Level of all intervals."""

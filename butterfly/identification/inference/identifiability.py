@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
-
-Samples = NDArray[np.float64]
 
 WEAK_CONDITION = 1e3
 """Above this condition number of the scaled regression one combination is poorly known."""

@@ -6,12 +6,12 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import (
     Conditions,
     disagreements_of,
@@ -23,10 +23,10 @@ from butterfly.identification.inference.consistency import (
     scale_apart,
 )
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
-from butterfly.identification.inference.doubt import misfit_over_value, outweighed
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     of_few_logs,
+    precision,
     refuse_without_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
@@ -35,8 +35,8 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
-Samples = NDArray[np.float64]
-
+_NOTHING = np.finfo(float).tiny ** 0.5
+_OUTWEIGHED = 0.5  # R from which on a value is in doubt: it is 0.35 at most on good logs
 _SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
 
 
@@ -134,7 +134,7 @@ def infer(
         local=local or {},
         agreement=contrasts,
         known=known,
-        rivals=tuple(others),
+        rivals=tuple(rivals),
         horizon=horizon,
         freedom=freedom[own],
         ratios=ratios,
@@ -187,3 +187,31 @@ def _of_bounds_and_signs(
         (FindingKind.SIGN_UNKNOWN, [n for n in names if not TERMS[n].sign_observable]),
     )
     return [Finding(kind, tuple(own)) for kind, own in groups if own]
+
+
+def misfit_over_value(equations: CellEquations) -> Samples:
+    """(n,) R = |r| / (|p| |s|), with s the column of a value less what the others explain.
+
+    Standard errors take what a fit leaves for noise; where it is as large as what a parameter alone
+    does to the rows, a misfit may have made the value: a ripple of the velocity is read as inertia.
+    """
+    curvature = equations.curvature.sum(axis=0)
+    size = np.sqrt(np.diag(curvature))
+    size = np.where(size > 0, size, 1.0)
+    alone = size / np.sqrt(np.diag(np.linalg.pinv(curvature / np.outer(size, size))))
+    effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
+    most = np.full(effect.size, np.finfo(float).max)
+    return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
+
+
+def outweighed(
+    misfit: Samples, values: Samples, limits: tuple[Samples, Samples], names: Sequence[str]
+) -> tuple[Samples, Samples]:
+    """Return (n,) limits that hold what a misfit may have made of the scale, or of precise values.
+
+    The misfit of friction alone often outweighs a small share of it.
+    """
+    claims = precision(values, *limits)
+    doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
+    reach = np.where(np.array(doubted) & (misfit > _OUTWEIGHED), misfit * np.abs(values), 0.0)
+    return np.minimum(limits[0], values - reach), np.maximum(limits[1], values + reach)

@@ -27,13 +27,12 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
+from butterfly.arrays import Samples
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
-
-Samples = NDArray[np.float64]
 
 FRICTION = frozenset({row.name for row in DISSIPATIVE} & GROWING)
 """Terms of friction."""

@@ -15,11 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.agreement import Conditions
 from butterfly.model.terms import COMPANIONS
-
-Samples = NDArray[np.float64]
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
 _LEAST_FOLDS = 2  # parts of the data: one to predict, one to fit

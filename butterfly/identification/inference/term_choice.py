@@ -16,6 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
@@ -25,9 +26,6 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMPANIONS
-
-Samples = NDArray[np.float64]
-
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""

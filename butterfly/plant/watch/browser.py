@@ -146,10 +146,7 @@ def _bound(port: int) -> socket.socket:
 
 @contextmanager
 def _guarded(bound: socket.socket) -> Iterator[None]:
-    """Have MuJoCo 4 serve at a socket and ask who comes; it binds all interfaces, and asks nobody.
-
-    The socket is closed in the end.
-    """
+    """Have MuJoCo 4 serve at a socket, not at all interfaces, and ask who comes."""
     guard = Guard(bound.getsockname()[1])
     serve_all = web_server.serve
 

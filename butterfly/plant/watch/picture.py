@@ -8,9 +8,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError
 from butterfly.files import replacing
 from butterfly.model.parameters import AddedMass
@@ -82,8 +82,8 @@ def render(robot: Robot, added: AddedMass, angle: float, path: Path, size: int =
 def film(
     robot: Robot,
     added: AddedMass,
-    times: NDArray[np.float64],
-    angles: NDArray[np.float64],
+    times: Samples,
+    angles: Samples,
     path: Path,
     *,
     fps: int = 30,

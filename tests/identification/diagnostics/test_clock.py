@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.clock import judge_clock
 from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.diagnostics.unit_errors import judge_clock
 from butterfly.identification.estimators import HarmonicBalance
 from tests.identification.simulated import ROBOT, SWINGS, steady
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.equations import compressed
-from butterfly.identification.inference.doubt import misfit_over_value, outweighed
+from butterfly.identification.inference.infer import misfit_over_value, outweighed
 from tests.identification.cells import cells
 
 NAMES, TRUTH = ("p1", "p2"), np.array([2.0, -1.0])
