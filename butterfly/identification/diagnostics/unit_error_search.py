@@ -153,19 +153,15 @@ class _Equations:
     def misfit(self) -> float:
         """Share of the torques that is left over; infinite where no joint has such an inertia."""
         _, torques, rest = self._solved
-        sizes = math.hypot(*torques.values(), float(np.linalg.norm(self._target)))
+        size = math.hypot(*torques.values(), float(np.linalg.norm(self._target)))
         least = min(mass.inertia for mass in self.masses)
-        if not (sizes > 0 and self.values["p1"] + least > 0):
-            return math.inf
-        return float(np.linalg.norm(rest) / sizes)
+        possible = size > 0 and self.value("p1") + least > 0
+        return float(np.linalg.norm(rest) / size) if possible else math.inf
 
-    @cached_property
-    def values(self) -> dict[str, float]:
-        """Parameters that fit best."""
-        _, torques, _ = self._solved
-        sizes = np.linalg.norm(self.columns, axis=0)
-        found = {name: torque / sizes[_NAMES.index(name)] for name, torque in torques.items()}
-        return {"p1": 0.0, "p4": 0.0} | found | self.known
+    def value(self, name: str) -> float:
+        """Return a parameter that fits best; 0 if nothing tells it."""
+        torque, column = self._solved[1].get(name, 0.0), self.columns[:, _NAMES.index(name)]
+        return self.known.get(name, torque / (float(np.linalg.norm(column)) or 1.0))
 
     def following(self, weights: Samples, *names: str) -> Samples:
         """(m,) sum of some columns, each times a weight by log: (k, n) for n names."""
@@ -313,10 +309,10 @@ class _Search:
                     place=more,
                     alone=own != groups[mass],
                 )
-        for k in numbers if here.values["p4"] else ():
+        for k in numbers if here.value("p4") else ():
             misfit, value = here.beside(here.following(np.eye(len(numbers))[:, [k]], "delay"))
             if misfit < rival and len(numbers) > 1:
-                late = value / here.values["p4"]
+                late = value / here.value("p4")
                 yield _Mistake(
                     error=UnitError.LATE, number=-late, misfit=misfit, logs=(k,), alone=True
                 )

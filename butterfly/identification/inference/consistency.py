@@ -87,18 +87,15 @@ def _moved(cells: CellEquations, by: Mapping[str, Samples]) -> Samples:
 
 def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
     """Return what a standard uncertainty of a mass, and of its arm, adds to inertia and gravity."""
-    found = []
-    if added.mass_uncertainty and added.mass:
-        share = added.mass_uncertainty / added.mass
-        found.append(
-            (("mass", rounded(added.mass)), share * added.inertia, share * added.gravity_moment)
-        )
-    if added.arm_uncertainty and added.arm:
-        share = added.arm_uncertainty / added.arm
-        found.append(
-            (("arm", rounded(added.arm)), 2 * share * added.inertia, share * added.gravity_moment)
-        )
-    return found
+    uncertain = (
+        ("mass", added.mass, added.mass_uncertainty, 1),
+        ("arm", added.arm, added.arm_uncertainty, 2),
+    )
+    return [
+        ((what, rounded(v)), power * u / v * added.inertia, u / v * added.gravity_moment)
+        for what, v, u, power in uncertain
+        if u and v
+    ]
 
 
 def disagreements(
