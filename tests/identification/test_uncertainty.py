@@ -34,7 +34,7 @@ def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_leng
     fits = [estimator.of_logs(noisy(clean, 5e-4, rng), ZEROS) for _ in range(120)]
     spread = np.std([fit.values for fit in fits], axis=0)
     claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
-    np.testing.assert_allclose(claimed / spread, 1.0, atol=0.15)
+    np.testing.assert_allclose(claimed / spread, 1.0, atol=0.2)  # 3 errors of 120 draws
 
 
 def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():

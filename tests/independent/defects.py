@@ -275,5 +275,3 @@ ROWS = {
     "scale": Row(_scale),
     "lag": Row(_lag),
 }
-SENTENCE_ONLY = ("eccentric", "scale", "lag")
-"""Rows of which an answer can only say that all values rest on it."""

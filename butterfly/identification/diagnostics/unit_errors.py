@@ -28,9 +28,7 @@ _SAME = 0.03  # relative difference that counts as none between units
 _DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
 _LEVEL = 0.05  # of a false alarm of the clock
-_LEAST = (
-    5e-4  # of the frequency, by which p1 is a thousandth off: what moves it is named from there
-)
+_LEAST = 5e-4  # of the frequency: p1 is a thousandth off, and what moves it is named from there
 _HEAVIEST = 10.0  # kg
 _STEEL = 7850.0  # kg/m^3
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
