@@ -41,7 +41,7 @@ _USUAL = (0.003, 0.1, 0.02)
 """Misfit in shares of the motion, scatter of friction and of the gain that would surprise nobody:
 standard deviations of their priors, the first on top of three times the noise."""
 
-_OVER_NOISE = 3.0
+_OVER_NOISE = 3.0  # times the noise, on top of the first of these
 _EVIDENT = 10.8  # likelihood ratio of a size that is no chance: that of one in two thousand
 _FINEST = 0.01  # of a value, below which nothing is said: 1 of 89 sound robots then is accused
 _BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
