@@ -279,8 +279,9 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
     of_logs = _chance(*sums, gamma=gamma)
     if conditions.steady:
         freedom = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - free.sum() - 1
-        left = max(cost - explained, np.finfo(float).tiny)
-        chance = float(fdtrc(1, freedom, explained * freedom / left)) if freedom > 0 else 1.0
+        left = max(cost - explained, np.finfo(float).eps * cost)
+        known = freedom > 0 and left > 0
+        chance = float(fdtrc(1, freedom, explained * freedom / left)) if known else 1.0
     else:
         chance = _chance(scores, parts, gamma=gamma)
     return asked._replace(
@@ -301,7 +302,7 @@ def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterat
     (curvature, _), cost = equations.total, float(equations.cost.sum())
     rows = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - len(equations.names)
     more = equations.log.size - 1
-    if not conditions.steady or rows - more < 1:
+    if not conditions.steady or rows - more < 1 or not cost > 0:
         return
     for name, least in _SCATTERS.items():
         if name not in equations.names or equations.on_bound[equations.names.index(name)]:
