@@ -20,8 +20,8 @@ V73 = "v73.mat: content: got MATLAB v7.3 (HDF5); expected h5py"
 
 PAGE = Path(__file__).parents[1] / "docs/refusals.md"
 
-WEAK = "--method weak-form --terms= --no-check"
-BALANCE = "--method harmonic-balance --terms= --no-check"
+WEAK = "--method weak-form --terms="
+BALANCE = "--method harmonic-balance --terms="
 GAIN = "--known p4=0.5"
 ARM = "arm: 0.104"
 
@@ -200,7 +200,7 @@ CASES = {
     "knowledge that the method cannot use": Case(
         f"identify bare.yaml {WEAK} --known p4=0.5,tilt=0.01",
         "weak-form: known.tilt: got 0.01; expected the method output-error",
-        ("identify bare.yaml --method output-error --terms= --no-check --known p4=0.5,tilt=0.01",),
+        ("identify bare.yaml --method output-error --terms= --known p4=0.5,tilt=0.01",),
     ),
     "two exact values that differ": Case(
         f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4",

@@ -101,7 +101,7 @@ SLIPS = [
     (_estimators("linear"), r"estimators\.0: got 'linear'"),
     (
         _estimators(LINEAR | {"terms": ["drag"]}),
-        r"s\.yaml:5: estimators\.0\.terms: got an option it has not; expected one of 'check'",
+        r"s\.yaml:5: estimators\.0\.terms: got an option it has not; expected no option",
     ),
     (
         _estimators({"method": "output-error", "per_masss": ["zero"]}),

@@ -191,7 +191,7 @@ def test_readings_of_a_good_model_lie_inside_its_bands(logs, noise):
 def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
     data = _read(logs, Encoder(steps=65536, noise=0.0))
     found = FIT(data)
-    sharp = replace(found, covariance=np.zeros_like(found.covariance), left_out={})
+    sharp = replace(found, covariance=np.zeros_like(found.covariance), left_out={}, freedom=None)
     sharp = replace(sharp, lower=found.values.copy(), upper=found.values.copy())
     k = found.names.index("p3")
     lower, upper, covariance = found.values.copy(), found.values.copy(), sharp.covariance.copy()
