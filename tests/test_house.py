@@ -17,12 +17,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 180,
-    "lines of the package": 35_834,
-    "lines of tests": 25_893,
+    "files of the package": 187,
+    "lines of the package": 36_578,
+    "lines of tests": 27_029,
     "names of classes that exist twice": 0,
     "modules in import circles": 7,
-    "tuned numbers of identification": 205,
+    "tuned numbers of identification": 172,
 }
 
 
