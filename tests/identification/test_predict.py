@@ -67,6 +67,8 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
         covariance=1e-2 * unchecked.covariance,
         lower=unchecked.values - reach,
         upper=unchecked.values + reach,
+        left_out={},
+        freedom=None,
     )
     (prediction,) = _predicted(data.take([4]), found, draw_parameters(found, 4000))
     log, samples = data.logs[4], prediction.samples
