@@ -35,7 +35,7 @@ from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.weighed_logs import weighed
-from butterfly.identification.inference.agreement import disagreements_of
+from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
@@ -183,7 +183,7 @@ class OutputError(Estimator):
             absent = {*TRIED} - {name for name, _ in problem.keys}
             lacking = wide.without(absent).lacking(problem, end.point)
             if lacking is None:
-                if plain and disagreements_of(problem.solved(end), problem.conditions)[0]:
+                if plain and contrasts_of(problem.solved(end), problem.conditions):
                     problem, end, rivals, choice = plain  # it is no such term
                 said = (*said, *choice.findings)
                 break

@@ -163,6 +163,14 @@ class _Tried(NamedTuple):
         return moved
 
 
+class _Accepted(NamedTuple):
+    """A contrast that is no chance and matters."""
+
+    contrast: Contrast
+    tried: _Tried
+    ends: list[tuple[float, Samples]]  # where the condition would disturb no more, (n,) values
+
+
 class Rival(NamedTuple):
     """What would hold at the limit of a condition that a parameter follows."""
 
@@ -177,10 +185,33 @@ def disagreements_of(
 
     Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
     """
+    accepted = _accepted(equations, conditions)
+    rivals = (
+        Rival(end, _reach(equations, each, limit, end))
+        for _, each, ends in accepted
+        for limit, end in ends
+    )
+    return _contrasts(equations, conditions, accepted), tuple(rivals)
+
+
+def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Contrast, ...]:
+    """Return the contrasts that are no chance and matter, the best first."""
+    return _contrasts(equations, conditions, _accepted(equations, conditions))
+
+
+def _contrasts(
+    equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
+) -> tuple[Contrast, ...]:
+    if accepted:
+        return tuple(contrast for contrast, *_ in accepted)
+    return tuple(sorted(_from_log_to_log(equations, conditions), key=lambda each: -each.share))
+
+
+def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, conditions, each))]
     tried.sort(key=lambda each: each.chance)
-    accepted: list[tuple[Contrast, list[Rival]]] = []
+    accepted = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)
         if not chance < _LEVEL:
@@ -189,21 +220,14 @@ def disagreements_of(
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
         if _matters(equations, each, ends or [each.at_mean], conditions):
-            pairs = zip(limits, ends, strict=True)
-            rivals = [Rival(end, _reach(equations, each, limit, end)) for limit, end in pairs]
-            accepted.append((_contrast(each, place, chance), rivals))
-    if not accepted:
-        accepted = [(each, []) for each in _from_log_to_log(equations, conditions)]
-    accepted.sort(key=lambda each: -each[0].share)
-    return (
-        tuple(contrast for contrast, _ in accepted),
-        tuple(rival for _, rivals in accepted for rival in rivals),
-    )
+            pairs = list(zip(limits, ends, strict=True))
+            accepted.append(_Accepted(_contrast(each, place, chance), each, pairs))
+    return sorted(accepted, key=lambda each: -each.contrast.share)
 
 
 def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
     """Whether friction follows a condition, as it does where a term of it is missing."""
-    found, _ = disagreements_of(equations, conditions)
+    found = contrasts_of(equations, conditions)
     return any(each.parameter in _FRICTION for each in found)
 
 
