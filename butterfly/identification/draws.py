@@ -34,7 +34,8 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.inference.covariance import SPREADS, honest_limits, widened
+from butterfly.identification.inference.covariance import honest_limits, widened
+from butterfly.identification.levels import SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds

@@ -14,8 +14,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
-from butterfly.identification.inference.covariance import CONFIDENCE
-from butterfly.identification.splits import ENOUGH, Division, Split, divide, remedy
+from butterfly.identification.levels import CONFIDENCE, FEW
+from butterfly.identification.splits import Division, Split, divide, remedy
 from butterfly.progress import Track, untracked
 
 _LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
@@ -83,7 +83,7 @@ def _squares(run: FreeRun, stretch: slice) -> tuple[float, float]:
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
     """Say why the rest is too little, and which split leaves enough."""
     part = f"the logs with {name}" if split is Split.MASS else name
-    if split is Split.MASS and len(data.masses) == ENOUGH - 1:
+    if split is Split.MASS and len(data.masses) == FEW - 1:
         return (
             f"without {part} there is one added mass left of two, which tells p1..p4 but for a "
             "common factor unless one of them is known (known: {p4: ...}, say)"

@@ -21,6 +21,7 @@ from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.term_choice import candidates, stribeck_velocities
+from butterfly.identification.levels import ROUNDING
 from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
@@ -29,7 +30,6 @@ from butterfly.signals.frequency_response import first_counted
 
 _ALLOWED = 7e-4  # misfit over rms swing that counts for nothing: no free run is more exact
 _DRAWN = 24  # sets of sensor errors
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 
 class Derivatives(NamedTuple):
@@ -170,7 +170,7 @@ def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
     size = np.sqrt(np.diag(normal))
     size[size == 0] = 1.0
     powers, axes = np.linalg.eigh(normal / np.outer(size, size))
-    told = powers > _INDEPENDENT**2 * powers.max(initial=0.0)
+    told = powers > ROUNDING * powers.max(initial=0.0)
     return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
 
 
@@ -197,9 +197,9 @@ def rms(values: Samples) -> float:
 def _orthonormal(columns: Samples) -> Samples:
     """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
     sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5
+    felt = sizes > ROUNDING * columns.shape[0] ** 0.5
     left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])
+    return np.asarray(left[:, singular > ROUNDING * singular.max(initial=0.0)])
 
 
 def _less(directions: Sequence[Samples], errors: Samples) -> Samples:

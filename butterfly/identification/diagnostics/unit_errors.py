@@ -17,17 +17,15 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.inference.identifiability import PRECISE
+from butterfly.identification.levels import CONFIDENCE, PRECISE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
 _NAMED = 4  # logs that a sentence names
-_SAME = 0.03  # relative difference that counts as none between units
 _DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
-_LEVEL = 0.05  # of a false alarm of the clock
 _LEAST = 5e-4  # of the frequency: p1 is a thousandth off, and what moves it is named from there
 _HEAVIEST = 10.0  # kg
 _STEEL = 7850.0  # kg/m^3
@@ -184,14 +182,14 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     ratios, shares = _ratios(sines, "input")
     if np.median(shares) < _SINE:
         ratios, shares = _ratios(sines, "angle")
-        right = (shares > _SINE) & (np.abs(ratios - 1) < _SAME)
+        right = (shares > _SINE) & (np.abs(ratios - 1) < PRECISE)
         return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
     wrong = np.abs(ratios - 1) > _DETUNED
     common = float(np.median(ratios))
     if abs(common - 1) <= _DETUNED:
         return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
     for error, unit in TABLE.items():
-        if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < _SAME):
+        if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < PRECISE):
             return [unit_error(error, unit.factor)]
     same = np.all(np.abs(ratios / common - 1) < _DETUNED)
     return [_of_omega(common, *sines)] if same else []
@@ -233,7 +231,7 @@ def judge_clock(points: Sequence[ResponsePoint]) -> list[Finding]:
         return []
     share = float(apart.mean())
     error = float(apart.std(ddof=1)) / math.sqrt(apart.size)
-    if not abs(share) > max(stdtrit(apart.size - 1, 1 - _LEVEL / 2) * error, _LEAST):
+    if not abs(share) > max(stdtrit(apart.size - 1, 0.5 + CONFIDENCE / 2) * error, _LEAST):
         return []
     return [Finding(FindingKind.CLOCK, ("p1",), number=share)]
 

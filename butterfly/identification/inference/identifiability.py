@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.levels import CLEARLY, FEW, PRECISE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
@@ -24,11 +24,6 @@ SINGULAR_CONDITION = 1e7
 """Above this one, the regression is singular for every practical purpose."""
 
 _INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
-
-PRECISE = 0.10
-"""Share of a value, within which it counts as known."""
-
-_FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
 
 OTHER_LOGS = (
     "add logs of other motion, faster and slower, wider and less wide, or with another known mass"
@@ -88,7 +83,8 @@ class Conditioning:
 def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
     """Return how well each of (n,) parameters is known: precise, rough, or not-from-zero."""
     zero = (lower <= 0) & (upper >= 0)
-    precise = _FOR_CERTAIN * (upper - lower) / 2 <= PRECISE * np.abs(values)
+    # what is said without "probably" must hold: half-widths as if they were standard errors
+    precise = CLEARLY * (upper - lower) / 2 <= PRECISE * np.abs(values)
     return [
         "not-from-zero" if at_zero else "precise" if well else "rough"
         for at_zero, well in zip(zero, precise, strict=True)
