@@ -21,8 +21,17 @@ PRECISE = 0.1
 MATTERS = 0.01
 """Share of a value, below which a change is not worth a word."""
 
+SHOWS = 1e-3
+"""The same where errors are known, as those of steady responses are."""
+
+LOST = 0.5
+"""Share of a motion, or of an effect, that a model leaves at most if it follows."""
+
 FEW = 3
 """Logs, masses or parts of data: of so many one can be left out, but their scatter says nothing."""
+
+DRAWS = round(1 / (1 - CONFIDENCE))
+"""Random draws, of which one is outside an interval."""
 
 ROUNDING = float(np.finfo(float).eps) ** 0.5
 """Share below which a difference is none: half the digits are left to conditioning."""

@@ -12,13 +12,13 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import apart
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.levels import CLEARLY, CONFIDENCE
+from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
 from butterfly.identification.physical import physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 
-LEAST_FIT = 50.0
+LEAST_FIT = 100 * (1 - LOST)
 """Median FIT in per cent below which parameters say nothing of the robot."""
 
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ

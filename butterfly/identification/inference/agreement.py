@@ -28,17 +28,16 @@ from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 
 _SHARES = (0.02, 0.05)  # of the squared errors, of sines and of transients: below, nothing is named
-_MOVES_STEADY = 1e-3  # of p1 or p4, that counts in steady responses, whose errors are known
 # of the largest torque, that a contrast of steady responses explains: less is what the steps of an
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
-_LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
+_LEAST_GROUP = 2 * FEW  # logs of either sign of the input, fewer of which differ by chance
 
 
 class Condition(StrEnum):
@@ -61,7 +60,7 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 }
 """Where conditions would disturb no more, if that is not at 0."""
 
-_SCATTERS = {"coulomb": 0.05, "p2": 0.05, "p4": 0.01}  # least share that differs from log to log
+_SCATTERS = ("coulomb", "p2", "p4")
 _OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
 _FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
@@ -300,7 +299,7 @@ def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterat
     more = equations.log.size - 1
     if not conditions.steady or rows - more < 1 or not cost > 0:
         return
-    for name, least in _SCATTERS.items():
+    for name in _SCATTERS:
         if name not in equations.names or equations.on_bound[equations.names.index(name)]:
             continue
         place = equations.names.index(name)
@@ -312,7 +311,7 @@ def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterat
         chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
         share = 1 - left / (cost / rows)
-        if chance < ACCUSED and scatter > least and _is_seen(equations, share):
+        if chance < ACCUSED and scatter > MATTERS and _is_seen(equations, share):
             values = equations.values[place] + change
             yield Contrast(
                 parameter=name,
@@ -351,7 +350,7 @@ def _matters(
     if not each.of_logs < 1 - CONFIDENCE:
         return False
     if conditions.steady:
-        return bool(moved > _MOVES_STEADY and _is_seen(equations, each.share))
+        return bool(moved > SHOWS and _is_seen(equations, each.share))
     return bool(each.share > _SHARES[not conditions.sines] or moved > MATTERS)
 
 

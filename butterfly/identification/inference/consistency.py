@@ -18,8 +18,6 @@ from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
 
-_TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing of the parameter
-
 _OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
     "input_scale": {"p4": 1.0},
@@ -109,8 +107,8 @@ def disagreements(
     for k in np.flatnonzero(prior.active).tolist():
         own = prior.variance / prior.weight[k]
         variance = float(covariance[k, k] + own - 2 * prior.variance * normal[k])
-        if variance < _TELLS * own:
-            continue
+        if variance < MATTERS**2 * own:
+            continue  # the logs say nothing of the parameter
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
         if apart > CLEARLY:
             findings.append(Finding(FindingKind.PRIOR_APART, (names[k],), number=apart))

@@ -31,7 +31,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
-from butterfly.identification.levels import CLEARLY, MATTERS
+from butterfly.identification.levels import CLEARLY, LOST, MATTERS
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
 
@@ -41,8 +41,6 @@ FRICTION = frozenset({row.name for row in DISSIPATIVE} & GROWING)
 _USUAL = (0.003, 0.1, 0.02)
 """Misfit in shares of the motion, scatter of friction and of the gain that would surprise nobody:
 standard deviations of their priors, the first on top of what noise may reach."""
-
-_BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,8 +193,9 @@ class Likelihood:
             value, slopes = self.expanded(shares * usual)
             return value + float(shares @ shares), slopes * usual + 2 * shares
 
-        begins = (np.full(usual.size, each) for each in _BEGINS)
         bounds = [(0.0, None)] * usual.size
+        # from much and from next to nothing: at 0 the likelihood is flat
+        begins = (np.full(usual.size, each) for each in (LOST, MATTERS))
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
         return np.asarray(min(ends, key=lambda end: end.fun).x * usual)
 

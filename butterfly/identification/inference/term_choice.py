@@ -23,7 +23,7 @@ from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.agreement import Conditions, friction_disagrees
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.levels import FEW
+from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMPANIONS
@@ -37,12 +37,7 @@ RARER = ("spring", "mass_inertia", "dead_zone", "compression")
 NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
 
-_SPEEDS = 10  # Stribeck velocities that are tried
-_SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
-
-SLACK_OF_STRETCHES = 2.5
-"""Standard errors where stretches of time are predicted, whose errors are alike: of 36
-re-calibrations one keeps a term that is not there."""
+_SPEEDS = (0.03, 0.5, 10)  # least and largest Stribeck velocity over the largest speed; how many
 
 SCANNED = "stribeck"
 """The term whose velocity is tried."""
@@ -120,7 +115,7 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
         return []
     if "stribeck_velocity" in known.fixed:
         return [known.fixed["stribeck_velocity"]]
-    return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
+    return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
 
 
 def submodels_of(
@@ -137,7 +132,7 @@ def submodels_of(
     cells = equations.independent
     few = cells.log.size > np.unique(cells.log).size
     folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
-    slack = SLACK_OF_STRETCHES if few else 1.0
+    slack = CLEARLY if few else 1.0
     return Submodels(
         equations=cells,
         folds=folds,
