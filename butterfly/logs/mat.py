@@ -72,7 +72,7 @@ def _matrix(path: Path) -> NDArray[np.float64]:
         raise InputError(path, _MATRIX, found, expected)
     matrix = variables[_MATRIX]
     if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
-        found = type(matrix).__name__
+        found = matrix if isinstance(matrix, str) else type(matrix).__name__
         found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
         raise InputError(path, _MATRIX, found, "shape (n, 3) or (n, 4): t, u, q[, dq]")
     return _real(path, _MATRIX, matrix)
@@ -137,10 +137,7 @@ _HDF5 = b"\x00\x02"
 
 
 def _load(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
-    """Return variables, the wanted ones among them if they are there, and the names of all.
-
-    They are arrays, mappings of fields, or `MatlabObject`.
-    """
+    """Return variables, the wanted ones among them if they are there, and the names of all."""
     if not path.is_file():
         raise InputError(path, "path", "no such file", "an existing .mat file")
     try:
@@ -167,8 +164,8 @@ _ARRAY, _COMPRESSED = 14, 15  # types of elements
 _INT8, _INT32, _UINT32 = 1, 5, 6
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
 _NUMBERS |= {13: "u8"}
-_CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
-_NUMERIC = range(6, 16)  # classes
+_NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classes
+_OTHERS = {1: "a cell array", _STRUCT: "an array of structs", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x0800
 _DEEPEST = 32  # dimensions, and structs within structs
 
@@ -243,7 +240,7 @@ def _inflated(packed: Bytes, most: int) -> Bytes:
 
 
 def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
-    """Return the name and the value of an array: numbers, or a struct; others say nothing."""
+    """Return the name and the value of an array: numbers, a struct, or in words what else."""
     if depth > _DEEPEST:
         raise ValueError(f"arrays within arrays, more than {_DEEPEST} deep")
     flags = elements.numbers("flags of an array", _UINT32)
@@ -259,13 +256,13 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
     if kind in _NUMERIC:
         values = [_numbers(elements, shape) for _ in range(parts)]
         return name, values[0] if parts == 1 else values[0] + 1j * values[1]
-    if kind in {_OBJECT, _FUNCTION}:
+    if kind in _OBJECTS_OF:
         return name, MatlabObject()
     if kind == _STRUCT and math.prod(shape) == 1:
         return name, {field: _within(elements, depth) for field in _fields(elements)}
-    if kind not in {_CELL, _STRUCT, _CHAR, _SPARSE}:
+    if kind not in _OTHERS:
         raise ValueError(f"an array of class {kind}")
-    return name, np.array(None)
+    return name, _OTHERS[kind]
 
 
 def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:

@@ -183,7 +183,10 @@ SOUND = {
 def _same(found, scipys):
     if isinstance(found, dict):
         return all(_same(found[name], scipys[0, 0][name]) for name in scipys.dtype.names)
-    return found.dtype == object or (found.shape, found.tolist()) == (scipys.shape, scipys.tolist())
+    return isinstance(found, str) or (found.shape, found.tolist()) == (
+        scipys.shape,
+        scipys.tolist(),
+    )
 
 
 @pytest.mark.parametrize("packed", [False, True])
