@@ -180,6 +180,7 @@ class HarmonicBalance(Estimator):
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always, alias = fit.phasors.names, like_a_clock(points)
         plain: tuple[HarmonicBalanceTerms, HarmonicBalanceFit, SteadyModel] | None = None
+        again = False
         while True:
             chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
             fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
@@ -187,10 +188,12 @@ class HarmonicBalance(Estimator):
                 chosen = chosen.without(idle)
                 fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
             lacking = fit.lacking((*always, *alias), conditions) if self.terms is None else None
-            if lacking is None:
+            if lacking is not None:
+                plain, always = plain or (chosen, fit, robot), (*always, lacking)
+            elif again or plain is None:
                 break
-            plain = plain or (chosen, fit, robot)
-            always = (*always, lacking)
+            else:  # the others were chosen by a motion that lacked it
+                again = True
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
         if plain and disagreements_of(fit.solved, conditions)[0]:  # it is no such term
             chosen, fit, robot = plain

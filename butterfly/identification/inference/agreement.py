@@ -28,6 +28,7 @@ from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
@@ -156,26 +157,34 @@ class _Tried(NamedTuple):
         return moved
 
 
+class Rival(NamedTuple):
+    """What would hold at the limit of a condition that a parameter follows."""
+
+    values: Samples  # (n,)
+    reach: Samples  # (n,) half-widths of their intervals, by what that leaves of the residuals
+
+
 def disagreements_of(
     equations: CellEquations, conditions: Conditions
-) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
+) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
     """Return the contrasts that are no chance and matter, the best first, and their rivals.
 
-    A rival is what would hold at the limit of its condition: (n,) values each. Of masses that are
-    weighed wrong, none is the wrong one for certain (see `weighed_within`).
+    Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
     """
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, conditions, each))]
     tried.sort(key=lambda each: each.chance)
-    accepted: list[tuple[Contrast, list[Samples]]] = []
+    accepted: list[tuple[Contrast, list[Rival]]] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
         if not chance < 1 - CONFIDENCE:
             break
         limits = _LIMITS.get(each.condition, (0.0,))
         place = 0 if not limits else equations.names.index(each.parameter)
-        rivals = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
-        if _matters(equations, each, rivals or [each.at_mean], conditions):
+        ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
+        if _matters(equations, each, ends or [each.at_mean], conditions):
+            pairs = zip(limits, ends, strict=True)
+            rivals = [Rival(end, _reach(equations, each, limit, end)) for limit, end in pairs]
             accepted.append((_contrast(each, place, chance), rivals))
     if not accepted:
         accepted = [(each, []) for each in _from_log_to_log(equations, conditions)]
@@ -286,6 +295,28 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
         chance=chance,
         of_logs=chance if logs.max() < FEW and not conditions.steady else of_logs,
     )
+
+
+def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
+    """(n,) half-widths of (n,) values that hold at the limit of a condition, with its slope.
+
+    The slope is a value more, about that limit.
+    """
+    unit = np.array([name == each.parameter for name in equations.names])
+    slope = np.einsum("kmn,kn->km", equations.rows, np.outer(each.x - limit, unit))
+    left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
+    whole = replace(
+        equations,
+        names=(*equations.names, "slope"),
+        values=np.append(values, each.gamma),
+        lower=np.append(equations.lower, -np.inf),
+        on_bound=np.append(equations.on_bound, [False]),
+        rows=np.concatenate([equations.rows, slope[:, :, None]], axis=2),
+        residuals=left,
+        prior=None if equations.prior is None else equations.prior.padded(1),
+    ).independent
+    covariance, freedom = cluster_covariance(whole.rows, whole.residuals, whole.prior)
+    return np.asarray(half_widths(covariance, freedom)[:-1])
 
 
 def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterator[Contrast]:

@@ -110,6 +110,13 @@ def widened(
     return covariance
 
 
+def half_widths(covariance: Samples, freedom: Samples) -> Samples:
+    """(n,) of Student's intervals at `CONFIDENCE`."""
+    return np.asarray(
+        stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance)), dtype=float
+    )
+
+
 def honest_limits(
     values: Samples,
     covariance: Samples,
@@ -123,7 +130,7 @@ def honest_limits(
     the model is wrong in a way that depends on what was left out. Of rivals, fits that predict as
     well, any may be the right one, so that the limits hold what is as far from each.
     """
-    reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance))
+    reach = half_widths(covariance, freedom)
     likely, partial = np.array([values, *rivals]), np.array([values, *left_out])
     lower = np.minimum(likely.min(axis=0) - reach, partial.min(axis=0))
     upper = np.maximum(likely.max(axis=0) + reach, partial.max(axis=0))

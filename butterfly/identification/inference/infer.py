@@ -22,7 +22,12 @@ from butterfly.identification.inference.consistency import (
     moved_by_givens,
     scale_apart,
 )
-from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
+from butterfly.identification.inference.covariance import (
+    cluster_covariance,
+    half_widths,
+    honest_limits,
+    robust,
+)
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     of_few_logs,
@@ -77,7 +82,7 @@ def infer(
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
     about = unweighted or equations
-    contrasts, limits_of_conditions = (
+    contrasts, of_conditions = (
         ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
     shift = equations.values - about.values
@@ -99,9 +104,12 @@ def infer(
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
-    limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
+    limits = honest_limits(values, scatter, freedom[own], partial.values(), rivals)
+    most = half_widths(scatter, freedom[own])
+    for rival in of_conditions:
+        end, reach = (rival.values + shift)[own], np.minimum(rival.reach[own], most)
+        limits = np.minimum(limits[0], end - reach), np.maximum(limits[1], end + reach)
     if torques:
         limits = outweighed(misfit_over_value(equations)[own], values, limits, names)
     lower = np.maximum(limits[0], equations.lower[own])
