@@ -6,10 +6,10 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from butterfly.errors import UnusableError
+from butterfly.errors import UnusableError, listed
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
+from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import contrast_text

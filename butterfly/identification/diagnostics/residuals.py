@@ -40,11 +40,11 @@ from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.agreement import Conditions, Contrast, contrasts_of
-from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
+from butterfly.identification.levels import SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds

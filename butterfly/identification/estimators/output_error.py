@@ -19,7 +19,6 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.identification.blocks import FEW
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import like_a_clock
@@ -44,6 +43,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
+from butterfly.identification.levels import FEW
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
