@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc, stdtr
@@ -84,16 +84,6 @@ class Contrast:
     def grows(self) -> bool:
         """Whether the parameter grows with the condition."""
         return self.last > self.first
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Contrast:
-        """Return the contrast of which its fields tell; other keys are not looked at."""
-        numbers = ("least", "largest", "first", "last", "share", "chance")
-        return cls(
-            parameter=str(content["parameter"]),
-            condition=Condition(content["condition"]),
-            **{name: float(content[name]) for name in numbers},
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
