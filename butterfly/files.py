@@ -73,6 +73,12 @@ def replacing(path: Path) -> Iterator[Path]:
             draft.unlink()
 
 
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file whole or not at all, a text as UTF-8; InputError if it cannot be written."""
+    with replacing(path) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
     """Replace numbers that JSON does not have by null."""
     if isinstance(value, dict):

@@ -203,13 +203,7 @@ def run(
 
 
 def _run_once(
-    plan: SweepPlan,
-    source: Source,
-    folder: Path,
-    *,
-    jobs: int | None,
-    figures: bool,
-    track: Track,
+    plan: SweepPlan, source: Source, folder: Path, *, jobs: int | None, figures: bool, track: Track
 ) -> Run:
     """Do an experiment's one run in this process, with all cores, and write all of it."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks

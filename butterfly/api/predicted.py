@@ -79,10 +79,7 @@ class Drawn(Answer):
         InputError
             If the file cannot be written.
         """
-        with (
-            replacing(Path(path)) as draft,
-            draft.open("w", newline="", encoding="utf-8") as file,
-        ):
+        with replacing(Path(path)) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(self.rows()[0]))
             writer.writeheader()
             writer.writerows(self.rows())
@@ -173,10 +170,7 @@ class Predicted(Tabulated):
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
-        from butterfly.report.log_figures import (  # noqa: PLC0415 - slow to import
-            band_figure,
-            drawn_predictions,
-        )
+        from butterfly.report.log_figures import band_figure, drawn_predictions  # noqa: PLC0415 - slow to import
 
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:

@@ -13,11 +13,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.residuals import (
-    Residuals,
-    residual_units,
-    residuals_of,
-)
+from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
@@ -244,10 +240,7 @@ class Selection(Answer):
         found: Estimate,
     ) -> Selection:
         """Tabulate the sets of terms passed through, of which the last is chosen."""
-        from butterfly.report.ranking_pages import (  # noqa: PLC0415 - slow to import
-            selection_page,
-            structures_table,
-        )
+        from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
 
         verdict, table = estimate_verdict(found), structures_table(passed)
         title = f"{data.name}: FIT in %, in sample and left out"
@@ -301,11 +294,7 @@ class Residual(Answer):
 
     @classmethod
     def of(
-        cls,
-        data: DataSet,
-        estimator: Estimator | None,
-        found: Estimate,
-        chosen: Sequence[int],
+        cls, data: DataSet, estimator: Estimator | None, found: Estimate, chosen: Sequence[int]
     ) -> Residual:
         """Judge the residuals of an estimate."""
         from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
@@ -315,10 +304,7 @@ class Residual(Answer):
             title=f"Residuals of {found.method} on {data.name!r}",
             summary=(*verdict.lines, *residual_sentences(residuals)),
             judged=verdict,
-            content={
-                **residual_numbers(residuals, found),
-                **rests_on(data, found, estimator),
-            },
+            content={**residual_numbers(residuals, found), **rests_on(data, found, estimator)},
             units=residual_units(data.joint, ""),
             data=data,
             estimate=found,

@@ -323,10 +323,7 @@ def _prepared(
 
 
 def _estimated(
-    data: Data,
-    method: Method | None,
-    options: Mapping[str, Any],
-    holdout: Sequence[str],
+    data: Data, method: Method | None, options: Mapping[str, Any], holdout: Sequence[str]
 ) -> tuple[DataSet, Estimator | None, Estimate]:
     """Return logs, an estimator, and its judged estimate; a result, saved or not, has them."""
     found = saved_identification(data)

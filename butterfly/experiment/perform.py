@@ -141,10 +141,7 @@ class _Run:
             self.seconds[part] = time.perf_counter() - begun
 
     def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
-        """Hold an orbit and re-calibrate, beginning with what is believed.
-
-        If nothing is, that is what the first estimator found in the small swings of ``data``.
-        """
+        """Hold an orbit with what is believed, or what the first estimator found in ``data``."""
         experiment, believed, zero = self._experiment, control.believed, 0.0
         small_swings = None
         if believed is None:
@@ -176,8 +173,7 @@ class _Run:
             estimator = self._threaded(spec.suited(data))
             identification = identify(data, estimator, track=self._track)
         except ButterflyError as error:
-            refused = EstimateRecord(estimator=spec.label, error=str(error))
-            self.estimates.append(refused)
+            self.estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return
         found = identification.estimate
         self.identifications[spec.label] = identification

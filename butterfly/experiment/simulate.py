@@ -11,13 +11,7 @@ import numpy as np
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Intersample, Log
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    LogEntry,
-    Manifest,
-    manifest_text,
-    write_manifest,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, write_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.prior import Known, Prior

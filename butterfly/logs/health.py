@@ -208,11 +208,7 @@ def _with_sound_lead(log: Log) -> Log:
 
 
 def _refuse_unless_allowed(
-    log: Log,
-    faulty: NDArray[np.bool_],
-    repair: Repair,
-    allowed: Collection[Repair],
-    expected: str,
+    log: Log, faulty: NDArray[np.bool_], repair: Repair, allowed: Collection[Repair], expected: str
 ) -> None:
     if repair in allowed or not faulty.any():
         return

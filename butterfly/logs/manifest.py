@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 from butterfly.errors import InputError
-from butterfly.files import replacing
+from butterfly.files import write_file
 from butterfly.logs import thesis_logs
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
@@ -373,8 +373,7 @@ def manifest_text(manifest: Manifest) -> str:
 
 def write_manifest(manifest: Manifest, path: Path) -> None:
     """Write a manifest as YAML."""
-    with replacing(path) as draft:
-        draft.write_text(manifest_text(manifest), encoding="utf-8")
+    write_file(path, manifest_text(manifest))
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:

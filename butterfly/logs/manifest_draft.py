@@ -10,13 +10,7 @@ from typing import Any
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS
 from butterfly.logs.log import InputKind
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    LogEntry,
-    Manifest,
-    described,
-    manifest_text,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of

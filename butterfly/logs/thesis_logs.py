@@ -49,11 +49,7 @@ def found_folder() -> Path | None:
 
 
 def fetch(
-    folder: Path,
-    source: str = PUBLISHED,
-    track: Track = untracked,
-    *,
-    timeout: float = _TIMEOUT,
+    folder: Path, source: str = PUBLISHED, track: Track = untracked, *, timeout: float = _TIMEOUT
 ) -> int:
     """Fetch the logs that a folder lacks from another, or an address; return how many.
 
