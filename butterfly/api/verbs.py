@@ -169,20 +169,7 @@ def rank(
     holdout: Sequence[str] = (),
     track: Track = untracked,
 ) -> Leaderboard:
-    """Rank methods by how well they predict what they have not seen, each data set by itself.
-
-    Parameters
-    ----------
-    sets
-        Data sets, each what `read` takes.
-    methods, split, holdout, track
-        As `validate` takes them.
-
-    Raises
-    ------
-    InputError
-        If logs cannot be used, or there is no such method.
-    """
+    """Rank methods by how well they predict what they have not seen, each data set by itself."""
     from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
 
     how = choice(Split, "validate", "split", split)

@@ -33,7 +33,7 @@ from butterfly.experiment.record import (
     origin_of,
 )
 from butterfly.experiment.sweep_tables import TABLES, SweepColumns
-from butterfly.files import DRAFT, write_file
+from butterfly.files import DRAFT, read_file, write_file
 
 SWEEP = "sweep.json"
 
@@ -123,7 +123,7 @@ class ResultStore:
     def sweep(self) -> SweepRecord:
         """Read what was asked."""
         path = self.folder / SWEEP
-        text = _content(path).decode(errors="replace")
+        text = read_file(path, "a folder of results").decode(errors="replace")
         sweep = SweepRecord.from_json(text)
         if sweep is None:
             expected = f"those of schema {SCHEMA} (butterfly run does the sweep anew)"
@@ -152,7 +152,7 @@ class ResultStore:
         """Read a table; InputError if there is none, or not as the sweep wrote it."""
         path = self.folder / _file_of(name)
         for _ in range(_LOOKS):
-            content = _content(path)
+            content = read_file(path, "a folder of results")
             if digest_of(content) == self.sweep().tables.get(path.name):
                 return parquet.read_table(pa.BufferReader(content))
             time.sleep(_MOMENT)  # another process may be about to write the other of the two
@@ -189,15 +189,6 @@ class ResultStore:
 
 def _file_of(table: str) -> str:
     return f"{table}.parquet"
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "a folder of results") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror or error, "a readable file") from None
 
 
 def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:

@@ -18,7 +18,7 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import write_file
+from butterfly.files import read_file, write_file
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     VELOCITY,
@@ -242,12 +242,7 @@ def is_number(text: str) -> bool:
 
 def _decoded(path: Path) -> tuple[str, str]:
     """Return a file's text and the name of its encoding."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing file") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror, "a readable file") from None
+    content = read_file(path, "an existing file")
     encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
     if encoding is None and content[1:200:2].count(0) > content[0:200:2].count(0):
         encoding = "utf-16-le"

@@ -71,13 +71,10 @@ class Sine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lead:
-    """What was commanded before a log begins, which is then a piece of a longer recording.
+    """What was commanded before a log begins, which is then a piece of a longer recording."""
 
-    (n,) increasing stamps in s, before the log's first one, and the command at each.
-    """
-
-    time: Samples
-    input: Samples
+    time: Samples  # (n,) increasing stamps in s, before the log's first one
+    input: Samples  # the command at each
 
 
 class InitialState(NamedTuple):
@@ -238,15 +235,10 @@ class Log:
             raise InputError(self.source, name, "values that are no numbers", "numbers") from None
 
     def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum:
-        try:
-            return kind(getattr(self, name))
-        except ValueError:
-            raise InputError(
-                self.source,
-                name,
-                getattr(self, name),
-                nearest(str(getattr(self, name)), [str(each) for each in kind]),
-            ) from None
+        value, known = getattr(self, name), [str(each) for each in kind]
+        if value not in known:
+            raise InputError(self.source, name, value, nearest(str(value), known))
+        return kind(value)
 
     def __repr__(self) -> str:
         return (

@@ -89,10 +89,7 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest by which its first log can be read: by the first columns, if need be.
-
-    Columns that are given stay, and so does a log that cannot be read in this way either.
-    """
+    """Return a manifest by which its first log can be read, if it can: by the first columns."""
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
     if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
         return manifest

@@ -32,10 +32,7 @@ def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, l
 
 
 def with_parts(manifest: Manifest) -> Manifest:
-    """Return a manifest with an entry for each recording in files that are to be split.
-
-    A file that cannot be read keeps its entry.
-    """
+    """Return a manifest with an entry for each recording in files that are split and readable."""
     entries: list[LogEntry] = []
     for entry in manifest.logs:
         try:
@@ -126,11 +123,7 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
 
 
 def with_unique_names(logs: Sequence[Log]) -> list[Log]:
-    """Return the logs, unnamed ones named by their label, and names that recur numbered.
-
-    The first of a name keeps it; the others become ``NAME (2)``, ``NAME (3)`` and so on, in their
-    order.
-    """
+    """Return the logs, each with a name of its own: the label, and ``NAME (2)`` of a second."""
     firsts = [log.name or log.label for log in logs]
     names: list[str] = []
     taken, seen = set(firsts), set[str]()
@@ -145,12 +138,7 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
 
 
 def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
-    """Return the numbers of the logs that bear one of some names, or match a glob pattern.
-
-    A name is that of a log, or of its file, with or without folder and ending.
-
-    Raises InputError: naming ``source``, if a name is no log's.
-    """
+    """Return the numbers of logs by names, or glob patterns, of them or their files."""
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
         raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")
     forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
