@@ -164,9 +164,10 @@ class Predicted(Tabulated):
         """Return the figures of its page, by name."""
         from butterfly.report.log_figures import share_figure  # noqa: PLC0415 - slow to import
 
-        if not self.predictions or not self.predictions[0].bands:
-            return {"fits": self.plot.fits()} if self.measured else {}
-        return {"inside": share_figure(self.predictions)} if self.measured else {}
+        if not self.measured:
+            return {}
+        banded = self.predictions and self.predictions[0].bands
+        return {"inside": share_figure(self.predictions)} if banded else super().figures()
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from butterfly.errors import InputError
-from butterfly.files import replacing
+from butterfly.files import read_file, replacing
 from butterfly.progress import Track, untracked
 
 VARIABLE = "BUTTERFLY_LOGS"
@@ -91,10 +91,7 @@ def _bring(origin: str, path: Path, digest: str, timeout: float) -> None:
         if origin.startswith(_ADDRESSES):
             _download(origin, draft, timeout)
         else:
-            try:
-                draft.write_bytes(Path(origin).read_bytes())
-            except OSError as error:
-                raise InputError(origin, "path", error.strerror or error, "a log to copy") from None
+            draft.write_bytes(read_file(Path(origin), "a log to copy"))
         _require(digest, draft, source=origin, more="as the log of this name has")
 
 

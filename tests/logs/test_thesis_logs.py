@@ -195,7 +195,7 @@ def test_a_file_with_other_content_is_refused_before_anything_is_fetched(tmp_pat
 
 def test_a_folder_without_a_log_or_none_at_all_is_named(tmp_path, published):
     (published / LAST).unlink()
-    with pytest.raises(InputError, match=f"{LAST}: path: got No such file"):
+    with pytest.raises(InputError, match=f"{LAST}: path: got no such file"):
         fetch(tmp_path / "own", str(published))
     for source in (str(tmp_path / "nowhere"), "ftp://127.0.0.1/logs"):
         with pytest.raises(InputError, match=rf"--from: got {source}; expected an existing folder"):
