@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -35,7 +34,6 @@ _WHOLE = 0.1  # share from which whole per cents are given
 _LISTED = 4  # parameters whose detectable change is named
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Changed(Answer):
     """Whether the parameters of a robot have changed, and by how much."""
 

@@ -37,7 +37,6 @@ WEIGHT = "weight"
 _FIELDS = [each.name for each in fields(LumpedParameters)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drawn(Answer):
     """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
 

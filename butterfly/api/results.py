@@ -44,7 +44,6 @@ def about_log(log: Log) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Tabulated(Answer):
     """A table that has figures."""
 
@@ -77,7 +76,6 @@ class TablePlots:
         return ranking_figure(self.result.rows()[:count])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Validated(Tabulated):
     """How well logs are followed that an estimator has seen, and that it has not."""
 
@@ -177,7 +175,6 @@ def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> TextTa
     return TextTable("95 % intervals by bootstrap over logs", headers, rows)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Designed(Tabulated):
     """Next experiments, the most telling first."""
 
@@ -224,7 +221,6 @@ class Designed(Tabulated):
         return {"ranking": self.plot.ranking()}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Selection(Answer):
     """Terms chosen by how well they predict what was left out."""
 

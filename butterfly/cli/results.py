@@ -64,6 +64,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     """
     from butterfly.cli.sweeps import run_record  # noqa: PLC0415 - slow to import
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
+    from butterfly.identification.diagnostics.findings import Ending  # noqa: PLC0415
     from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415
     from butterfly.report.format import field_label  # noqa: PLC0415
     from butterfly.report.parameter_table import parameter_texts  # noqa: PLC0415
@@ -93,7 +94,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
                     for row in map(parameter_texts, each.parameters)
                 ],
             )
-        if not each.converged:
+        if each.ending is not Ending.CONVERGED:
             say(f"ending: {each.ending}")
         if each.error:
             say(each.error)

@@ -155,13 +155,11 @@ def _kind(values: Iterable[Any]) -> pa.DataType:
     return _NUMBER if all(numbers) else _TEXT
 
 
-def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401
+def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401 - whatever a field may be set to
     if value is None or kind == _TRUTH:
         return value
-    return float(value) if kind == _NUMBER else _text(value)
-
-
-def _text(value: Any) -> str:  # noqa: ANN401
+    if kind == _NUMBER:
+        return float(value)
     if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
         return ", ".join(f"{key} {part}" for key, part in value.items())
     return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.units import Units
+from butterfly.logs.units import AS_IS, Units
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, known_of
 
@@ -218,12 +218,8 @@ class Log:
 
     def converted(self, units: Units) -> Log:
         """Return the log of columns that were recorded in other units."""
-        changed: dict[str, Any] = {
-            name: column
-            for name, column in units.applied(self.columns()).items()
-            if column is not getattr(self, name)
-        }
-        return replace(self, **changed) if changed else self
+        changed: dict[str, Any] = units.applied(self.columns())
+        return self if units == AS_IS else replace(self, **changed)
 
     def _column(self, name: str) -> Samples:
         try:

@@ -56,13 +56,12 @@ def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
     return values
 
 
-Uncertain = float | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+_Known = Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+
+Uncertain = float | _Known
 """A number, or {value: ..., uncertainty: ...}."""
 
-Size = (
-    Annotated[float, Field(ge=0)]
-    | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
-)
+Size = Annotated[float, Field(ge=0)] | _Known
 """The same, not negative."""
 
 
