@@ -165,9 +165,9 @@ def rank(
     sets: Sequence[Data],
     methods: Sequence[Method],
     *,
-    split: str = Split.AUTO,
-    holdout: Sequence[str] = (),
-    track: Track = untracked,
+    split: str,
+    holdout: Sequence[str],
+    track: Track,
 ) -> Leaderboard:
     """Rank methods by how well they predict what they have not seen, each data set by itself."""
     from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
