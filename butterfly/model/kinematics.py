@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -67,16 +67,15 @@ class Motion(NamedTuple):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Term:
     """A row: one parameter and what it does."""
 
-    # name, symbol, unit, meaning: As in code, as printed, and in words; in the unit, "unit" is the
-    # input's
-    name: str
-    symbol: str
-    unit: str
+    name: str  # As in code,
+    symbol: str  # and as printed
+    unit: str  # In which "unit" is the input's
     meaning: str
+    _: KW_ONLY
     lower: float = -math.inf  # Least value that an estimate can have
     # Braking torque per unit of the parameter, where it is a function of the `Motion`
     basis: Callable[[Motion], Any] | None = None

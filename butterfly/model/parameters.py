@@ -17,28 +17,19 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """The rigid hand with the rotor of its motor.
-
-    Parameters
-    ----------
-    mass
-        m_p in kg.
-    com_distance
-        l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
-        above the pivot at angle 0.
-    com_offset
-        Distance in m of the centre of mass from that line, towards positive angles.
-    inertia
-        J_p about the centre of mass, in kg m^2.
-    tilt
-        Angle in rad of the axis out of the horizontal; gravity then acts with its cosine.
-    """
+    """The rigid hand with the rotor of its motor."""
 
     mass: float
+    """m_p in kg."""
     com_distance: float
+    """l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
+    above the pivot at angle 0."""
     com_offset: float = 0.0
+    """Distance in m of the centre of mass from that line, towards positive angles."""
     inertia: float
+    """J_p about the centre of mass, in kg m^2."""
     tilt: float = 0.0
+    """Angle in rad of the axis out of the horizontal; gravity then acts with its cosine."""
 
     def __post_init__(self) -> None:
         require_number("Hand", positive=True, mass=self.mass)
@@ -52,24 +43,16 @@ class Hand:
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageDrive:
-    """A DC motor fed with a voltage (4).
-
-    Parameters
-    ----------
-    resistance
-        R in Ohm.
-    torque_constant
-        k_i in N m/A.
-    back_emf_constant
-        k_emf in V s/rad; equal to k_i in SI units for a lossless motor.
-    inductance
-        L in H; 0 lets the current follow at once, as (5) does.
-    """
+    """A DC motor fed with a voltage (4)."""
 
     resistance: float
+    """R in Ohm."""
     torque_constant: float
+    """k_i in N m/A."""
     back_emf_constant: float
+    """k_emf in V s/rad; equal to k_i in SI units for a lossless motor."""
     inductance: float = 0.0
+    """L in H; 0 lets the current follow at once, as (5) does."""
 
     def __post_init__(self) -> None:
         require_number("VoltageDrive", positive=True, resistance=self.resistance)
@@ -95,15 +78,10 @@ class VoltageDrive:
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueDrive:
-    """A current-controlled motor: the command sets the torque and no back EMF is felt.
-
-    Parameters
-    ----------
-    gain
-        p4 in N m per unit of command.
-    """
+    """A current-controlled motor: the command sets the torque and no back EMF is felt."""
 
     gain: float
+    """p4 in N m per unit of command."""
 
     def __post_init__(self) -> None:
         require_number("TorqueDrive", positive=True, gain=self.gain)
@@ -124,15 +102,10 @@ Drive = VoltageDrive | TorqueDrive
 
 @dataclass(frozen=True, kw_only=True)
 class Friction(FrictionTerms):
-    """Friction at the pivot, all terms (see `FrictionTerms`).
-
-    Parameters
-    ----------
-    viscous
-        k_f in N m s/rad.
-    """
+    """Friction at the pivot, all terms (see `FrictionTerms`)."""
 
     viscous: float = 0.0
+    """k_f in N m s/rad."""
 
     def __post_init__(self) -> None:
         require_number("Friction", viscous=self.viscous)
