@@ -103,15 +103,12 @@ class Term:
 
 
 def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:
-    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0."""
+    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
+
+    That of ``sin(N th)`` is N times that of N a.
+    """
     a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(2.0 * j1(a) / a)
-
-
-def cogging_describing_function(amplitude: ArrayLike, periods: float) -> NDArray[np.float64]:
-    """Gain N 2 J1(N a)/(N a) of ``sin(N th)``, N its periods in a turn."""
-    a = np.asarray(amplitude, dtype=np.float64)
-    return np.asarray(periods * gravity_describing_function(periods * a))
 
 
 def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:

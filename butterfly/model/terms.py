@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from butterfly.model.kinematics import (
     Motion,
     Term,
-    cogging_describing_function,
     coulomb_describing_function,
     drag_describing_function,
     gravity_describing_function,
@@ -205,7 +204,7 @@ _ROWS = (
     Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
          basis=lambda m: -np.sin(m.periods * m.angle),
          potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
-         describing=lambda _w, a, m: -cogging_describing_function(a, m.periods),
+         describing=lambda _w, a, m: -m.periods * gravity_describing_function(m.periods * a),
          offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
     Term("cogging_cosine", "cogging, cosine", "N m",
          "cosine part of a torque that repeats over a turn",

@@ -100,10 +100,6 @@ class CommandPath(DriveTerms):
             values = self.resolution * rounded(values / self.resolution)
         return np.clip(values, -self.limit, self.limit)
 
-    def deliver(self, values: Samples) -> Samples:
-        """Return (n,) inputs that the joint gets when (n,) shaped commands have been set."""
-        return np.asarray(self.delivered(values))
-
 
 class ReplayMotor:
     """A recorded log in the place of a motor: its angles come back, whatever is commanded.

@@ -234,6 +234,6 @@ def measured_response(
     for k in range(omegas.size):
         rows = which == k
         gains.append(np.vdot(inputs[rows], angles[rows]) / np.vdot(inputs[rows], inputs[rows]))
-    from butterfly.model.control_bridge import frequency_response_data  # noqa: PLC0415 - slow
+    import control  # noqa: PLC0415 - slow
 
-    return frequency_response_data(omegas, gains)
+    return control.frd(gains, omegas, inputs=["command"], outputs=["angle"], name="measured")
