@@ -91,9 +91,7 @@ class DriveTerms:
     """
 
     dead_zone: float = 0.0
-    """In units of the command."""
     compression: float = 0.0
-    """c, in 1/unit."""
 
     @property
     def drive(self) -> DriveTerms:

@@ -67,7 +67,8 @@ class Motor(Protocol):
 class CommandPath(DriveTerms):
     """What lies between a command and the motor's terminals.
 
-    Of a dead zone and a compression the log shows nothing.
+    A dead zone, in units of the command, and a compression c, in 1/unit, are flaws that the log
+    does not show: the drive yields v/(1 + c |v|) of what the dead zone leaves.
     """
 
     limit: float = math.inf
