@@ -77,7 +77,11 @@ def field_name(path: str) -> str:
 
 
 def field_unit(path: str) -> str:
-    """Return the unit of a field's values; nothing where it has none, or it depends."""
+    """Return the unit of a field or column; nothing where it has none, or it depends."""
+    if path == "deviation":
+        return "share of true"
+    if path.startswith(("fit_", "held_out_", "holdout_")):
+        return "%"
     _, dot, name = path.rpartition(".")
     return _UNITS.get(name, "") if dot else ""
 
