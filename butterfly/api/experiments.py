@@ -31,7 +31,6 @@ from butterfly.logs.mat import write_mat
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
-from butterfly.report.identification_page import write_report
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.records import run_verdict
@@ -222,7 +221,7 @@ def _run_once(
     store.write(outcome)
     truth = experiment.plant.robot.lumped
     for name, found in zip(_report_names(), result.identifications.values(), strict=False):
-        write_report(found, folder / name, truth, figures=figures)
+        found.report(folder / name, truth=truth, figures=figures)
     page = _orbit_page(experiment, result)
     if page is not None:
         write_page(page, folder / _ORBIT_REPORT, figures=figures)

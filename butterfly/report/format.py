@@ -43,6 +43,11 @@ def fit_text(fit: float) -> str:
     return f"{fit:.1f}" if fit > _FAR_OFF else f"less than {_FAR_OFF:.0f}"
 
 
+def times_text(times: float) -> str:
+    """Return how many times as large something is; decimals tell nothing from ten on."""
+    return f"{times:.1f}" if times < 10 else f"{times:.0f}"  # noqa: PLR2004 - two digits
+
+
 def counted(number: float, thing: str) -> str:
     """Return a number of things."""
     return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
