@@ -42,7 +42,6 @@ _RESPONSE_UNASKED = (
     "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
     "of a sine, so there is nothing measured to set beside them."
 )
-_EXPLAINED = "what the sensors explain"
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
 
@@ -118,14 +117,11 @@ def _facts(identification: Identification) -> list[Fact]:
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
     times = identification.residuals.times
+    residuals = [Fact("residuals", f"{times_text(times)} ×", "what the sensors explain")]
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
-        *(
-            [Fact("residuals", f"{times_text(times)} ×", _EXPLAINED)]
-            if math.isfinite(times)
-            else []
-        ),
+        *(residuals if math.isfinite(times) else []),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
     ]
