@@ -84,7 +84,7 @@ def show(
             raise InputError(source, "--out", "nothing", "a picture: only experiments have a run")
         _watch(source, run, web=web, port=port)
     elif data or angle is not None or out.suffix.lower() not in _FILMS:
-        from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
+        from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
         from butterfly.plant.watch.picture import render  # noqa: PLC0415
 
         named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
@@ -154,7 +154,7 @@ def export(
     added_mass
         What the hand carries, at --arm.
     """
-    from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
+    from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415
 
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)

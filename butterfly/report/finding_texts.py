@@ -6,10 +6,10 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from butterfly.errors import UnusableError
+from butterfly.errors import UnusableError, listed
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
+from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import contrast_text
@@ -25,7 +25,12 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
+_OF_MODEL = {
+    FindingKind.FOLLOWED,
+    FindingKind.MISFIT,
+    FindingKind.NO_MISFIT,
+    FindingKind.SCATTER,
+}
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -100,8 +105,10 @@ def values_sentence(estimate: Estimate) -> str:
 def model_sentence(estimate: Estimate) -> str:
     """Say how near the model follows, and what it misses; nothing where no log was simulated."""
     found = {each.kind: each for each in estimate.findings}
+    scatter = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
+    differing = [finding_text(each, values_of(estimate)) for each in scatter]
     if FindingKind.FOLLOWED not in found:
-        return ""
+        return " ".join(differing)
     share = found[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
         return "Some logs cannot be simulated with these values, or nothing moves in them."
@@ -113,10 +120,10 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         of_left = _percent(_number(missing))
         text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
-    elif beyond and not estimate.agreement:
+    if beyond and not (missing or scatter or estimate.agreement):
         text += "; it misses something that looks like none of the terms on offer"
     first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
-    return " ".join([f"{text}.", *first])
+    return " ".join([f"{text}.", *differing, *first])
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -317,7 +324,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
         "differs from run to run: record more."
     ),
-    FindingKind.SCATTER: "Friction or gain differs from log to log: {names} by {percent:.2g} %.",
+    FindingKind.SCATTER: "Scatter from log to log: {names} by {percent:.2g} %.",
     FindingKind.CLOCK: (
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
         "or omega is. A wrong clock moves {names} by about twice that share: check both."

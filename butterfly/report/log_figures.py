@@ -16,7 +16,7 @@ from plotly.graph_objects import Figure
 from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
 from butterfly.identification.diagnostics.sensor_errors import LEVELS, Curve
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.covariance import CONFIDENCE
+from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.logs.log import Log
 from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
