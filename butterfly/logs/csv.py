@@ -85,7 +85,7 @@ def read_csv(
     table = _table(path, list(mapping.values()), () if columns else (VELOCITY,))
     names, layout = table.names, table.reading.layout
     if not columns and has_column(names, VELOCITY):
-        if _holds_numbers(table.columns[place(path, names, VELOCITY)]):
+        if isinstance(table.columns[place(path, names, VELOCITY)], np.ndarray):
             mapping[VELOCITY] = VELOCITY
         else:
             layout += ("no numbers in the column velocity, which is left out",)
@@ -191,16 +191,10 @@ def _is_number_type(kind: pyarrow.DataType) -> bool:
     return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))
 
 
-def _holds_numbers(column: Column) -> bool:
-    return isinstance(column, np.ndarray) or _is_number_type(column.type)
-
-
 def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
     column = table.columns[number]
     if isinstance(column, np.ndarray):
         return column
-    if _is_number_type(column.type):
-        return np.asarray(column.to_numpy().astype(np.float64))
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
     row = next((k for k, text in enumerate(texts) if not is_number(text)), None)
     if row is None:
@@ -357,7 +351,7 @@ def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:
 
 def _parsed(
     path: Path, rows: list[_Line], delimiter: str, decimal: str, width: int
-) -> list[pyarrow.ChunkedArray]:
+) -> list[Column]:
     blanks = delimiter == " "
     for line in rows:
         count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
@@ -378,4 +372,7 @@ def _parsed(
     except pyarrow.ArrowInvalid as error:
         reason = " ".join(str(error).split())
         raise InputError(path, "content", f"unreadable ({reason})", "a table") from None
-    return list(table.columns)
+    return [
+        np.asarray(each.to_numpy().astype(np.float64)) if _is_number_type(each.type) else each
+        for each in table.columns
+    ]

@@ -261,9 +261,8 @@ class Log:
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Log:
         """Return the log of the samples selected by a mask, or by their numbers."""
-        time, inputs, angle = self.time[rows], self.input[rows], self.angle[rows]
-        velocity = None if self.velocity is None else self.velocity[rows]
-        return replace(self, time=time, input=inputs, angle=angle, velocity=velocity)
+        taken: dict[str, Any] = {name: column[rows] for name, column in self.columns().items()}
+        return replace(self, **taken)
 
     def piece(self, first: int, last: int) -> Log:
         """Return the log of the samples from number ``first`` to before number ``last``.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -134,14 +133,11 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
     """
     firsts = [log.name or log.label for log in logs]
     names: list[str] = []
-    numbers = Counter[str]()
-    taken = set(firsts)
+    taken, seen = set(firsts), set[str]()
     for first in firsts:
-        name = first
-        numbers[first] += 1
-        while numbers[first] > 1 and name in taken:
-            name = f"{first} ({numbers[first]})"
-            numbers[first] += name in taken
+        numbered = (f"{first} ({number})" for number in count(2))
+        name = next(each for each in numbered if each not in taken) if first in seen else first
+        seen.add(first)
         taken.add(name)
         names.append(name)
     pairs = zip(logs, names, strict=True)
