@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.comparison.change import Change, ParameterChange, change
-from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors import listed
+from butterfly.errors import InputError, listed
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind

@@ -30,7 +30,6 @@ from butterfly.logs.mat import write_mat
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
-from butterfly.report.identification_page import write_report
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.records import run_verdict
@@ -219,7 +218,7 @@ def _run_once(
     record, answers = outcome.record, result.identifications
     truth, reports = experiment.plant.robot.lumped, _reports(record)
     for name, found in zip(reports, answers.values(), strict=False):
-        write_report(found, folder / name, truth, figures=figures)
+        found.report(folder / name, truth=truth, figures=figures)
     page = None
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass

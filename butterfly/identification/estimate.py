@@ -13,7 +13,8 @@ from butterfly.arrays import Samples
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.identifiability import PRECISE, precision
+from butterfly.identification.inference.identifiability import precision
+from butterfly.identification.levels import PRECISE
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters

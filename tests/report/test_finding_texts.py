@@ -147,6 +147,11 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
         ),
         ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; it misses drag or load, 61 % of what is left."),
         (
+            [FOLLOWED, MISFIT, Finding(FindingKind.SCATTER, ("p2", "coulomb"), number=0.213)],
+            (),
+            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %.",
+        ),
+        (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),
             f"{_TIMES}. p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "

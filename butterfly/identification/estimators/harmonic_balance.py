@@ -45,7 +45,7 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import Conditions, contrasts_of
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
@@ -195,7 +195,7 @@ class HarmonicBalance(Estimator):
             else:  # the others were chosen by a motion that lacked it
                 again = True
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
-        if plain and disagreements_of(fit.solved, conditions)[0]:  # it is no such term
+        if plain and contrasts_of(fit.solved, conditions):  # it is no such term
             chosen, fit, robot = plain
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(

@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
+from butterfly.identification.levels import CONFIDENCE, ROUNDING, SPREADS
 from butterfly.model.prior import Penalty
-
-CONFIDENCE = 0.95
-"""Level of all intervals."""
-
-SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
-"""Half width of an interval, in standard deviations of a normal distribution."""
-
-_LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
 
 def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
@@ -56,7 +49,8 @@ def cluster_covariance(
     normal = np.linalg.inv(flat.T @ flat + np.diag(weight))
     residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
     eigenvalues, axes = np.linalg.eigh(residual_maker)
-    roots = np.maximum(eigenvalues, _LEAST_EIGENVALUE) ** -0.5
+    # a cluster that alone determines a parameter leaves no residual
+    roots = np.maximum(eigenvalues, ROUNDING) ** -0.5
     inverse_root = np.einsum("nij,nj,nkj->nik", axes, roots, axes)
     influence = inverse_root @ rows @ normal
     scores = np.einsum("nip,ni->np", influence, residuals)

@@ -11,24 +11,17 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.levels import CLEARLY, FEW, PRECISE, ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
 
-WEAK_CONDITION = 1e3
-"""Above this condition number of the scaled regression one combination is poorly known."""
+SINGULAR_CONDITION = 1 / ROUNDING
+"""Above this condition number, a scaled regression is singular for every practical purpose."""
 
-SINGULAR_CONDITION = 1e7
-"""Above this one, the regression is singular for every practical purpose."""
-
-_INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
-
-PRECISE = 0.10
-"""Share of a value, within which it counts as known."""
-
-_FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
+WEAK_CONDITION = SINGULAR_CONDITION**0.5
+"""Above this one, half way to that in digits, one combination is poorly known."""
 
 OTHER_LOGS = (
     "add logs of other motion, faster and slower, wider and less wide, or with another known mass"
@@ -58,8 +51,8 @@ class Conditioning:
         if known is not None:
             scaled = np.concatenate([scaled, np.eye(len(names))[known]])
         _, singular, right = np.linalg.svd(scaled, full_matrices=False)
-        share = np.abs(right[-1]) / np.abs(right[-1]).max()
-        weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
+        # those that take more than an equal part in the direction
+        weakest = tuple(np.array(names)[right[-1] ** 2 > 1 / (1 + len(names))].tolist())
         number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
         return cls(number=number, weakest=weakest)
 
@@ -88,7 +81,8 @@ class Conditioning:
 def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
     """Return how well each of (n,) parameters is known: precise, rough, or not-from-zero."""
     zero = (lower <= 0) & (upper >= 0)
-    precise = _FOR_CERTAIN * (upper - lower) / 2 <= PRECISE * np.abs(values)
+    # what is said without "probably" must hold: half-widths as if they were standard errors
+    precise = CLEARLY * (upper - lower) / 2 <= PRECISE * np.abs(values)
     return [
         "not-from-zero" if at_zero else "precise" if well else "rough"
         for at_zero, well in zip(zero, precise, strict=True)
