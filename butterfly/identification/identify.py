@@ -29,7 +29,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identification import Identification, about_data
-from butterfly.identification.inference.agreement import Condition
+from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked

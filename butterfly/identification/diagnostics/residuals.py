@@ -39,12 +39,13 @@ from butterfly.identification.diagnostics.sensor_errors import (
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.agreement import Conditions, Contrast, contrasts_of
+from butterfly.identification.inference.agreement import Contrast, contrasts_of
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import SPREADS
+from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds
@@ -52,7 +53,6 @@ from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _BY_CHANCE = 0.25  # share of logs that may be outside
-_FIRST_ORDER = 0.05  # share of the residuals, to which derivatives foretell them
 
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
@@ -341,7 +341,8 @@ def _missing_terms(
         residuals=residuals,
         log=np.repeat(np.arange(len(logs)), cells),
     )
-    rounding = _FIRST_ORDER * float(np.sqrt(equations.cost.sum() / len(logs)))
+    # derivatives foretell the residuals as well as a value counts as known
+    rounding = PRECISE * float(np.sqrt(equations.cost.sum() / len(logs)))
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     none = np.array([[name in always for name in nested.names]])
     try:

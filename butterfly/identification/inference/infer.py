@@ -10,13 +10,10 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import CellEquations, pulled_below
 from butterfly.identification.estimate import OF_VERDICT, Estimate
-from butterfly.identification.inference.agreement import (
-    Conditions,
-    disagreements_of,
-    weighed_within,
-)
+from butterfly.identification.inference.agreement import disagreements_of, weighed_within
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.consistency import (
     disagreements,
     moved_by_givens,
@@ -36,7 +33,6 @@ from butterfly.identification.inference.identifiability import (
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.levels import LOST, PRECISE
-from butterfly.identification.normal_equations import pulled_below
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS

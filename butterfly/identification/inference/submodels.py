@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.model.terms import COMPANIONS
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined

@@ -7,12 +7,8 @@ import pytest
 
 from butterfly.identification.equations import compressed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import (
-    Condition,
-    Conditions,
-    disagreements_of,
-    weighed_within,
-)
+from butterfly.identification.inference.agreement import disagreements_of, weighed_within
+from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import choose_terms
