@@ -55,15 +55,7 @@ def _row(log: LogResiduals) -> tuple[str, ...]:
     numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
     times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
     share = f"{100 * log.share:.0f}" if log.share else "–"
-    return (log.label, *numbers, times, _bands(log), share)
-
-
-def _bands(log: LogResiduals) -> str:
-    """Say whether the correlations of a log stay inside their bands."""
-    inner, outer = log.excess
-    if inner <= 1:
-        return "inside"
-    return "outside 99 %" if outer > 1 else "outside 95 %"
+    return (log.label, *numbers, times, "outside" if log.outside else "inside", share)
 
 
 def residual_page(
@@ -98,7 +90,7 @@ def residual_page(
                 "error of the free run", f"{100 * residuals.relative:.2g} %", "of the motion, rms"
             ),
             Fact("beside its sensor", f"{residuals.times:.3g} ×", "what encoder and noise explain"),
-            Fact("correlations", _bands(residuals), "bands"),
+            Fact("correlations", "outside" if residuals.outside else "inside", "bands"),
         ],
         summary=[*summary],
         sections=[torque, errors],

@@ -31,7 +31,6 @@ from butterfly.identification.diagnostics.linearised_run import (
     rms,
 )
 from butterfly.identification.diagnostics.sensor_errors import (
-    LEVELS,
     Curve,
     SensorErrors,
     correlations,
@@ -88,18 +87,15 @@ class LogResiduals:
     band: ErrorBand | None = None  # about the simulated angle, within which a reading is expected
 
     @cached_property
-    def excess(self) -> tuple[float, float]:
-        """How far the curves reach, over inner and outer band: above 1, one leaves it."""
-        curves = [each for each in (self.autocorrelation, self.cross_correlation) if each]
-        if not curves:
-            return np.inf, np.inf
-        inner, outer = np.max([curve.excess for curve in curves], axis=0).tolist()
-        return inner, outer
+    def excess(self) -> float:
+        """How far the curves reach, over the half-width of their bands: above 1, one leaves it."""
+        curves = (self.autocorrelation, self.cross_correlation)
+        return max((each.excess for each in curves if each), default=np.inf)
 
     @property
     def outside(self) -> bool:
         """Whether it is more than sensors explain, of which 5 % of good logs are accused."""
-        return self.excess[0] > 1
+        return self.excess > 1
 
     @property
     def relative(self) -> float:
@@ -118,7 +114,7 @@ class LogResiduals:
         return {
             "log": self.name,
             **dict(zip(_LENGTHS, lengths, strict=True)),
-            "over_band": dict(zip(map(str, LEVELS), self.excess, strict=True)),
+            "over_band": self.excess,
             "missing_terms_share": self.share,
         }
 
