@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.levels import CLEARLY, FEW, PRECISE, ROUNDING
+from butterfly.identification.levels import CLEARLY, PRECISE, ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
@@ -134,10 +134,3 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
         )
     remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
     return remedies
-
-
-def of_few_logs(count: int) -> list[Finding]:
-    """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
-    if count > FEW:
-        return []
-    return [Finding(FindingKind.FEW_LOGS, number=count)]
