@@ -62,9 +62,7 @@ PANELS = {
         "predict": Command("experiments:predict", "prediction"),
         "compare": Command("estimate:compare", "comparison"),
     },
-    "Plan": {
-        "design": Command("estimate:design", "design"),
-    },
+    "Plan": {"design": Command("estimate:design", "design")},
     "Experiments": {
         "run": Command("experiments:run", "run"),
         "simulate": Command("experiments:simulate"),
@@ -165,8 +163,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
         quiet: Annotated[bool, Parameter(name=("--quiet", "-q"), group=_EVERYWHERE)] = False,
         json: Annotated[
-            Path | None,
-            Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True),
+            Path | None, Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True)
         ] = None,
         help_all: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
     ) -> ExitCode | None:

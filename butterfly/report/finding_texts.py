@@ -25,12 +25,7 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {
-    FindingKind.FOLLOWED,
-    FindingKind.MISFIT,
-    FindingKind.NO_MISFIT,
-    FindingKind.SCATTER,
-}
+_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.SCATTER}
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
