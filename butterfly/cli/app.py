@@ -10,8 +10,8 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, NamedTuple, NoReturn
 
@@ -19,7 +19,7 @@ from cyclopts import App, Group, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptionError
 
 from butterfly import __version__
-from butterfly.cli.output import Asked, ExitCode, asked, tell_no_more, write_json
+from butterfly.cli.output import Asked, ExitCode, asked, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.errors import (
     ButterflyError,
@@ -188,8 +188,12 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             raise InputError("butterfly", "--json", name, "a command that has an answer")
         asked.quiet, asked.json = quiet, json
         try:
-            with _gathering_nothing():
+            gc.disable()  # while modules are imported it would look through them again and again
+            try:
                 command, bound, _ = app.parse_args(tokens)
+            finally:
+                gc.freeze()
+                gc.enable()
             ended: ExitCode | None = command(*bound.args, **bound.kwargs)
         except UnusableError as refused:
             _write_refusal(COMMANDS[name].answer, refused.reasons)
@@ -205,17 +209,6 @@ def _name_of(tokens: Sequence[str]) -> str:
     return " ".join(words[: 2 if words[:1] == ["results"] else 1])
 
 
-@contextmanager
-def _gathering_nothing() -> Iterator[None]:
-    """Import the command without looking through what stays, again and again, for garbage."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        gc.enable()
-
-
 def main() -> None:
     """Run the command line; bad input ends in one line on stderr (see `ExitCode`)."""
     if threading.current_thread() is threading.main_thread():
@@ -226,7 +219,7 @@ def main() -> None:
     tokens = sys.argv[1:]
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
             _refuse_former(tokens)
             ended = program(tokens).meta(tokens)
         sys.stdout.flush()
@@ -249,14 +242,12 @@ def main() -> None:
         _end(str(error), ExitCode.BAD_INPUT)
     finally:
         asked.__dict__.update(vars(Asked()))
-        tell_no_more()
 
 
 def _refuse_former(tokens: Sequence[str]) -> None:
     """Raise InputError, naming the present one, if a command is called by a former name."""
     words = [token for token in tokens if not token.startswith("-")]
-    for count in (2, 1):
-        name = " ".join(words[:count])
+    for name in (" ".join(words[:2]), *words[:1]):
         if name in FORMER_COMMANDS:
             raise InputError("butterfly", name, "its former name", FORMER_COMMANDS[name])
 
@@ -267,8 +258,10 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
         option = (error.token.keyword or error.token.value).partition("=")[0]
         name = _name_of(tokens)
         if option in OF_DATA:
-            expected = "it said to `butterfly manifest` or `butterfly identify --save`, and "
-            expected += "what they write in place of the data"
+            expected = (
+                "it said to `butterfly manifest` or `butterfly identify --save`, and what they "
+                "write in place of the data"
+            )
             return str(InputError(f"butterfly {name}", option, "an option of data", expected))
         former = FORMER_OPTIONS | (FORMER_OPTIONS_OF_COMPARE if name == "compare" else {})
         if option in former:
@@ -277,10 +270,6 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
         # its own message lists all commands after the one that is meant
         return str(error).partition(" Available commands")[0]
     return str(error)
-
-
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    print_warning(str(message))
 
 
 def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:

@@ -408,9 +408,10 @@ class Identification(Result):
         InputError
             If a file cannot be written, or the logs of a loaded result cannot be read.
         """
-        from butterfly.report.identification_page import write_report  # noqa: PLC0415 - a view
+        from butterfly.report.identification_page import identification_page  # noqa: PLC0415 - a view
+        from butterfly.report.page import write_page  # noqa: PLC0415 - a view
 
-        write_report(self, Path(path), truth, figures=figures)
+        write_page(identification_page(self, truth), Path(path), figures=figures)
 
 
 def about_data(data: DataSet) -> dict[str, Any]:

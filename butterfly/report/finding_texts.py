@@ -13,7 +13,7 @@ from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import contrast_text
-from butterfly.report.format import counted, fit_text
+from butterfly.report.format import counted, fit_text, times_text
 from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]
@@ -24,7 +24,6 @@ REMEDY = (
 )
 """What helps where the encoder's zero is a guess."""
 
-_WHOLE = 10.0  # times what sensors explain, from which on decimals tell nothing
 _LEAST_MASSES = 3  # of which one can be left out
 _OF_MODEL = {
     FindingKind.FOLLOWED,
@@ -84,24 +83,23 @@ def values_sentence(estimate: Estimate) -> str:
     names = [name for name in names if name not in estimate.unestimated]
     limits = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
     zero = {name for name, lower, upper in limits if lower <= 0 <= upper}
-    known = {name: estimate.reach[name] for name in names if name not in zero}
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
+    known = [name for name in names if name not in zero and math.isfinite(estimate.reach[name])]
     parts = [
-        ", ".join(f"{shown[name]} within {_upwards(known[name])}" for name in group)
+        ", ".join(f"{shown[name]} within {_upwards(estimate.reach[name])}" for name in group)
         for group in (
-            [name for name in known if name in OF_VERDICT and math.isfinite(known[name])],
-            [name for name in known if name not in OF_VERDICT and math.isfinite(known[name])],
+            [name for name in known if name in OF_VERDICT],
+            [name for name in known if name not in OF_VERDICT],
         )
     ]
-    unknown = [shown[name] for name, reach in known.items() if not math.isfinite(reach)]
+    unknown = [shown[name] for name in names if name not in {*known, *zero}]
     parts += [f"how exact {_both(unknown)} {_is(unknown)} is not known"] if unknown else []
     missing = [name for name in estimate.unestimated if name in OF_VERDICT]
     parts += [f"{_both(missing)} {_is(missing)} not estimated"] if missing else []
     at_zero = [shown[name] for name in names if name in zero]
     parts += [f"{_both(at_zero)} not distinguishable from zero"] if at_zero else []
-    text = "; ".join(part for part in parts if part)
-    return f"{text or 'all values known beforehand'}."
+    return f"{'; '.join(filter(None, parts)) or 'all values known beforehand'}."
 
 
 def model_sentence(estimate: Estimate) -> str:
@@ -118,8 +116,7 @@ def model_sentence(estimate: Estimate) -> str:
     missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
     text = f"The model follows to {_percent(share)} of the motion"
     if times is not None and times.number is not None and math.isfinite(times.number):
-        shown = f"{times.number:.1f}" if times.number < _WHOLE else f"{times.number:.0f}"
-        text += f", {shown} times what the sensors explain"
+        text += f", {times_text(times.number)} times what the sensors explain"
     if missing is not None:
         of_left = _percent(_number(missing))
         text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
@@ -139,15 +136,11 @@ def finding_text(finding: Finding, values: Values) -> str:
         "names": ", ".join(names),
         "count": len(names),
         "combined": " and ".join(names),
-        "first": names[0] if names else "",
-        "others": ", ".join(names[1:]),
         "logs": listed(logs),
-        "are": "is" if len(logs) == 1 else "are",
         "were": "was" if len(logs) == 1 else "were",
     }
     if number is not None:
-        fields |= {"number": number, "percent": 100 * number, "fit": fit_text(number)}
-        fields["used"] = counted(number, "log")
+        fields |= {"number": number, "percent": 100 * number, "used": counted(number, "log")}
         fields["rounded"] = float(f"{number:.2g}")
     return text.format(**fields)
 

@@ -8,10 +8,7 @@ import numpy as np
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
-from butterfly.identification.diagnostics.residuals import (
-    LogResiduals,
-    Residuals,
-)
+from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
