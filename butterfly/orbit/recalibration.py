@@ -52,27 +52,18 @@ _FEWEST_RUNS = 3  # to leave one out
 
 @dataclass(frozen=True, kw_only=True)
 class RecalibrationOptions:
-    """How to re-calibrate.
-
-    Parameters
-    ----------
-    balance
-        Of momentum (the weak form) or of energy.
-    candidates
-        Of `CANDIDATES`; each is kept only if it predicts held-out parts of the logs better.
-    half_width
-        Of the test functions in s.
-    delay
-        From input to torque in s, as known.
-    cogging_periods
-        Of the cogging torque in a turn, as known; the sine of one period a turn is what p3 is.
-    """
+    """How to re-calibrate."""
 
     balance: Balance = Balance.MOMENTUM
+    """Of momentum (the weak form) or of energy."""
     candidates: tuple[str, ...] = ("coulomb", "drag", "p3_offset", "bias", "compression")
+    """Of `CANDIDATES`; each is kept only if it predicts held-out parts of the logs better."""
     half_width: float = HALF_WIDTH
+    """Of the test functions in s."""
     delay: float = 0.0
+    """From input to torque in s, as known."""
     cogging_periods: float = 1.0
+    """Of the cogging torque in a turn, as known; the sine of one period a turn is what p3 is."""
 
     def __post_init__(self) -> None:
         for name in self.candidates:

@@ -171,8 +171,9 @@ def test_without_coulomb_friction_those_lines_are_the_state_space_s(simulated):
 
 
 def _with_swing(point, amplitude):
-    angle = point.angle.scaled(amplitude / point.amplitude)
-    return dataclasses.replace(point, angle=angle, input=point.input * amplitude / point.amplitude)
+    factor = amplitude / point.amplitude
+    angle = dataclasses.replace(point.angle, phasors=factor * point.angle.phasors)
+    return dataclasses.replace(point, angle=angle, input=factor * point.input)
 
 
 def test_several_swings_at_one_frequency_count_as_their_geometric_mean(simulated):
