@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
@@ -64,15 +64,14 @@ class Regression:
         more, wanted = self.known_rows
         rows = np.concatenate([self.rows[use], more])
         target = np.concatenate([self.target[use], wanted])
-        scale = np.linalg.norm(rows, axis=0)
-        scale[scale == 0] = 1.0  # a column of zeros stays without effect
+        scaled, scale = unit_columns(rows)
         moved = self._products & (self._shift != 0)
         lowest = np.where(moved, -np.inf, self.lower)  # of p4 (x - about), whose bound moves too
         highest = np.full(scale.size, np.inf)
         if self.gain < 0:  # products turn their bounds round
             turned = self._products & ~moved
             lowest[turned], highest[turned] = -np.inf, -self.lower[turned]
-        fit = lsq_linear(rows / scale, target, (lowest, highest), method="bvls", tol=1e-14)
+        fit = lsq_linear(scaled, target, (lowest, highest), method="bvls", tol=1e-14)
         unknowns = fit.x / scale
         values = self.values(unknowns)
         on_bound = (fit.active_mask != 0) | (values < self.lower)
@@ -274,10 +273,7 @@ class CellEquations:
         """
         cells = self.independent
         flat = cells.rows.reshape(-1, cells.rows.shape[2])
-        size = np.linalg.norm(flat, axis=0)
-        basis, singular, _ = np.linalg.svd(
-            flat / np.where(size > 0, size, 1.0), full_matrices=False
-        )
+        basis, singular, _ = np.linalg.svd(unit_columns(flat)[0], full_matrices=False)
         told = basis[:, singular > ROUNDING * singular.max(initial=0.0)]
         if not told.size:
             raise IdentifiabilityError("these logs do not move any parameter")
@@ -331,7 +327,6 @@ def scaled_least_squares(rows: Samples, target: Samples) -> Samples:
 
     Each column of the rows is scaled to be of length 1, so that its unit does not count.
     """
-    scale = np.linalg.norm(rows, axis=0)
-    scale[scale == 0] = 1.0
-    values = np.linalg.lstsq(rows / scale, target, rcond=None)[0]
+    scaled, scale = unit_columns(rows)
+    values = np.linalg.lstsq(scaled, target, rcond=None)[0]
     return np.asarray((values.T / scale).T)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations, pulled_below
@@ -198,9 +198,8 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     does to the rows, a misfit may have made the value: a ripple of the velocity is read as inertia.
     """
     curvature = equations.curvature.sum(axis=0)
-    size = np.sqrt(np.diag(curvature))
-    size = np.where(size > 0, size, 1.0)
-    alone = size / np.sqrt(np.diag(np.linalg.pinv(curvature / np.outer(size, size))))
+    scaled, size = unit_diagonal(curvature)
+    alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
     effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
     most = np.full(effect.size, np.finfo(float).max)
     return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
