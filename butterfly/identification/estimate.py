@@ -13,7 +13,8 @@ from pydantic import TypeAdapter
 from butterfly.arrays import Samples
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
-from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE
 from butterfly.identification.parameter import Parameter, or_none, unit_of

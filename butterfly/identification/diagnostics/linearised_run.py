@@ -163,7 +163,7 @@ def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
 
     Each log counts as it does in output error, by the mean square of its errors over its motion.
     """
-    normal = sum(each.unit**2 * each.known.T @ each.known for each in logs)
+    normal = np.sum([each.unit**2 * each.known.T @ each.known for each in logs], axis=0)
     scaled, size = unit_diagonal(normal)
     powers, axes = np.linalg.eigh(scaled)
     told = powers > ROUNDING * powers.max(initial=0.0)
