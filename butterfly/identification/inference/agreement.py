@@ -48,6 +48,7 @@ class Condition(StrEnum):
     COMMAND = "command"
     SWING = "swing"
     FREQUENCY = "frequency"
+    SPEED = "speed"
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
@@ -64,7 +65,6 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 _SCATTERS = ("coulomb", "p2", "p4")
 _OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
-_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class Conditions:
     """Under which conditions the logs of k cells were recorded."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, time since the start in s, sign of the input
+    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     sines: bool  # whether all are sines
@@ -114,8 +114,9 @@ class Conditions:
         times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
         of_logs = {
             Condition.MASS: [log.added_mass.inertia for log in logs],
-            Condition.COMMAND: [_of_command(log) for log in logs],
+            Condition.COMMAND: [_inverse(float(np.sqrt(np.mean(log.input**2)))) for log in logs],
             Condition.FREQUENCY: [_omega_squared(log) for log in logs],
+            Condition.SPEED: [_inverse(log.rms_speed) for log in logs],
             Condition.DIRECTION: [_direction(log) for log in logs],
         }
         values = {
@@ -263,7 +264,9 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            held = name not in _FOLLOWING or equations.on_bound[place]
+            # a gap is crossed in a time that falls with the speed; a delay follows nothing else
+            follows = name in PARAMETERS and (name == "delay") is (condition is Condition.SPEED)
+            held = not follows or equations.on_bound[place]
             if held or not (np.ptp(x) > 0 and weight.sum() > 0):
                 continue
             mean = float(weight @ x / weight.sum())
@@ -439,9 +442,8 @@ def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
     )
 
 
-def _of_command(log: Log) -> float:
-    """1 over the rms input, 0 of a log that nothing drives."""
-    size = float(np.sqrt(np.mean(log.input**2)))
+def _inverse(size: float) -> float:
+    """1 over a size, 0 of none: of a log that nothing drives, or that rests."""
     return 1 / size if size else 0.0
 
 
