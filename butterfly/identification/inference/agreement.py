@@ -47,7 +47,6 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 _SCATTERS = ("coulomb", "p2", "p4")
 _OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
-_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +195,9 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            held = name not in _FOLLOWING or equations.on_bound[place]
+            # a gap is crossed in a time that falls with the speed; a delay follows nothing else
+            follows = name in PARAMETERS and (name == "delay") is (condition is Condition.SPEED)
+            held = not follows or equations.on_bound[place]
             if held or not (np.ptp(x) > 0 and weight.sum() > 0):
                 continue
             mean = float(weight @ x / weight.sum())

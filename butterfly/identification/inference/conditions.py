@@ -21,6 +21,7 @@ class Condition(StrEnum):
     COMMAND = "command"
     SWING = "swing"
     FREQUENCY = "frequency"
+    SPEED = "speed"
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
@@ -33,7 +34,7 @@ class Conditions:
     """Under which conditions the logs of k cells were recorded."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, time since the start in s, sign of the input
+    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     sines: bool  # whether all are sines
@@ -65,7 +66,7 @@ class Conditions:
 
 
 def _of_log(log: Log) -> dict[Condition, float]:
-    """Return what is the same throughout a log: 0 of a command that nothing drives, or both ways.
+    """Return what is the same throughout a log: 0 where nothing drives, moves, or both ways do.
 
     The frequency is that of the sine, or the one at which a motion is as fast as it is.
     """
@@ -77,5 +78,6 @@ def _of_log(log: Log) -> dict[Condition, float]:
         Condition.MASS: log.added_mass.inertia,
         Condition.COMMAND: 1 / size if size else 0.0,
         Condition.FREQUENCY: omega**2,
+        Condition.SPEED: 1 / log.rms_speed if log.rms_speed else 0.0,
         Condition.DIRECTION: float(np.sign(mean)) if abs(mean) > size / 2 else 0.0,
     }
