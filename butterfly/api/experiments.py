@@ -116,7 +116,10 @@ def simulate(
     InputError
         If the experiment is not one, or a simulation diverges.
     """
-    plan = _planned(experiment)
+    plan = read_experiment(experiment) if isinstance(experiment, str | PathLike) else experiment
+    if not isinstance(plan, Experiment):
+        expected = "an experiment: its file, its name, or what read_experiment returned"
+        raise InputError("simulate", "experiment", type(plan).__name__, expected)
     logs = list(simulated_logs(plan, track=track))
     if out is not None:
         return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
@@ -202,13 +205,7 @@ def run(
 
 
 def _run_once(
-    plan: SweepPlan,
-    source: Source,
-    folder: Path,
-    *,
-    jobs: int | None,
-    figures: bool,
-    track: Track,
+    plan: SweepPlan, source: Source, folder: Path, *, jobs: int | None, figures: bool, track: Track
 ) -> Run:
     """Do an experiment's one run in this process, with all cores, and write all of it."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
@@ -333,12 +330,3 @@ def _reports(record: RunRecord) -> list[str]:
     written = sum(bool(estimate.parameters) for estimate in record.estimates)
     names = ["report.html", *(f"report-{number}.html" for number in range(2, written + 1))]
     return names[:written] + [_ORBIT_REPORT] * (record.orbit is not None)
-
-
-def _planned(experiment: Any) -> Experiment:  # noqa: ANN401 - whatever was given
-    if isinstance(experiment, str | PathLike):
-        return read_experiment(experiment)
-    if isinstance(experiment, Experiment):
-        return experiment
-    expected = "an experiment: its file, its name, or what read_experiment returned"
-    raise InputError("simulate", "experiment", type(experiment).__name__, expected)

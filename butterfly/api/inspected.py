@@ -288,11 +288,7 @@ def inspect(
 
 
 def robot_of(
-    source: Named,
-    *,
-    hand_mass: float | None = None,
-    added_mass: float = 0.0,
-    arm: float | None = None,
+    source: Named, *, hand_mass: float | None, added_mass: float, arm: float | None
 ) -> RobotModel:
     """Return the robot of an experiment, or the twin that data or a saved result make."""
     path = locate(Path(source))

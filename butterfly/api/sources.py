@@ -258,11 +258,7 @@ def _paths(sources: Sequence[Named]) -> list[Path]:
 
 
 def _manifests(
-    sources: Sequence[Named],
-    root: Path | None,
-    given: Mapping[str, Any],
-    *,
-    massless: bool = False,
+    sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], *, massless: bool = False
 ) -> list[Manifest]:
     """Return the manifests of data, or drafts, with what is given besides."""
     manifests = [_described(path, root, given, massless=massless) for path in _paths(sources)]

@@ -22,6 +22,7 @@ from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.files import replacing
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict
@@ -106,7 +107,7 @@ def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None
                     for row in map(parameter_texts, each.parameters)
                 ],
             )
-        if not each.converged:
+        if each.ending is not Ending.CONVERGED:
             say(f"ending: {each.ending}")
         if each.error:
             say(each.error)

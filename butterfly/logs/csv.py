@@ -18,7 +18,7 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import replacing
+from butterfly.files import read_file, write_file
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     VELOCITY,
@@ -103,17 +103,12 @@ def read_csv(
 
 
 def write_csv(log: Log, path: Path) -> None:
-    """Write a log with the header that `DEFAULT_COLUMNS` expects, every number in full.
-
-    A missing velocity column is left out.
-    """
+    """Write the columns that a log has, as `DEFAULT_COLUMNS` calls them, every number in full."""
     delimiter = "\t" if path.suffix.lower() in _TABS else ","
     columns = log.columns()
     texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
     rows = zip(*texts, strict=True)
-    with replacing(path) as draft:
-        lines = [delimiter.join(columns), *map(delimiter.join, rows), ""]
-        draft.write_text("\n".join(lines), encoding="ascii")
+    write_file(path, "\n".join([delimiter.join(columns), *map(delimiter.join, rows), ""]))
 
 
 def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
@@ -247,12 +242,7 @@ def is_number(text: str) -> bool:
 
 def _decoded(path: Path) -> tuple[str, str]:
     """Return a file's text and the name of its encoding."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing file") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror, "a readable file") from None
+    content = read_file(path, "an existing file")
     encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
     if encoding is None and content[1:200:2].count(0) > content[0:200:2].count(0):
         encoding = "utf-16-le"

@@ -70,10 +70,7 @@ def increasing(time: Samples) -> Mask:
 
 
 def restarts(time: Samples) -> list[int]:
-    """Return the numbers of the samples at which the clock falls back, and lastingly.
-
-    A stamp that is late, or early, by itself is none of them.
-    """
+    """Return the numbers of the samples at which the clock falls back, and lastingly."""
     found: list[int] = []
     for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():
         before, after = time[max(k - _SIDE, 0) : k], time[k : k + _SIDE]
@@ -211,10 +208,7 @@ def clipped(angle: Samples) -> int:
 
 
 def _tops(drop: Samples, starts: Rows, ends: Rows, near: float) -> tuple[Rows, Rows, Rows]:
-    """Join flat runs between which a signal stays near, as noise has it; return their samples too.
-
-    ``drop``: (n,) distances from the top in rad; ``starts``, ``ends``: (k,) of the flat runs.
-    """
+    """Join (k,) flat runs between which a signal stays near its top; return their samples too."""
     gaps = np.column_stack([ends[:-1], starts[1:]]).ravel()
     between = np.maximum.reduceat(drop, gaps)[::2] if gaps.size else np.empty(0)
     first = np.concatenate([[0], np.flatnonzero(between >= near) + 1])
@@ -245,8 +239,6 @@ def _at_speed(drop: Samples, resolution: float, span: float) -> bool:
     v^2/(2 a) beyond it. A signal that comes to rest seems to do so too, but by no more than the
     resolution and what it rises within a sample. Beyond half of its span a swing is no parabola: a
     signal of so few resolutions that its speed cannot be known sooner is passed over.
-
-    ``drop``: (n,) distances from the top in rad, the sample beside it first.
     """
     if drop.size <= 2 * _NEAREST:
         return False

@@ -10,13 +10,7 @@ from typing import Any
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS
 from butterfly.logs.log import InputKind
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    LogEntry,
-    Manifest,
-    described,
-    manifest_text,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
@@ -95,10 +89,7 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest by which its first log can be read: by the first columns, if need be.
-
-    Columns that are given stay, and so does a log that cannot be read in this way either.
-    """
+    """Return a manifest by which its first log can be read, if it can: by the first columns."""
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
     if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
         return manifest

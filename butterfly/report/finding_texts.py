@@ -30,7 +30,10 @@ _OF_MODEL = {
     FindingKind.MISFIT,
     FindingKind.NO_MISFIT,
     FindingKind.SCATTER,
+    FindingKind.CLOCK,
+    FindingKind.LIKE_CLOCK,
 }
+_NAMED = (FindingKind.CLOCK, FindingKind.LIKE_CLOCK, FindingKind.SCATTER)  # causes, by themselves
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -105,10 +108,10 @@ def values_sentence(estimate: Estimate) -> str:
 def model_sentence(estimate: Estimate) -> str:
     """Say how near the model follows, and what it misses; nothing where no log was simulated."""
     found = {each.kind: each for each in estimate.findings}
-    scatter = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
-    differing = [finding_text(each, values_of(estimate)) for each in scatter]
+    causes = [each for kind in _NAMED for each in estimate.findings if each.kind is kind]
+    named = [finding_text(each, values_of(estimate)) for each in causes]
     if FindingKind.FOLLOWED not in found:
-        return " ".join(differing)
+        return " ".join(named)
     share = found[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
         return "Some logs cannot be simulated with these values, or nothing moves in them."
@@ -120,10 +123,10 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         of_left = _percent(_number(missing))
         text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
-    if beyond and not (missing or scatter or estimate.agreement):
+    if beyond and not (missing or causes or estimate.agreement):
         text += "; it misses something that looks like none of the terms on offer"
     first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
-    return " ".join([f"{text}.", *differing, *first])
+    return " ".join([f"{text}.", *named, *first])
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -141,7 +144,8 @@ def finding_text(finding: Finding, values: Values) -> str:
     }
     if number is not None:
         fields |= {"number": number, "percent": 100 * number, "used": counted(number, "log")}
-        fields["rounded"] = float(f"{number:.2g}")
+        fields |= {"rounded": float(f"{number:.2g}"), "size": abs(100 * number)}
+        fields["larger"] = "larger" if number > 0 else "smaller"
     return text.format(**fields)
 
 
@@ -167,15 +171,6 @@ def _contradicted(finding: Finding, _: Values) -> str:
         f"{' and '.join(f'{each.symbol} ({each.meaning})' for each in symbols)} would be "
         f"{_number(finding):.1f} standard errors below 0. Check what was told, its units and the "
         "gear ratio."
-    )
-
-
-def _known_apart(finding: Finding, _: Values) -> str:
-    share = _number(finding)
-    wanted = f"about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}"
-    return (
-        "The added masses contradict what was said to be known of "
-        f"{' and '.join(finding.parameters)}: they would have it {wanted}. One of the two is wrong."
     )
 
 
@@ -212,11 +207,6 @@ def _missing_term(finding: Finding, _: Values) -> str:
         f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
         f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
     )
-
-
-def _rests_on(finding: Finding, _: Values) -> str:
-    parts = [_RESTS_ON[name] for name in finding.parameters]
-    return f"All values rest on {_both(parts)}, which no log shows; a lag counts as delay."
 
 
 def _percent(share: float) -> str:
@@ -272,7 +262,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{number:.1f} standard uncertainties apart: check both, and the gear ratio."
     ),
     FindingKind.CONTRADICTED: _contradicted,
-    FindingKind.KNOWN_APART: _known_apart,
+    FindingKind.KNOWN_APART: (
+        "The added masses contradict what was said to be known of {combined}: they would have it "
+        "about {size:.2g} % {larger}. One of the two is wrong."
+    ),
     FindingKind.PRIOR_APART: (
         "The logs contradict what was known of {names}, by {number:.1f} standard errors: one of "
         "the two is wrong, and the values lie between them."
@@ -329,6 +322,9 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
         "or omega is. A wrong clock moves {names} by about twice that share: check both."
     ),
+    FindingKind.LIKE_CLOCK: (
+        "These data cannot tell {names} from a clock that is {percent:+.2g} % off."
+    ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} cannot be seen in the motion: its size is given."
     ),
@@ -342,7 +338,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISFIT: "They leave {number:.3g} times what encoder and noise explain.",
     FindingKind.NO_MISFIT: "Encoder and noise explain what they leave ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
-    FindingKind.RESTS_ON: _rests_on,
+    FindingKind.RESTS_ON: lambda finding, _: (
+        f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which no "
+        "log shows; a lag counts as delay, in small swings a spring as p3."
+    ),
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",
 }

@@ -37,11 +37,8 @@ _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and i
 def recorded_figure(log: Log) -> Figure:
     """Draw a log against time, a panel for each column and one for the sampling intervals."""
     way = log.added_mass.joint.way
-    titles = {
-        "input": "input in its own unit",
-        "angle": f"angle in {way}",
-        "velocity": f"velocity in {way}/s",
-    }
+    titles = {"input": "input in its own unit", "angle": f"angle in {way}"}
+    titles["velocity"] = f"velocity in {way}/s"
     curves = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2
     curves["interval in ms"] = (middles, 1e3 * np.diff(log.time))
@@ -226,19 +223,10 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
                 continue
             band = prediction.bands[name]
             outline = np.concatenate([band.upper - about, (band.lower - about)[::-1]])
-            add(
-                figure,
-                row,
-                there_and_back,
-                outline.astype(np.float32),
-                name=f"95 %, {name}",
-                fill="toself",
-                fillcolor=colour,
-                opacity=opacity,
-                line={"width": 0, "color": colour},
-                hoverinfo="skip",
-                **common,
-            )
+            shade = {"fill": "toself", "fillcolor": colour, "opacity": opacity}
+            shade |= {"line": {"width": 0, "color": colour}, "hoverinfo": "skip", **common}
+            y = outline.astype(np.float32)
+            add(figure, row, there_and_back, y, name=f"95 %, {name}", **shade)
         for name, (angle, colour) in lines.items():
             style = {"line": {"width": 1, "color": colour}, **common}
             style["hovertemplate"] = f"%{{x:.2f}} s: %{{y:.4f}} {way}"

@@ -10,14 +10,10 @@ from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Lack, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, with_error
-from butterfly.result import Answer, aligned
+from butterfly.result import Answer, TextTable, aligned
 from butterfly.verdict import Verdict
 
-TITLE = "Physical parameters and derived quantities"
-"""Of the table of physical ones."""
-
-HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
-"""Of the same."""
+_TITLE = "Physical parameters and derived quantities"
 
 
 def parameter_texts(row: Parameter) -> dict[str, str]:
@@ -54,9 +50,9 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
     }
 
 
-def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
-    """Return the rows of the table of physical parameters."""
-    return [
+def physical_table(parameters: PhysicalParameters) -> TextTable:
+    """Tabulate physical parameters."""
+    rows = [
         (
             f"{SYMBOLS[each.name].symbol}, {SYMBOLS[each.name].meaning}",
             with_error(each.value, each.standard_error),
@@ -67,6 +63,7 @@ def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
         )
         for each in parameters.found
     ]
+    return TextTable(_TITLE, ("", "value", "std error", "95 % interval", "told", "unit"), rows)
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
@@ -107,7 +104,7 @@ class Separated(Answer):
         """Tabulate what is known of the robot of some data."""
         numbers = physical_numbers(parameters)
         return cls(
-            title=f"{TITLE} of {name!r}",
+            title=f"{_TITLE} of {name!r}",
             summary=(*judged.lines, *physical_sentences(parameters)),
             content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
             judged=judged,

@@ -275,10 +275,7 @@ DAMAGED = {
     "names cut off": (_struct(4, b"a\0\0\0b", NUMBER, NUMBER), "5 bytes of names of 4"),
     "a struct without its values": (_struct(4, b"a\0\0\0", b""), "0 bytes where a tag"),
     "an element that runs out": (_element(14, b"", size=64), "an element of 64 bytes of which 0"),
-    "a short one of five bytes": (
-        struct.pack("<HHI", 14, 5, 0),
-        "5 bytes of which 4",
-    ),
+    "a short one of five bytes": (struct.pack("<HHI", 14, 5, 0), "5 bytes of which 4"),
     "no array": (_element(9, bytes(8)), "a variable of type 9"),
 }
 

@@ -30,6 +30,7 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "-0.31 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
+    FindingKind.LIKE_CLOCK: (0.00213, "+0.21 % off"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),

@@ -48,6 +48,7 @@ class Condition(StrEnum):
     COMMAND = "command"
     SWING = "swing"
     FREQUENCY = "frequency"
+    SPEED = "speed"
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
@@ -64,7 +65,6 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 _SCATTERS = ("coulomb", "p2", "p4")
 _OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
-_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class Conditions:
     """Under which conditions the logs of k cells were recorded."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, time since the start in s, sign of the input
+    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     sines: bool  # whether all are sines
@@ -114,8 +114,9 @@ class Conditions:
         times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
         of_logs = {
             Condition.MASS: [log.added_mass.inertia for log in logs],
-            Condition.COMMAND: [_of_command(log) for log in logs],
+            Condition.COMMAND: [_inverse(float(np.sqrt(np.mean(log.input**2)))) for log in logs],
             Condition.FREQUENCY: [_omega_squared(log) for log in logs],
+            Condition.SPEED: [_inverse(log.rms_speed) for log in logs],
             Condition.DIRECTION: [_direction(log) for log in logs],
         }
         values = {
@@ -196,9 +197,9 @@ def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Cont
 def _contrasts(
     equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
 ) -> tuple[Contrast, ...]:
-    if accepted:
+    if accepted or not conditions.steady:  # others have `scatter` to weigh logs, or free runs
         return tuple(contrast for contrast, *_ in accepted)
-    return tuple(sorted(_from_log_to_log(equations, conditions), key=lambda each: -each.share))
+    return from_log_to_log(equations)
 
 
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
@@ -263,7 +264,9 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            held = name not in _FOLLOWING or equations.on_bound[place]
+            # a gap is crossed in a time that falls with the speed; a delay follows nothing else
+            follows = name in PARAMETERS and (name == "delay") is (condition is Condition.SPEED)
+            held = not follows or equations.on_bound[place]
             if held or not (np.ptp(x) > 0 and weight.sum() > 0):
                 continue
             mean = float(weight @ x / weight.sum())
@@ -343,16 +346,20 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
     return np.asarray(half_widths(covariance, freedom)[:-1])
 
 
-def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterator[Contrast]:
-    """Yield the friction or gain that differs from log to log, by steady responses (F test).
+def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
+    """Return the friction or gain that differs from log to log (F test), the best first.
 
-    One log more is one value more, which explains by chance what the share is adjusted for; other
-    residuals have few rows beside so many values, or `scatter` to weigh them.
+    One log more is one value more, which explains by chance what the share is adjusted for.
     """
+    found = _from_log_to_log(equations.of_logs)
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
     (curvature, _), cost = equations.total, float(equations.cost.sum())
     rows = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - len(equations.names)
     more = equations.log.size - 1
-    if not conditions.steady or rows - more < 1 or not cost > 0:
+    if rows - more < 1 or not cost > 0:
         return
     for name in _SCATTERS:
         if name not in equations.names or equations.on_bound[equations.names.index(name)]:
@@ -435,9 +442,8 @@ def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
     )
 
 
-def _of_command(log: Log) -> float:
-    """1 over the rms input, 0 of a log that nothing drives."""
-    size = float(np.sqrt(np.mean(log.input**2)))
+def _inverse(size: float) -> float:
+    """1 over a size, 0 of none: of a log that nothing drives, or that rests."""
     return 1 / size if size else 0.0
 
 
