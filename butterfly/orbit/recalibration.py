@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, Regression, Solution
@@ -104,7 +105,7 @@ class Recalibration:
         return self.estimate.names
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Samples:
         """(n,) values, in their order."""
         return self.estimate.values
 
@@ -196,7 +197,7 @@ def estimate_of(
     left. An IdentifiabilityError if they are singular for every practical purpose.
     """
     solved = CellEquations.of(regression, solution)
-    left_out: dict[Hashable, NDArray[np.float64]] = {}
+    left_out: dict[Hashable, Samples] = {}
     runs = np.unique(run)
     for number in runs.tolist() if runs.size >= _FEWEST_RUNS else []:
         values = without_logs(solved, np.unique(regression.cluster[run == number]).tolist())
