@@ -32,7 +32,7 @@ from butterfly.identification.inference.covariance import cluster_covariance, ha
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.model.terms import PARAMETERS
 
-_SHARES = (0.02, 0.05)  # of the squared errors, of sines and of transients: below, nothing is named
+_SHARE = 0.05  # of the squared errors, that a contrast explains which is named
 # of the largest torque, that a contrast of steady responses explains: less is what the steps of an
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
@@ -344,7 +344,7 @@ def _matters(
         return False
     if conditions.steady:
         return bool(moved > SHOWS and _is_seen(equations, each.share))
-    return bool(each.share > _SHARES[not conditions.sines] or moved > MATTERS)
+    return bool(each.share > _SHARE or moved > MATTERS)
 
 
 def _is_seen(equations: CellEquations, share: float) -> bool:
