@@ -225,11 +225,9 @@ class Manifest(StrictModel):
 
     def piece(self, begin: float | None, end: float | None) -> Manifest:
         """Return the manifest of what lies between two instants in s of its single, whole log."""
-        ends = {"from": begin, "to": end}
-        given = {name: value for name, value in ends.items() if value is not None}
-        if not given:
+        if begin is None and end is None:
             return self
-        name, value = next(iter(given.items()))
+        name, value = ("to", end) if begin is None else ("from", begin)
         (entry, *others) = self.logs
         if others or self.split or (entry.begin, entry.end) != (None, None):
             expected = "a whole log by itself, of which a piece is meant (else in a manifest)"
