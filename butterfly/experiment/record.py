@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated, Any, Self, cast
 
@@ -223,11 +223,6 @@ class Task(SweepRun):
 
     content: dict[str, Any]  # the experiment without its sweep; digests stand for tables of files
 
-    @property
-    def run(self) -> SweepRun:
-        """What the record of the sweep keeps of it."""
-        return SweepRun(**{each.name: getattr(self, each.name) for each in fields(SweepRun)})
-
     def failed(self, error: str) -> Outcome:
         """Return the outcome if nothing came back."""
         record = RunRecord(
@@ -252,7 +247,7 @@ class SweepRecord(_Signed):
     worst: int  # how many of the worst runs the report lists
     fields: tuple[str, ...]  # paths of those that vary
     versions: dict[str, str]  # of what it was planned with
-    runs: tuple[SweepRun, ...]  # in order
+    runs: tuple[SweepRun, ...]  # in order; of tasks only what is one's place is kept
     beside: dict[str, str] | None = None  # digests of its one run's logs and reports; None of more
     tables: dict[str, str] = field(default_factory=dict)  # digests of the tables, by name
     digest: str = ""  # as a run's
