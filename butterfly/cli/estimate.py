@@ -282,11 +282,7 @@ def design(
         Candidates to print, at most.
     """
     found = bf.design(
-        data,
-        _method(data, fit),
-        swing=swing,
-        holdout=parse_names(holdout),
-        track=show_progress,
+        data, _method(data, fit), swing=swing, holdout=parse_names(holdout), track=show_progress
     )
     return show(found, report=page.report, figures=page.figures, rows=limit)
 

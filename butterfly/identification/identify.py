@@ -29,7 +29,6 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identification import Identification, about_data
-from butterfly.identification.inference.agreement import Condition
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
@@ -86,9 +85,7 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    if all(each.condition is Condition.LOG for each in found.agreement):
-        found = replace(found, agreement=residuals.agreement or found.agreement)
-    judged_so_far = found.with_findings(
+    judged_so_far = found.with_contrasts(residuals.agreement).with_findings(
         *judge_physics(found, data.masses),
         *judge_clock(data.sines),
         *judge_fit(data.simulations.followed(found, counted)),

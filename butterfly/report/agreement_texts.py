@@ -13,7 +13,11 @@ _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a base th
 _FRICTION = ("a friction term that the model lacks",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log, as it warms up",)
-_SCATTER = ("a resistance that differs from log to log", "a saturation of the drive")
+_SCATTER = (
+    "a resistance that differs from log to log",
+    "a saturation of the drive",
+    "a base that gives",
+)
 _FOLLOWS = {
     Condition.MASS: "the added mass",
     Condition.COMMAND: "the command",

@@ -25,12 +25,7 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {
-    FindingKind.FOLLOWED,
-    FindingKind.MISFIT,
-    FindingKind.NO_MISFIT,
-    FindingKind.SCATTER,
-}
+_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.SCATTER}
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -141,7 +136,8 @@ def finding_text(finding: Finding, values: Values) -> str:
     }
     if number is not None:
         fields |= {"number": number, "percent": 100 * number, "used": counted(number, "log")}
-        fields["rounded"] = float(f"{number:.2g}")
+        fields |= {"rounded": float(f"{number:.2g}"), "size": abs(100 * number)}
+        fields["larger"] = "larger" if number > 0 else "smaller"
     return text.format(**fields)
 
 
@@ -167,15 +163,6 @@ def _contradicted(finding: Finding, _: Values) -> str:
         f"{' and '.join(f'{each.symbol} ({each.meaning})' for each in symbols)} would be "
         f"{_number(finding):.1f} standard errors below 0. Check what was told, its units and the "
         "gear ratio."
-    )
-
-
-def _known_apart(finding: Finding, _: Values) -> str:
-    share = _number(finding)
-    wanted = f"about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}"
-    return (
-        "The added masses contradict what was said to be known of "
-        f"{' and '.join(finding.parameters)}: they would have it {wanted}. One of the two is wrong."
     )
 
 
@@ -212,11 +199,6 @@ def _missing_term(finding: Finding, _: Values) -> str:
         f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
         f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
     )
-
-
-def _rests_on(finding: Finding, _: Values) -> str:
-    parts = [_RESTS_ON[name] for name in finding.parameters]
-    return f"All values rest on {_both(parts)}, which no log shows; a lag counts as delay."
 
 
 def _percent(share: float) -> str:
@@ -272,7 +254,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{number:.1f} standard uncertainties apart: check both, and the gear ratio."
     ),
     FindingKind.CONTRADICTED: _contradicted,
-    FindingKind.KNOWN_APART: _known_apart,
+    FindingKind.KNOWN_APART: (
+        "The added masses contradict what was said to be known of {combined}: they would have it "
+        "about {size:.2g} % {larger}. One of the two is wrong."
+    ),
     FindingKind.PRIOR_APART: (
         "The logs contradict what was known of {names}, by {number:.1f} standard errors: one of "
         "the two is wrong, and the values lie between them."
@@ -342,7 +327,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISFIT: "They leave {number:.3g} times what encoder and noise explain.",
     FindingKind.NO_MISFIT: "Encoder and noise explain what they leave ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
-    FindingKind.RESTS_ON: _rests_on,
+    FindingKind.RESTS_ON: lambda finding, _: (
+        f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which no "
+        "log shows; a lag counts as delay."
+    ),
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",
 }

@@ -39,7 +39,12 @@ from butterfly.identification.diagnostics.sensor_errors import (
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.agreement import Conditions, Contrast, contrasts_of
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    Contrast,
+    contrasts_of,
+    from_log_to_log,
+)
 from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
@@ -296,7 +301,7 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
 def _contrasts(
     estimate: Estimate, logs: Sequence[LinearisedRun], left: Sequence[Samples]
 ) -> tuple[Contrast, ...]:
-    """Return which parameter follows which condition in the (m, 1) errors that stay of each log."""
+    """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log."""
     names, known = estimate.names, logs[0].known.shape[1]
     cells = cells_of(len(logs), known)
     every = [
@@ -316,7 +321,8 @@ def _contrasts(
         residuals=residuals,
         log=np.repeat(np.arange(len(logs)), cells),
     )
-    return contrasts_of(equations, Conditions.of([each.run.log for each in logs], cells))
+    found = contrasts_of(equations, Conditions.of([each.run.log for each in logs], cells))
+    return tuple(sorted((*found, *from_log_to_log(equations)), key=lambda each: -each.share))
 
 
 def _missing_terms(

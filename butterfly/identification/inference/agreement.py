@@ -196,9 +196,9 @@ def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Cont
 def _contrasts(
     equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
 ) -> tuple[Contrast, ...]:
-    if accepted:
+    if accepted or not conditions.steady:  # others have `scatter` to weigh logs, or free runs
         return tuple(contrast for contrast, *_ in accepted)
-    return tuple(sorted(_from_log_to_log(equations, conditions), key=lambda each: -each.share))
+    return from_log_to_log(equations)
 
 
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
@@ -343,16 +343,20 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
     return np.asarray(half_widths(covariance, freedom)[:-1])
 
 
-def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterator[Contrast]:
-    """Yield the friction or gain that differs from log to log, by steady responses (F test).
+def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
+    """Return the friction or gain that differs from log to log (F test), the best first.
 
-    One log more is one value more, which explains by chance what the share is adjusted for; other
-    residuals have few rows beside so many values, or `scatter` to weigh them.
+    One log more is one value more, which explains by chance what the share is adjusted for.
     """
+    found = _from_log_to_log(equations.of_logs)
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
     (curvature, _), cost = equations.total, float(equations.cost.sum())
     rows = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - len(equations.names)
     more = equations.log.size - 1
-    if not conditions.steady or rows - more < 1 or not cost > 0:
+    if rows - more < 1 or not cost > 0:
         return
     for name in _SCATTERS:
         if name not in equations.names or equations.on_bound[equations.names.index(name)]:

@@ -228,7 +228,9 @@ def _all_trials(
     about = fits[0].equations
     places = [about.names.index(name) for name in always]
     known = None if about.prior is None else about.prior.active[places]
-    raise Conditioning.of(about.rows[:, :, places].reshape(-1, len(places)), always, known).refusal
+    rows = about.rows[:, :, places].reshape(-1, len(places))
+    there = about.values[places], about.residuals.ravel()
+    raise Conditioning.of(rows, always, known, there).refusal
 
 
 def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
