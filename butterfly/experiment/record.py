@@ -95,16 +95,11 @@ class EstimateRecord:
         """How the estimation ended."""
         return Ending.REFUSED if self.estimate is None else self.estimate.ending
 
-    @property
-    def level(self) -> Level:
-        """How much speaks against the values."""
-        return Level.WARNING if self.estimate is None else self.estimate.level
-
     @computed_field  # type: ignore[prop-decorator]
     @property
     def verdict(self) -> str:
         """What may be done with the values: good, use with care, or do not use."""
-        return self.level.verdict
+        return (Level.WARNING if self.estimate is None else self.estimate.level).verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,17 +180,12 @@ class RunRecord(_Signed):
         return sum(each.ending is Ending.STOPPED for each in self.estimates)
 
     @property
-    def level(self) -> Level | None:
+    def verdict(self) -> str | None:
         """The worst verdict on its estimates, the orbit's among them; None if it has none."""
-        found = [each.level for each in self.estimates if each.estimate is not None]
+        found = [each.estimate.level for each in self.estimates if each.estimate is not None]
         if self.orbit is not None and self.orbit.verdict is not None:
             found.append(Level.of_verdict(self.orbit.verdict))
-        return Level.worst(found) if found else None
-
-    @property
-    def verdict(self) -> str | None:
-        """The same in words."""
-        return None if self.level is None else self.level.verdict
+        return Level.worst(found).verdict if found else None
 
 
 @dataclass(frozen=True, kw_only=True)
