@@ -25,7 +25,15 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.SCATTER}
+_OF_MODEL = {
+    FindingKind.FOLLOWED,
+    FindingKind.MISFIT,
+    FindingKind.NO_MISFIT,
+    FindingKind.SCATTER,
+    FindingKind.CLOCK,
+    FindingKind.LIKE_CLOCK,
+}
+_NAMED = (FindingKind.CLOCK, FindingKind.LIKE_CLOCK, FindingKind.SCATTER)  # causes, by themselves
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -100,10 +108,10 @@ def values_sentence(estimate: Estimate) -> str:
 def model_sentence(estimate: Estimate) -> str:
     """Say how near the model follows, and what it misses; nothing where no log was simulated."""
     found = {each.kind: each for each in estimate.findings}
-    scatter = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
-    differing = [finding_text(each, values_of(estimate)) for each in scatter]
+    causes = [each for kind in _NAMED for each in estimate.findings if each.kind is kind]
+    named = [finding_text(each, values_of(estimate)) for each in causes]
     if FindingKind.FOLLOWED not in found:
-        return " ".join(differing)
+        return " ".join(named)
     share = found[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
         return "Some logs cannot be simulated with these values, or nothing moves in them."
@@ -115,10 +123,10 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         of_left = _percent(_number(missing))
         text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
-    if beyond and not (missing or scatter or estimate.agreement):
+    if beyond and not (missing or causes or estimate.agreement):
         text += "; it misses something that looks like none of the terms on offer"
     first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
-    return " ".join([f"{text}.", *differing, *first])
+    return " ".join([f"{text}.", *named, *first])
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -314,6 +322,9 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
         "or omega is. A wrong clock moves {names} by about twice that share: check both."
     ),
+    FindingKind.LIKE_CLOCK: (
+        "These data cannot tell {names} from a clock that is {percent:+.2g} % off."
+    ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} cannot be seen in the motion: its size is given."
     ),
@@ -329,7 +340,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISSING_TERM: _missing_term,
     FindingKind.RESTS_ON: lambda finding, _: (
         f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which no "
-        "log shows; a lag counts as delay."
+        "log shows; a lag counts as delay, in small swings a spring as p3."
     ),
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, finding_text
 from butterfly.report.inspection import conditions_text
 from butterfly.verdict import Level
@@ -30,6 +31,7 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "-0.31 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
+    FindingKind.LIKE_CLOCK: (0.00213, "+0.21 % off"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),

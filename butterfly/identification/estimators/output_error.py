@@ -201,16 +201,16 @@ class OutputError(Estimator):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        if clock := _of_clock(problem, solved):
+            share = float(solved.values[solved.names.index("mass_inertia")]) / 2
+            said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
         return infer(
             reference.whole(solved),
             unweighted=reference.whole(cells),
             method="output error",
             driven=driven,
             conditions=problem.conditions,
-            rivals=[
-                reference.grown(each, solved.names[: each.size])
-                for each in (*rivals, *_of_clock(problem, solved))
-            ],
+            rivals=[reference.grown(each, solved.names[: each.size]) for each in (*rivals, *clock)],
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),
