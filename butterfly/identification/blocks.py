@@ -18,6 +18,9 @@ from butterfly.logs.log import MIN_SAMPLES, Log
 CELLS = 10
 """Blocks into which a log is cut: as many as tell their scatter within a quarter."""
 
+MOST = 60
+"""Rounds of an iteration, after which it counts as one that did not settle."""
+
 FEW = 3
 """Logs, up to which their scatter tells nothing of that between others."""
 

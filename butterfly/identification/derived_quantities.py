@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from butterfly.arrays import ROUNDING
 from butterfly.errors import InputError
 from butterfly.identification.quantities import Formula, Quantities
 from butterfly.logs.log import InputKind
@@ -24,7 +25,6 @@ BEST_SPEED = "speed at which friction is known best"
 """Where errors of p2 and T_c, which logs at one speed cannot tell apart, undo each other."""
 
 _ROUNDING = 1e-3  # relative; by which exact numbers may differ
-_NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that is none
 
 
 class Symbol(NamedTuple):
@@ -233,7 +233,7 @@ def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
         "p3": max((mass.gravity_moment for mass in doubtful), default=0.0),
     }
     softened = {
-        name: Known(value=known.fixed[name], uncertainty=_NEXT_TO_EXACT * size)
+        name: Known(value=known.fixed[name], uncertainty=ROUNDING * size)
         for name, size in largest.items()
         if name in known.fixed and size
     }

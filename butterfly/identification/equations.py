@@ -27,6 +27,9 @@ from butterfly.identification.normal_equations import (
 )
 from butterfly.model.prior import Penalty
 
+WEIGHED = 0.2
+"""Share of a variance, and of what it weighs, that scatter hardly tells better."""
+
 _TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
 
 

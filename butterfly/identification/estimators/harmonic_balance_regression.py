@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from butterfly.arrays import ROUNDING
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import MOST
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.submodels import Submodels
@@ -30,12 +32,9 @@ from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
 
-_SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
-_SWING_STEP = 1e-4  # relative step of the differences in the swing
 _LEAST_SLOPE = 1e-3  # of the inertia's torque: no joint is damped less than half of this
-_EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
-_MAX_ITERATIONS = 60  # of reweighting, before the fit counts as one that did not settle
-_TOLERANCE = 1e-10  # relative change of the predicted angles
+_SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
+_EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,7 @@ class Phasors:
             ),
             masses=tuple(p.added_mass for p in points),
             names=names,
-            swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
+            swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
             remainder=np.zeros(angle.size, dtype=np.complex128),
             doubt=np.zeros(angle.size),
             known=known,
@@ -199,7 +198,7 @@ class HarmonicBalanceFit:
         """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
         count = len(phasors.names)
         values, weights = np.zeros(count), np.ones(phasors.omega.size)
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(MOST):
             about = phasors.described(values)
             matrix, target = phasors.equations(about)
             regression = _regression(phasors, (matrix, target), weights, about)
@@ -218,7 +217,7 @@ class HarmonicBalanceFit:
             spread = _model_variance(errors, variance / swing**2, count)
             weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
             change = np.linalg.norm(regression.rows @ (unknowns - before))
-            settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
+            settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
         solved = CellEquations.of(regression, solution)

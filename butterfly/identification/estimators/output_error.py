@@ -53,7 +53,6 @@ from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
 _WORST_CLOCK = 0.01  # share by which a clock is wrong at most: timers of software, not crystals
-_LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +121,7 @@ class OutputError(Estimator):
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
         first, alias = starts(data, self.terms), like_a_clock(data.sines)
         calm = data.take(data.calm)
-        few = len(calm.masses) < _LEAST_MASSES or len(calm.logs) <= FEW
+        few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
             return self.of_starts(data.logs, first, data.known, alias)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}

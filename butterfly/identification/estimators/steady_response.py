@@ -24,7 +24,7 @@ from butterfly.identification.estimators.harmonic_balance_regression import (
     HarmonicBalanceFit,
     Phasors,
 )
-from butterfly.identification.inference.term_choice import choose_terms, submodels_of
+from butterfly.identification.inference.term_choice import NEGLIGIBLE, choose_terms, submodels_of
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
@@ -33,21 +33,16 @@ from butterfly.signals.frequency_response import ResponsePoint
 
 _EXACT = Known(value=0.0)
 _NAMES = ("zero", "bias")
-_NEGLIGIBLE = 1e-6  # rad
-_SETTLED = 0.1  # of what the middles leave over
 
-LARGEST_SINE = 1.6
+LARGEST_SINE = math.pi / 2
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
-_UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
-_CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
-_ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
+_ELSEWHERE = LARGEST_SINE / 2  # rad between the middle of a swing and the rest angle
+_UNSETTLED = 0.5  # of the swing: what a sine leaves over, or by how much it grows in the window
 
 SETTLED = 0.1
 """Of the errors, by which one more correction would move a fit that has settled."""
 
-ROUGHLY = 2.0
-"""The same, of a fit that tells which terms help."""
-_ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
+_ROUNDS = 8  # of correcting phasors by what simulations leave over
 _ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not predicted
 _FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
@@ -128,7 +123,7 @@ class RestAngles:
         if self.bias is None or other.bias is None:
             return True
         moved = self.compliance * (self.bias - other.bias) + self.zeros - other.zeros
-        return bool(np.abs(moved).max() <= max(_SETTLED * float(np.std(self.left)), _NEGLIGIBLE))
+        return bool(np.abs(moved).max() <= max(SETTLED * float(np.std(self.left)), NEGLIGIBLE))
 
     @property
     def shared_zero(self) -> dict[AddedMass | str | None, dict[str, float]]:
@@ -189,7 +184,7 @@ class RestAngles:
             residuals=(rows @ values - target)[:, None],
             log=np.arange(count),
         )
-        nested = submodels_of(equations, self.masses, _NEGLIGIBLE)
+        nested = submodels_of(equations, self.masses, NEGLIGIBLE)
         always = self._names[:-1]
         chosen = choose_terms([nested], always=always, demanded=("bias",) if asked else ())
         if "bias" not in chosen.terms:
@@ -233,7 +228,7 @@ def _is_steady(data: DataSet, number: int) -> bool:
         0 < swing <= LARGEST_SINE
         and widest <= math.pi / 2 + LARGEST_SINE
         and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
-        and not abs(point.drift) > _CHANGED
+        and not abs(point.drift) > _UNSETTLED
         and (abs(away) < _ELSEWHERE or not data.hangs)
     )
 
@@ -265,19 +260,15 @@ class SteadyModel:
         rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest
         return HarmonicBalanceFit.of(phasors), replace(self, rest=rest)
 
-    def settled(
-        self, fit: HarmonicBalanceFit, tolerance: float = SETTLED
-    ) -> tuple[HarmonicBalanceFit, SteadyModel]:
+    def settled(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
         """Correct a fit until one more correction would move it by little of its errors."""
         robot, last = self, 1.0
-        for _ in range(_ROUNDS if self.rest.bias is None else _ROUNDS_OF_BIAS):
+        for _ in range(_ROUNDS):
             before, rest = fit, robot.rest
             fit, robot = robot.corrected(fit)
             moved = fit.moved_to(before)
             still = robot.rest.near(rest)
-            if (
-                still and moved * min(moved / last, 1.0) < tolerance
-            ):  # about what the next one moves
+            if still and moved * min(moved / last, 1.0) < SETTLED:  # about what the next moves
                 break
             last = moved
         return fit, robot
