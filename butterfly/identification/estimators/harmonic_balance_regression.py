@@ -52,8 +52,6 @@ class Phasors:
     # torque in N m that the motion of the model leaves over in the balance of its fundamentals:
     # what describing functions neglect, transients that still ring, stamps that are not regular
     remainder: NDArray[np.complex128]
-    # further variance in rad^2, of logs in which the model does not move like the robot
-    doubt: NDArray[np.float64]
     # what is known of the robot; what is known exactly is not among the names
     known: Prior = NO_PRIOR
     # in rad/s, at which Stribeck friction is described
@@ -81,7 +79,6 @@ class Phasors:
             names=names,
             swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
             remainder=np.zeros(angle.size, dtype=np.complex128),
-            doubt=np.zeros(angle.size),
             known=known,
             stribeck_velocity=known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
         )
@@ -97,7 +94,6 @@ class Phasors:
             masses=tuple(mass for mass, taken in zip(self.masses, rows, strict=True) if taken),
             swing=self.swing[rows],
             remainder=self.remainder[rows],
-            doubt=self.doubt[rows],
         )
 
     def equations(
@@ -213,9 +209,8 @@ class HarmonicBalanceFit:
                 raise IdentifiabilityError(
                     "no joint's response balances these logs: check their units"
                 )
-            variance = phasors.variance + phasors.doubt
-            spread = _model_variance(errors, variance / swing**2, count)
-            weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
+            spread = _model_variance(errors, phasors.variance / swing**2, count)
+            weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
             change = np.linalg.norm(regression.rows @ (unknowns - before))
             settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
             if settled:

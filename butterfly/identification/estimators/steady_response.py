@@ -43,8 +43,6 @@ SETTLED = 0.1
 """Of the errors, by which one more correction would move a fit that has settled."""
 
 _ROUNDS = 8  # of correcting phasors by what simulations leave over
-_ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not predicted
-_FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
 
@@ -280,15 +278,9 @@ def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> P
     size = np.abs(moved) / np.abs(measured)
     told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
     moved = np.where(told, moved, measured)
-    apart = np.where(told, np.abs(moved / measured - 1), 1.0)
-    odd = apart > max(_ODD * float(np.median(apart)), _ODD_AT_LEAST)
-    for mass in set(phasors.masses):  # where most are odd, it is not the logs
-        own = np.array([each == mass for each in phasors.masses])
-        odd[own] &= np.mean(odd[own]) < _FEW
     none = np.zeros_like(phasors.remainder)
     model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)
     matrix, target = model.equations(fit.parameters)
     values = [0.0 if TERMS[n].of_gain else getattr(fit.parameters, n) for n in phasors.names]
     left = matrix @ np.array(values) - target
-    doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
-    return replace(phasors, remainder=np.where(told, left, 0.0), doubt=doubt)
+    return replace(phasors, remainder=np.where(told, left, 0.0))
