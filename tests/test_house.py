@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 187,
     "lines of the package": 36_578,
-    "lines of tests": 27_029,
+    "lines of tests": 27_031,
     "names of classes that exist twice": 0,
     "modules in import circles": 7,
     "tuned numbers of identification": 172,

@@ -92,7 +92,7 @@ def manifest(
     out
         Manifest to write; FOLDER/manifest.yaml if not given.
     """
-    from butterfly.files import replacing  # noqa: PLC0415 - slow to import, as all of these
+    from butterfly.files import write_file  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
     from butterfly.logs.manifest_draft import (  # noqa: PLC0415
         draft,
@@ -116,8 +116,7 @@ def manifest(
     given = {"input": options.input, "intersample": options.intersample, "columns": options.columns}
     told = {key for key, value in given.items() if value is not None}
     asked = open_questions(drafted, told, named=named)
-    with replacing(path) as file:
-        file.write_text(draft_text(drafted, asked), encoding="utf-8")
+    write_file(path, draft_text(drafted, asked))
     say(f"Manifest of {len(drafted.logs)} logs: {path}")
     if asked:
         say("Settle in it, before it is used:")

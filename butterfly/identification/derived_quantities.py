@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import ROUNDING
 from butterfly.errors import InputError
+from butterfly.identification.levels import ROUNDING, SHOWS
 from butterfly.identification.quantities import Formula, Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
@@ -23,8 +23,6 @@ from butterfly.model.prior import Known, Prior
 
 BEST_SPEED = "speed at which friction is known best"
 """Where errors of p2 and T_c, which logs at one speed cannot tell apart, undo each other."""
-
-_ROUNDING = 1e-3  # relative; by which exact numbers may differ
 
 
 class Symbol(NamedTuple):
@@ -295,7 +293,7 @@ def apart(
 def _both(name: str, given: Known, follows: Known) -> Known:
     """Return what two sources say together."""
     if given.fixed and follows.fixed:
-        if not math.isclose(given.value, follows.value, rel_tol=_ROUNDING):
+        if not math.isclose(given.value, follows.value, rel_tol=SHOWS):
             expected = f"{follows.value:.5g}, which follows from the others, or an uncertainty"
             raise InputError("known", name, f"{given.value:g}", expected)
         return given

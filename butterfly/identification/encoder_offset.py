@@ -28,9 +28,9 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import cut, independent_cells_of
 from butterfly.identification.equations import compressed
-from butterfly.identification.inference.consistency import CLEARLY_APART
-from butterfly.identification.inference.covariance import CONFIDENCE, SPREADS, cluster_covariance
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
+from butterfly.identification.levels import CLEARLY, CONFIDENCE, SPREADS
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
@@ -158,7 +158,7 @@ def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, Encod
         errors = np.array([zero.uncertainty for zero in told.values()])
         weights = errors**-2 / np.sum(errors**-2)
         mean, error = float(weights @ values), float(np.sum(errors**-2) ** -0.5)
-        if (np.abs(values - mean) <= CLEARLY_APART * errors).all():
+        if (np.abs(values - mean) <= CLEARLY * errors).all():
             one = EncoderOffset(value=mean, uncertainty=error, kind=OffsetKind.FIT)
             joint |= dict.fromkeys(told, one)
     best = min(joint.values(), key=lambda zero: (zero.kind is OffsetKind.GUESS, zero.uncertainty))
@@ -177,7 +177,7 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
     means = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     cluster = np.repeat(np.arange(len(parts)), [part[_TARGET].size for part in parts])
     biased, apart = _solved(means, (*_NAMES, _BIAS), cluster, about)
-    return biased if apart > CLEARLY_APART else _solved(means, _NAMES, cluster, about)[0]
+    return biased if apart > CLEARLY else _solved(means, _NAMES, cluster, about)[0]
 
 
 def _averages(log: Log, about: float) -> dict[str, Samples] | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import ROUNDING
+from butterfly.identification.levels import ROUNDING
 from butterfly.model.prior import Known
 
 Formula = Callable[[Mapping[str, Any]], Any]

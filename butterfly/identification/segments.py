@@ -15,15 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import ROUNDING, Samples
-from butterfly.identification.blocks import MOST, edges_of
+from butterfly.arrays import Samples
+from butterfly.identification.blocks import edges_of
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.parameters import LumpedParameters
 
 _HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
-_FELT = 1e-3  # of the strongest direction, below which a change of the start is not felt
 _SHORTER = 0.25  # of a step that went too far
 _START = ("zero", "velocity")
 
@@ -196,7 +196,7 @@ class _Segment:
             nowhere = np.zeros((errors.size, 0))
             return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))
         left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
-        felt = sizes > _FELT * sizes[0]
+        felt = sizes > SHOWS * sizes[0]
         explained = left[:, felt].T @ errors
         step = np.zeros(len(_START))
         step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))

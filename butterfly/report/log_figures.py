@@ -16,20 +16,11 @@ from plotly.graph_objects import Figure
 from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
 from butterfly.identification.diagnostics.sensor_errors import LEVELS, Curve
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.covariance import CONFIDENCE
+from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.logs.log import Log
-from butterfly.report.figures import (
-    GREY,
-    PALETTE,
-    SHADE,
-    add,
-    look,
-    panel,
-    panels,
-    seen_samples,
-)
-from butterfly.report.page import Series, packable
+from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
+from butterfly.report.page import Series
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 _STEP = 0.02  # s between drawn points
@@ -39,6 +30,7 @@ _MOST_SAMPLES = 2**20  # that a spectrum is taken of
 _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
+_SHADE = "rgba(128,128,128,0.22)"  # of a band
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
 
 
@@ -81,7 +73,7 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
     edge = {"mode": "lines", "line": {"color": GREY, "width": 0}, "hoverinfo": "skip"}
     add(figure, 2, time, lower, showlegend=False, **edge)
     name = f"{100 * CONFIDENCE:.0f} % band of parameters and sensor"
-    add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=SHADE, **edge)
+    add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=_SHADE, **edge)
     thin = {"color": PALETTE[0], "width": 1}
     add(figure, 2, time, difference, name="difference", showlegend=False, line=thin, **lines)
     return figure
@@ -90,11 +82,8 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
 def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> Series:
     """Return `time_figure` of each run."""
     most = max(_MOST // len(runs), _LEAST)
-    logs = zip(runs, bands, strict=True)
-    return Series.of(
-        time_figure(runs[0], bands[0], most=_LEAST),
-        [[[packable(curve) for curve in _time_curves(*each, most)]] for each in logs],
-    )
+    curves = [[_time_curves(*each, most)] for each in zip(runs, bands, strict=True)]
+    return Series.of(time_figure(runs[0], bands[0], most=_LEAST), curves)
 
 
 def _time_curves(
@@ -133,10 +122,7 @@ def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
 
 def spectrum_series(runs: Sequence[FreeRun], residuals: Sequence[LogResiduals]) -> Series:
     """Return `spectrum_figure` of each run."""
-    curves = [
-        [[packable(curve, logarithmic=True) for curve in _spectra(*each)]]
-        for each in zip(runs, residuals, strict=True)
-    ]
+    curves = [[_spectra(*each)] for each in zip(runs, residuals, strict=True)]
     return Series.of(spectrum_figure(runs[0], residuals[0]), curves)
 
 
@@ -181,13 +167,7 @@ def correlation_figure(log: LogResiduals) -> Figure:
 
 def correlation_series(logs: Sequence[LogResiduals]) -> Series:
     """Return `correlation_figure` of each log."""
-    curves = [
-        [
-            [packable(line) for line in _band_and_curve(curve)]
-            for curve in (log.autocorrelation, log.cross_correlation)
-        ]
-        for log in logs
-    ]
+    curves = [[*map(_band_and_curve, (log.autocorrelation, log.cross_correlation))] for log in logs]
     return Series.of(correlation_figure(logs[0]), curves)
 
 

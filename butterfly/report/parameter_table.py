@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import Parameter, or_nan, or_none
-from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
+from butterfly.identification.physical import Lack, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, with_error
 from butterfly.result import Answer, aligned
@@ -87,7 +86,14 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     """Say what is left open, and which measurement would tell."""
-    return [_SENTENCES[each.lack](each) for each in parameters.unseparated]
+    return [
+        _SENTENCES[each.lack].format(
+            names=" and ".join(each.names),
+            says="says" if len(each.names) == 1 else "say",
+            most=f" k_emf is {each.most.value:.3g} V s/rad at most." if each.most else "",
+        )
+        for each in parameters.unseparated
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -113,47 +119,42 @@ class Separated(Answer):
         return aligned(rows) if rows else []
 
 
-def _back_emf(left: Unseparated) -> str:
-    most = "" if left.most is None else f" k_emf is {left.most.value:.3g} V s/rad at most."
-    return (
-        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
-        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
-        f"SI units).{most}"
-    )
-
-
-_SENTENCES: dict[Lack, Callable[[Unseparated], str]] = {
-    Lack.MASS: lambda _: (
+_SENTENCES = {
+    Lack.MASS: (
         "Motion does not tell m_p from l_c (only p3 = m_p g l_c), nor J_p from m_p l_c² (only "
         "their sum in p1): weigh the hand (hand_mass)."
     ),
-    Lack.GRAVITY: lambda _: (
+    Lack.GRAVITY: (
         "Across no gravity motion does not tell l_c, nor J_p from m_p l_c², though the hand be "
         "weighed: log it with its axis level."
     ),
-    Lack.ROTOR: lambda _: (
+    Lack.ROTOR: (
         "Motion does not tell the hand's inertia from the rotor's N² J_r (only their sum p1): take "
         "J_r from the motor's data sheet (rotor_inertia)."
     ),
-    Lack.ROTOR_OF_SLIDE: lambda _: (
+    Lack.ROTOR_OF_SLIDE: (
         "Motion does not tell the mass that slides from the rotor's N² J_r (only their sum p1): "
         "weigh it (hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
     ),
-    Lack.GAIN: lambda _: (
+    Lack.GAIN: (
         "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill "
         "(resistance), or take k_t from the motor's data sheet (torque_constant)."
     ),
-    Lack.BACK_EMF: _back_emf,
-    Lack.GEAR: lambda _: (
+    Lack.BACK_EMF: (
+        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
+        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
+        "SI units).{most}"
+    ),
+    Lack.GEAR: (
         "Nothing of the motor says anything of a slide before it is known how many rad it turns "
         "per m (gear_ratio)."
     ),
-    Lack.COMMAND: lambda _: (
+    Lack.COMMAND: (
         "Motion does not tell what a unit of the command is. Say p4 if you know it: 1 where it is "
         "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
     ),
-    Lack.UNUSED: lambda left: (
-        f"{' and '.join(left.names)} {'says' if len(left.names) == 1 else 'say'} nothing here: the "
-        "command is a torque, and R and back EMF are hidden behind a current loop."
+    Lack.UNUSED: (
+        "{names} {says} nothing here: the command is a torque, and R and back EMF are hidden "
+        "behind a current loop."
     ),
 }

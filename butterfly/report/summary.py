@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import ROUNDING, Samples
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.blocks import FEW, MOST, cells_of, independent_cells_of
+from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.gauss_newton import (
@@ -38,6 +38,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
+from butterfly.identification.levels import FEW, MOST, ROUNDING
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import FINEST, Simulation

@@ -18,17 +18,15 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.special import ndtri
 
-from butterfly.arrays import ROUNDING, Samples
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import MOST
-from butterfly.identification.equations import WEIGHED, compressed
-from butterfly.identification.inference.covariance import SPREADS
+from butterfly.identification.equations import compressed
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 _LAST = 1e-4  # share of the cost that a step taken on trust may promise
 _UNSEEN = 0.1  # share of a residual's part of the cost that may be left after it
-_STUCK = 1e-3  # share of the cost, more than which the end of a descent must not leave
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 
 
@@ -272,7 +270,7 @@ def minimise(
             last = at.cost - tried.cost
             point, at = there, tried
     promised = _decrease(at, bounded_step(at, lower - point, np.inf))
-    converged = evaluations < most and promised <= _STUCK * at.cost
+    converged = evaluations < most and promised <= SHOWS * at.cost
     return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
 
 

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from butterfly.arrays import ROUNDING
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import MOST
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.inference.agreement import Conditions, lacking_term
 from butterfly.identification.inference.submodels import Submodels
@@ -25,6 +23,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     submodels_of,
 )
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.normal_equations import Regression
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -32,7 +31,6 @@ from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
 
-_LEAST_SLOPE = 1e-3  # of the inertia's torque: no joint is damped less than half of this
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
 _EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
@@ -128,7 +126,7 @@ class Phasors:
         below, there, above = np.asarray(torques)
         radial = (above - below) / (2 * _SWING_STEP * self.swing)
         tangential = there / self.swing
-        least = _LEAST_SLOPE * np.maximum(np.abs(inertia), self._inertia.max()) * self.omega**2
+        least = SHOWS * np.maximum(np.abs(inertia), self._inertia.max()) * self.omega**2
         rms = np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2)
         return np.asarray(np.maximum(rms, least))
 

@@ -25,6 +25,7 @@ from butterfly.identification.estimators.harmonic_balance_regression import (
     Phasors,
 )
 from butterfly.identification.inference.term_choice import NEGLIGIBLE, choose_terms, submodels_of
+from butterfly.identification.levels import LOST, PRECISE
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
@@ -37,13 +38,8 @@ _NAMES = ("zero", "bias")
 LARGEST_SINE = math.pi / 2
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 _ELSEWHERE = LARGEST_SINE / 2  # rad between the middle of a swing and the rest angle
-_UNSETTLED = 0.5  # of the swing: what a sine leaves over, or by how much it grows in the window
-
-SETTLED = 0.1
-"""Of the errors, by which one more correction would move a fit that has settled."""
 
 _ROUNDS = 8  # of correcting phasors by what simulations leave over
-_LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,7 +117,7 @@ class RestAngles:
         if self.bias is None or other.bias is None:
             return True
         moved = self.compliance * (self.bias - other.bias) + self.zeros - other.zeros
-        return bool(np.abs(moved).max() <= max(SETTLED * float(np.std(self.left)), NEGLIGIBLE))
+        return bool(np.abs(moved).max() <= max(PRECISE * float(np.std(self.left)), NEGLIGIBLE))
 
     @property
     def shared_zero(self) -> dict[AddedMass | str | None, dict[str, float]]:
@@ -225,8 +221,8 @@ def _is_steady(data: DataSet, number: int) -> bool:
     return (
         0 < swing <= LARGEST_SINE
         and widest <= math.pi / 2 + LARGEST_SINE
-        and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
-        and not abs(point.drift) > _UNSETTLED
+        and not point.angle.residual_rms * math.sqrt(2) > LOST * swing
+        and not abs(point.drift) > LOST
         and (abs(away) < _ELSEWHERE or not data.hangs)
     )
 
@@ -266,7 +262,7 @@ class SteadyModel:
             fit, robot = robot.corrected(fit)
             moved = fit.moved_to(before)
             still = robot.rest.near(rest)
-            if still and moved * min(moved / last, 1.0) < SETTLED:  # about what the next moves
+            if still and moved * min(moved / last, 1.0) < PRECISE:  # about what the next moves
                 break
             last = moved
         return fit, robot
@@ -276,7 +272,7 @@ def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> P
     """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over."""
     phasors, measured = fit.phasors, fit.phasors.angle
     size = np.abs(moved) / np.abs(measured)
-    told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
+    told = np.isfinite(size) & (size > LOST) & (size < 1 / LOST)
     moved = np.where(told, moved, measured)
     none = np.zeros_like(phasors.remainder)
     model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)

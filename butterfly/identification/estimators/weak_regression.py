@@ -24,13 +24,14 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import MOST, cells_of, independent_cells_of
+from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import WEIGHED, CellEquations
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
+from butterfly.identification.levels import MOST, SHOWS, WEIGHED
 from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import Averaging
@@ -41,7 +42,6 @@ from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
-_UNMOVED = 1e-3  # of a term of the drive, and of a step of a simulation for the delay
 _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny
 
@@ -132,8 +132,8 @@ class About:
     def near(self, other: About) -> bool:
         """Whether delay and drive are where others are."""
         mine, theirs = vars(self.drive), vars(other.drive)
-        still = all(abs(mine[n] - theirs[n]) <= _UNMOVED * mine[n] for n in DRIVE)
-        return still and abs(self.delay - other.delay) < _UNMOVED * LONGEST_STEP
+        still = all(abs(mine[n] - theirs[n]) <= SHOWS * mine[n] for n in DRIVE)
+        return still and abs(self.delay - other.delay) < SHOWS * LONGEST_STEP
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
