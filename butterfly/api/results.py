@@ -31,6 +31,8 @@ from butterfly.result import Answer, TextTable
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+    from butterfly.report.ranking_pages import TablePlots
+
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
@@ -50,30 +52,13 @@ class Tabulated(Answer):
     @property
     def plot(self) -> TablePlots:
         """Its figures, as plotly's."""
+        from butterfly.report.ranking_pages import TablePlots  # noqa: PLC0415 - slow to import
+
         return TablePlots(self)
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {"fits": self.plot.fits()}
-
-
-@dataclass(frozen=True)
-class TablePlots:
-    """Figures of a table."""
-
-    result: Tabulated
-
-    def fits(self) -> Figure:
-        """Draw every column of FITs, a point for each log."""
-        from butterfly.report.ranking_pages import fits_figure  # noqa: PLC0415 - slow to import
-
-        return fits_figure(self.result.rows())
-
-    def ranking(self, count: int = 12) -> Figure:
-        """Draw the mean of what is left of the standard errors, for the first candidates."""
-        from butterfly.report.ranking_pages import ranking_figure  # noqa: PLC0415 - slow to import
-
-        return ranking_figure(self.result.rows()[:count])
 
 
 class Validated(Tabulated):

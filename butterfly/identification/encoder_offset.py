@@ -27,11 +27,10 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import cut, independent_cells_of
-from butterfly.identification.equations import compressed
+from butterfly.identification.equations import compressed, scaled_least_squares
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, SPREADS
-from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass

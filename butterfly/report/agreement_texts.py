@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.parameter import unit_of
 from butterfly.result import TextTable
 
@@ -23,6 +24,7 @@ _FOLLOWS = {
     Condition.COMMAND: "the command",
     Condition.SWING: "the swing",
     Condition.FREQUENCY: "the frequency",
+    Condition.SPEED: "the speed",
     Condition.TIME: "time in the log",
     Condition.DIRECTION: "the sign of the input",
     Condition.LOG: "the log",
@@ -44,6 +46,7 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a base that gives"),
     (Condition.FREQUENCY, "p4"): ("a lag of the drive", "a base that gives"),
     (Condition.FREQUENCY, "coulomb"): _FRICTION,
+    (Condition.SPEED, "delay"): ("backlash",),
     (Condition.TIME, "p4"): ("the motor's resistance, which grows as it warms up", "the supply"),
 }
 """What may make a parameter follow a condition, the likeliest first."""
@@ -77,7 +80,7 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
         )
     unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
     low, high = contrast.first, contrast.last
-    if contrast.condition is Condition.COMMAND:
+    if contrast.condition in {Condition.COMMAND, Condition.SPEED}:  # the condition is 1 over it
         low, high = high, low
     way = f"{'grows' if high > low else 'falls'} with {_FOLLOWS[contrast.condition]}"
     if contrast.condition is Condition.LOG:

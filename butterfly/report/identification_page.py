@@ -25,13 +25,7 @@ from butterfly.report.log_figures import (
     time_series,
 )
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, Whisker, tabulated
-from butterfly.report.parameter_table import (
-    HEADERS,
-    TITLE,
-    parameter_texts,
-    physical_rows,
-    physical_sentences,
-)
+from butterfly.report.parameter_table import parameter_texts, physical_sentences, physical_table
 from butterfly.report.residual import residual_sentences, residual_table
 
 _RESPONSE = (
@@ -214,16 +208,22 @@ def _logs_table(identification: Identification) -> PageTable:
 
 def _physical(identification: Identification) -> list[Section]:
     found = identification.separated()
+    title, headers, rows = physical_table(found)
     text = "\n".join(physical_sentences(found))
-    rows = physical_rows(found)
     caption = (
         "What follows from the parameters, and what they are made of as far as what is known of "
         "motor and hand tells it."
     )
-    table = PageTable(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption)
+    table = PageTable(
+        name="physical",
+        headers=tuple(headers),
+        rows=[tuple(map(str, row)) for row in rows],
+        words=(0,),
+        caption=caption,
+    )
     if not (text or rows):
         return []
-    return [Section(title=TITLE, text=text, tables=(table,) if rows else ())]
+    return [Section(title=title, text=text, tables=(table,) if rows else ())]
 
 
 def _resonances_table(identification: Identification) -> PageTable:

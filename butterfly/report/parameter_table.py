@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
@@ -10,14 +9,10 @@ from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Lack, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, with_error
-from butterfly.result import Answer, aligned
+from butterfly.result import Answer, TextTable, aligned
 from butterfly.verdict import Verdict
 
-TITLE = "Physical parameters and derived quantities"
-"""Of the table of physical ones."""
-
-HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
-"""Of the same."""
+_TITLE = "Physical parameters and derived quantities"
 
 
 def parameter_texts(row: Parameter) -> dict[str, str]:
@@ -54,9 +49,9 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
     }
 
 
-def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
-    """Return the rows of the table of physical parameters."""
-    return [
+def physical_table(parameters: PhysicalParameters) -> TextTable:
+    """Tabulate physical parameters."""
+    rows = [
         (
             f"{SYMBOLS[each.name].symbol}, {SYMBOLS[each.name].meaning}",
             with_error(each.value, each.standard_error),
@@ -67,6 +62,7 @@ def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
         )
         for each in parameters.found
     ]
+    return TextTable(_TITLE, ("", "value", "std error", "95 % interval", "told", "unit"), rows)
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
@@ -96,7 +92,6 @@ def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Separated(Answer):
     """Physical parameters, and what is left open of them."""
 
@@ -107,7 +102,7 @@ class Separated(Answer):
         """Tabulate what is known of the robot of some data."""
         numbers = physical_numbers(parameters)
         return cls(
-            title=f"{TITLE} of {name!r}",
+            title=f"{_TITLE} of {name!r}",
             summary=(*judged.lines, *physical_sentences(parameters)),
             content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
             judged=judged,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 from plotly.graph_objects import Figure
 
@@ -141,35 +141,44 @@ def _structures_figure(passed: Sequence[Structure]) -> Figure:
     return figure
 
 
-def fits_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw every column of FITs of a table, a point for each log."""
-    columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-    places = list(range(1, len(rows) + 1))
-    labels = [escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)]
-    figure = panel("log, in the order of the table", "FIT in %")
-    for number, name in enumerate(columns):
-        colour, symbol = look(number)
-        marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
-        figure.add_scatter(
-            x=places,
-            y=[row[name] for row in rows],
-            text=labels,
-            name=name.removeprefix("FIT ").removesuffix(" in %"),
-            mode="markers",
-            marker=marker | {"size": 8 + 4 * (number % 2)},
-            hovertemplate="%{text}: %{y:.1f} %",
+@dataclass(frozen=True)
+class TablePlots:
+    """Figures of a table."""
+
+    result: Result
+
+    def fits(self) -> Figure:
+        """Draw every column of FITs, a point for each log."""
+        rows = self.result.rows()
+        columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
+        places = list(range(1, len(rows) + 1))
+        labels = [
+            escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
+        ]
+        figure = panel("log, in the order of the table", "FIT in %")
+        for number, name in enumerate(columns):
+            colour, symbol = look(number)
+            marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
+            figure.add_scatter(
+                x=places,
+                y=[row[name] for row in rows],
+                text=labels,
+                name=name.removeprefix("FIT ").removesuffix(" in %"),
+                mode="markers",
+                marker=marker | {"size": 8 + 4 * (number % 2)},
+                hovertemplate="%{text}: %{y:.1f} %",
+            )
+        return figure
+
+    def ranking(self, count: int = 12) -> Figure:
+        """Draw the mean of what is left of the standard errors, for the first candidates."""
+        rows = self.result.rows()[:count]
+        up = "standard errors after, over those now"
+        return panel("candidate, in the order of the table", up).add_bar(
+            x=[str(rank) for rank in range(1, len(rows) + 1)],
+            y=[row["mean"] for row in rows],
+            text=[f"{row['input']}, {row['added mass']}" for row in rows],
+            textposition="none",
+            hovertemplate="%{text}: %{y:.2f}<extra></extra>",
+            marker={"color": PALETTE[0]},
         )
-    return figure
-
-
-def ranking_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw the mean of what is left of the standard errors, for each candidate experiment."""
-    up = "standard errors after, over those now"
-    return panel("candidate, in the order of the table", up).add_bar(
-        x=[str(rank) for rank in range(1, len(rows) + 1)],
-        y=[row["mean"] for row in rows],
-        text=[f"{row['input']}, {row['added mass']}" for row in rows],
-        textposition="none",
-        hovertemplate="%{text}: %{y:.2f}<extra></extra>",
-        marker={"color": PALETTE[0]},
-    )

@@ -14,7 +14,7 @@ from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
 from butterfly.cli.results import matching, show_rows, shown_text
 from butterfly.experiment.sweep import run_sweep
-from tests.cli.fitting import assert_tables_fit
+from tests.cli.one_line import assert_tables_fit
 from tests.experiment.setting import HereEngine, small_plan
 
 NUMBERS = st.floats(-1e6, 1e6).map(lambda value: f"{value:.6g}")

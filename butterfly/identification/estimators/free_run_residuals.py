@@ -14,7 +14,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimators.gauss_newton import (
     Equations,
     LogEquations,
@@ -28,7 +28,8 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.agreement import Conditions, lacking_term
+from butterfly.identification.inference.agreement import lacking_term
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
@@ -39,7 +40,6 @@ from butterfly.identification.inference.term_choice import (
     submodels_of,
 )
 from butterfly.identification.levels import FEW, MOST, ROUNDING
-from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log

@@ -44,7 +44,8 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.agreement import Conditions, contrasts_of
+from butterfly.identification.inference.agreement import contrasts_of
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels

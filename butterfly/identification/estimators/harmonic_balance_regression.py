@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.equations import CellEquations, compressed
-from butterfly.identification.inference.agreement import Conditions, lacking_term
+from butterfly.identification.equations import CellEquations, Regression, compressed
+from butterfly.identification.inference.agreement import lacking_term
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     NEGLIGIBLE,
@@ -24,7 +25,6 @@ from butterfly.identification.inference.term_choice import (
     submodels_of,
 )
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.identification.normal_equations import Regression
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior

@@ -27,12 +27,16 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import (
+    CellEquations,
+    Regression,
+    Solution,
+    scaled_least_squares,
+)
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
 from butterfly.identification.levels import MOST, SHOWS, WEIGHED
-from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
