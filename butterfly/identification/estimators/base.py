@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
@@ -72,16 +72,14 @@ class Estimator:
         """Return the estimator with other terms."""
         if not hasattr(self, "terms"):
             raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
-        return self._with(terms=terms)
+        options: dict[str, Any] = {"terms": terms}
+        return replace(self, **options)
 
     def holding_terms_of(self, estimate: Estimate) -> Self:
         """Return the estimator with the terms that an estimate of its own has, and no choice."""
         if not hasattr(self, "terms"):
             return self
         return self.with_terms(tuple(name for name in estimate.names if name not in PARAMETERS))
-
-    def _with(self, **options: Any) -> Self:  # noqa: ANN401 - any option that the estimator has
-        return replace(self, **options)
 
 
 _SETTINGS = {"stribeck_velocity", "cogging_periods"}

@@ -87,10 +87,7 @@ class HarmonicBalanceTerms:
         terms: tuple[str, ...] | None,
         conditions: Conditions | None = None,
     ) -> HarmonicBalanceTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity.
-
-        ``fit``: without any; ``terms``: told, or None; ``conditions``: of its logs.
-        """
+        """Choose from all terms, or, where they are told, only their Stribeck velocity."""
         able = {*offered("harmonic-balance")} - {SCANNED, _OF_REST}
         offers = [name for name in CANDIDATES if name in able]
         known = fit.phasors.known
