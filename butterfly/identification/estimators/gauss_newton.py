@@ -151,7 +151,7 @@ class Equations:
     def gradient(self) -> Samples:
         """(n,) derivatives of the cost."""
         parts = [log.mixture.T @ (log.rows.T @ log.residuals) for log in self._weighted]
-        of_logs = np.sum(parts, axis=0)
+        of_logs: Samples = np.sum(parts, axis=0)
         return of_logs if self.known is None else of_logs + self.known[0].gradient(self.known[1])
 
     @cached_property
