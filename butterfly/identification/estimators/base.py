@@ -60,14 +60,6 @@ class Estimator:
         """Return the estimator that is meant for the logs of a data set: itself."""
         return self
 
-    def roughly(self, data: DataSet) -> Estimate:
-        """Estimate in as little time as may be (see `__call__`).
-
-        Without terms, but for a constant torque where no gravity holds against it.
-        """
-        terms = () if data.hangs else ("bias",)
-        return (self.with_terms(terms) if hasattr(self, "terms") else self)(data)
-
     def with_terms(self, terms: tuple[str, ...]) -> Self:
         """Return the estimator with other terms."""
         if not hasattr(self, "terms"):

@@ -206,12 +206,6 @@ class HarmonicBalance(Estimator):
             conditions=conditions,
         )
 
-    def roughly(self, data: DataSet) -> Estimate:
-        """Estimate without terms, as far as describing functions go (see `Estimator`)."""
-        require_usable(self.method, data.known)
-        reference, fit = _begun(data.sines, data.known, PARAMETERS)
-        return _judged(data.sines, fit, _NAME, [], reference)
-
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)

@@ -102,8 +102,6 @@ class _Averages:
         cells, lost = divmod(nested.equations.log.size, len(self._logs))
         if lost or not cells:  # a log without windows that move has no conditions
             return nested
-        if nested.equations.log.size != cells * len(self._logs):
-            return nested  # a log never moves
         if cells not in self._conditions:
             self._conditions[cells] = Conditions.of(self._logs, cells)
         return replace(nested, conditions=self._conditions[cells])
