@@ -2,8 +2,8 @@
 
 A model that lacks something still follows the logs, with values that depend on where it was looked
 at. So let one parameter j follow one condition x linearly (the added mass, 1/command, swing^2,
-omega^2, time in the log, the sign of the input), all others re-optimised to first order. With the
-cells' curvature H_c = J^T J and gradient s_c = J^T r, and x about its mean,
+omega^2, 1/speed, time in the log, the sign of the input), all others re-optimised to first order.
+With the cells' curvature H_c = J^T J and gradient s_c = J^T r, and x about its mean,
 
     q = H^-1 sum x_c H_c e_j,  a_c = x_c e_j - q,  S = sum a_c^T s_c,  I = sum a_c^T H_c a_c,
 
