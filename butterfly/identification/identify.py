@@ -85,7 +85,7 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    judged_so_far = found.with_contrasts(residuals.agreement).with_findings(
+    judged_so_far = found.with_contrasts(residuals.agreement, residuals.rival).with_findings(
         *judge_physics(found, data.masses),
         *judge_clock(data.sines),
         *judge_fit(data.simulations.followed(found, counted)),

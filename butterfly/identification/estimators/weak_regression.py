@@ -251,10 +251,7 @@ def seen(
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
 ) -> list[Seen]:
-    """Simulate logs, and cut the simulations into windows as the logs were.
-
-    ``parameters``: of the bare hand; ``zeros``: encoder reading in rad at rest for each added mass.
-    """
+    """Simulate logs, and cut the simulations into windows as the logs were."""
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [Seen(each, each) for each in windows]
     pairs = []
@@ -323,12 +320,7 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
 def offset_covariance(
     fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
 ) -> Samples:
-    """(n, n) covariance that uncertain zeros add to n parameters.
-
-    The fit is of the m logs' windows through their instruments; ``uncertain`` are (k, m) standard
-    uncertainties in rad of k independent errors (see `encoder_offset.offset_errors`). Parameters
-    that the fit held are not moved.
-    """
+    """(n, n) covariance that uncertain zeros add to n parameters."""
     added = np.zeros((len(names), len(names)))
     if not uncertain.size:
         return added

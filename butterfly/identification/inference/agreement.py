@@ -310,6 +310,22 @@ def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
             )
 
 
+def differing_values(equations: CellEquations, name: str) -> Samples:
+    """(n,) values if one of them were another in every log; of that one, the mean."""
+    equations, place = equations.of_logs, equations.names.index(name)
+    curvature, _ = equations.total
+    size = np.sqrt(np.diag(curvature))
+    size = np.where(size > 0, size, 1.0)
+    units = np.outer(size, size)
+    inverse = np.linalg.pinv(curvature / units, hermitian=True) / units
+    pulls = equations.curvature[:, :, place]
+    own = np.diag(pulls[:, place]) - pulls @ inverse @ pulls.T
+    change = -np.linalg.pinv(own, rcond=ROUNDING, hermitian=True) @ equations.gradient[:, place]
+    values = equations.values - inverse @ (pulls.T @ change)
+    values[place] += change.mean()
+    return np.asarray(values)
+
+
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
     """Probability of such a slope by chance, by the scatter of clusters (see above)."""
     information = parts.sum()
