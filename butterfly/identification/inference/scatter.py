@@ -207,8 +207,11 @@ def _parts(logs: LogRows, spread: Samples) -> Samples:
 
 
 def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
-    """(k, q, q) V of each log."""
-    return np.asarray(logs.noise + np.tensordot(sizes**2, parts, 1))
+    """(k, q, q) V of each log; what is smaller than rounding of the rest, exact data do not have."""
+    variance = logs.noise + np.tensordot(sizes**2, parts, 1)
+    count = variance.shape[1]
+    least = count * np.finfo(float).eps * np.trace(variance, axis1=1, axis2=2)
+    return np.asarray(variance + least[:, None, None] * np.eye(count))
 
 
 def _coordinates(
