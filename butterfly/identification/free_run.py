@@ -15,12 +15,13 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.segments import Segments, is_segmented, simulation_of
 from butterfly.identification.simulation import Simulation, grid_step
+from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
-_WINDOW = 0.0625  # s to either side, as wide as the velocity's in `test_functions`
+_WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,11 +166,7 @@ class Simulations:
         )
 
     def horizon(self, estimate: Estimate) -> float:
-        """Return the longest stretch in s over which logs are simulated with an estimate.
-
-        One that says nothing has that of the logs in which the hand stays away from the upright,
-        where there are any.
-        """
+        """Return the longest stretch in s over which logs are simulated with an estimate."""
         if estimate.horizon is not None:
             return estimate.horizon
         parameters = estimate.parameters
@@ -235,11 +232,7 @@ class Simulations:
 
 
 def fit_of(squared_error: float, spread: float) -> float:
-    """Return FIT in per cent; none of an angle that stands still, or of one that diverges.
-
-    The sum of squares in rad^2 of simulated less measured angles is compared with the ``spread``,
-    that of the measured angles about their mean.
-    """
+    """Return FIT in per cent; none of an angle that stands still, or of one that diverges."""
     if not spread or not math.isfinite(squared_error):
         return -math.inf
     return 100 * (1 - math.sqrt(squared_error / spread))

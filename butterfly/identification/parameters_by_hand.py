@@ -25,7 +25,6 @@ from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
-_TOO_FAST = 3.0  # times the fastest that samples can show
 _GRID = 41  # values of p4 tried before the best is sought
 
 
@@ -75,10 +74,7 @@ def try_parameters(
 
 
 def read_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
-    """Read p1, p3 and whatever else is not 0; p4 is NaN if it is not among them.
-
-    InputError names ``source`` and the part that is wrong.
-    """
+    """Read p1, p3 and whatever else is not 0; p4 is NaN if it is not among them."""
     known = LumpedParameters.__dataclass_fields__
     values = {"p2": 0.0, "p4": math.nan}
     for name, value in told.items():
@@ -108,7 +104,7 @@ def best_gain(
         expected = "a value: no log is a sine, which would tell the best one"
         raise InputError(source, "p4", "nothing", expected)
     fastest, seen = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
-    if fastest > _TOO_FAST * seen:
+    if fastest > seen:
         expected = f"at most the {seen:.3g} rad/s that samples show, or p4 too"
         raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
     unit = replace(parameters, p4=1.0)

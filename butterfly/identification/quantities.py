@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.levels import ROUNDING
 from butterfly.model.prior import Known
 
 Formula = Callable[[Mapping[str, Any]], Any]
 """What follows from quantities, by their names; it takes complex numbers as well."""
 
-_STEP = 1e-20  # imaginary: a derivative without cancellation
+_STEP = ROUNDING**2  # imaginary: a derivative without cancellation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,9 +68,6 @@ class Quantities:
 
         whose remainder has the covariance K - L G K and is independent of the estimate. Where it
         was not, x is first informed by f(c0), whose covariance is G K G'.
-
-        `formulas`: f, by the names of those of these that follow; `new`: Those of them whose
-        estimate has not used that.
         """
         fresh = [name for name in formulas if name in new]
         found = self._informed(causes, {name: formulas[name] for name in fresh})

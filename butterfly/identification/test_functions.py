@@ -37,7 +37,8 @@ SPACING = 0.5
 
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
-_VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
+VELOCITY_SHARE = 0.25
+"""Half-width of the velocity's window over that of the test functions."""
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
@@ -84,10 +85,7 @@ class Bumps:
 
     @cached_property
     def _weights(self) -> NDArray[np.float64]:
-        """(3, stride, parts) a bump and its derivatives over its area, cut where others begin.
-
-        So the signal is cut once, and every piece multiplied once for all bumps that share it.
-        """
+        """(3, stride, parts) a bump and its derivatives over its area, cut where others begin."""
         s = np.arange(-self._reach, self._reach + 1) * self.step / self.half_width
         inside = 1 - s**2
         derivatives = np.array(
@@ -178,12 +176,7 @@ class Averaging:
         drive: DriveTerms = IDEAL,
         stribeck_velocity: float | None = None,
     ) -> WeakSignals:
-        """Average the terms of some parameters.
-
-        ``delay``: from input to torque, in s; ``drive``: what becomes of the input, about which
-        the columns of its terms are derivatives; ``stribeck_velocity``: in rad/s, if not that of
-        the settings.
-        """
+        """Average the terms of some parameters."""
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
         own: dict[str, tuple[Hashable, ...]] = {"stribeck": ("stribeck", slow)}
@@ -302,7 +295,7 @@ class ResidualTorque:
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
-    reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    reach = max(round(VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
     return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import choose_terms
 from butterfly.identification.levels import CLEARLY
-from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters

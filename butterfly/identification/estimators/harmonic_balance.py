@@ -40,12 +40,12 @@ from butterfly.identification.estimators.harmonic_balance_regression import (
     Phasors,
 )
 from butterfly.identification.estimators.steady_response import (
-    ROUGHLY,
     RestAngles,
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.agreement import Conditions, contrasts_of
+from butterfly.identification.inference.agreement import contrasts_of
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
@@ -87,10 +87,7 @@ class HarmonicBalanceTerms:
         terms: tuple[str, ...] | None,
         conditions: Conditions | None = None,
     ) -> HarmonicBalanceTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity.
-
-        ``fit``: without any; ``terms``: told, or None; ``conditions``: of its logs.
-        """
+        """Choose from all terms, or, where they are told, only their Stribeck velocity."""
         able = {*offered("harmonic-balance")} - {SCANNED, _OF_REST}
         offers = [name for name in CANDIDATES if name in able]
         known = fit.phasors.known
@@ -176,7 +173,7 @@ class HarmonicBalance(Estimator):
         logs = [Simulation(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
-        fit, robot = robot.settled(fit, ROUGHLY)
+        fit, robot = robot.settled(fit)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always, alias = fit.phasors.names, like_a_clock(points)
         plain: tuple[HarmonicBalanceTerms, HarmonicBalanceFit, SteadyModel] | None = None
@@ -208,12 +205,6 @@ class HarmonicBalance(Estimator):
             rest=known,
             conditions=conditions,
         )
-
-    def roughly(self, data: DataSet) -> Estimate:
-        """Estimate without terms, as far as describing functions go (see `Estimator`)."""
-        require_usable(self.method, data.known)
-        reference, fit = _begun(data.sines, data.known, PARAMETERS)
-        return _judged(data.sines, fit, _NAME, [], reference)
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
