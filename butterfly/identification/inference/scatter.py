@@ -90,19 +90,18 @@ class Scatter:
 
         ``spread``: (2, n) values of the terms of friction, and of the gain, 0 for the others.
         """
-        root = np.linalg.cholesky(self._variance(logs, spread))
+        root = np.linalg.cholesky(_variance(logs, _parts(logs, spread), self.sizes))
         both = np.concatenate([logs.rows, logs.residuals[:, :, None]], axis=2)
         white = np.linalg.solve(root, both)
         return white[:, :, :-1], white[:, :, -1]
 
     def apart(self, logs: LogRows, spread: Samples) -> Samples:
         """(k, n) how far the parameters of each log most likely are from those of the rows."""
-        weighed = np.linalg.solve(self._variance(logs, spread), logs.residuals[:, :, None])
+        weighed = np.linalg.solve(
+            _variance(logs, _parts(logs, spread), self.sizes), logs.residuals[:, :, None]
+        )
         pull = np.einsum("kqn,kq->kn", logs.rows, weighed[:, :, 0])
         return np.asarray(-pull * (np.array([self.friction, self.gain]) ** 2 @ spread**2))
-
-    def _variance(self, logs: LogRows, spread: Samples) -> Samples:
-        return _variance(logs, _parts(logs, spread), self.sizes)
 
     @property
     def sizes(self) -> Samples:
