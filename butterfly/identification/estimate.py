@@ -28,6 +28,7 @@ from butterfly.verdict import Level
 OF_VERDICT = ("p1", "p4")
 """Parameters that set the scale, by which values are judged."""
 
+_LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 _FINDINGS = TypeAdapter(tuple[Finding, ...])
 _CONTRASTS = TypeAdapter(tuple[Contrast, ...])
 
@@ -223,6 +224,17 @@ class Estimate:
         if (np.diag(found.covariance) < 0).any():
             raise ValueError("variances below 0")
         return found
+
+    @property
+    def usable(self) -> Estimate:
+        """The same, if results can be made of it; a ValueError says why none can."""
+        arrays = (self.values, *self.left_out.values(), *self.rivals)
+        if not all(np.isfinite(each).all() for each in arrays):
+            raise ValueError("values that are no numbers")
+        others = (self.covariance, self.lower, self.upper, np.array(self.condition))
+        if any((np.abs(each) > _LARGEST).any() for each in (*arrays, *others)):
+            raise ValueError(f"numbers above {_LARGEST:g}")
+        return self
 
     @property
     def level(self) -> Level:

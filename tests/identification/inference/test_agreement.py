@@ -33,7 +33,7 @@ TIME = np.tile(np.arange(CELLS), LOGS).astype(float)
 def _conditions(**values):
     known = {Condition.COMMAND: COMMAND, Condition.TIME: TIME}
     known[Condition.MASS] = np.repeat([mass.inertia for mass in MASSES], CELLS)
-    return replace(Conditions(values=known, masses=MASSES, sines=True), **values)
+    return replace(Conditions(values=known, masses=MASSES), **values)
 
 
 def _problem(seed, change=None, noise=0.05):
