@@ -298,7 +298,8 @@ class Estimate:
     def with_contrasts(self, more: tuple[Contrast, ...], rival: Samples | None) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then hold a rival of (n,) values, as far as it reaches by itself.
+        Its limits then hold a rival of (n,) values, as far as it reaches by itself, unless its logs
+        were weighed by that scatter.
         What steady responses say of single logs is no match: they have few rows beside so many.
         """
         own = [each.share for each in self.agreement if each.condition is not Condition.LOG]
@@ -307,7 +308,9 @@ class Estimate:
         seen = {(each.parameter, each.condition) for each in more}
         rest = (each for each in self.agreement if (each.parameter, each.condition) not in seen)
         found = replace(self, agreement=(*more, *rest))
-        if rival is None or self.freedom is None:
+        scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
+        weighed = any(more[0].parameter in each.parameters for each in scatters)
+        if rival is None or self.freedom is None or weighed:
             return found
         reach = np.minimum(
             half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2

@@ -252,7 +252,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         for each, rest, errors, (sensor, _) in zip(logs, left, drawn, pairs, strict=True)
     ]
     missing, beyond = MissingTerms(), sum(each.outside for each in judged) > _BY_CHANCE * len(every)
-    agreement, rival = _contrasts(estimate, logs, left) if beyond else ((), None)
+    agreement, rival = _contrasts(estimate, logs, directions, left) if beyond else ((), None)
     if model.lacking and beyond:
         missing, shares = _missing_terms(estimate, logs, directions, model.lacking)
         both = zip(judged, shares, strict=True)
@@ -296,7 +296,10 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
 
 
 def _contrasts(
-    estimate: Estimate, logs: Sequence[LinearisedRun], left: Sequence[Samples]
+    estimate: Estimate,
+    logs: Sequence[LinearisedRun],
+    directions: Samples,
+    left: Sequence[Samples],
 ) -> tuple[tuple[Contrast, ...], Samples | None]:
     """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log.
 
@@ -310,9 +313,10 @@ def _contrasts(
     parts = [part for own in every for part in np.array_split(own, cells)]
     rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
     more = known - len(names)
+    pull = sum(each.unit**2 * each.known.T @ each.errors for each in logs)
     equations = CellEquations(
         names=(*names, *(f"own {k}" for k in range(more))),
-        values=np.append(estimate.values, np.zeros(more)),
+        values=np.append(estimate.values, np.zeros(more)) - directions @ (directions.T @ pull),
         lower=np.append(lower_bounds(names), np.full(more, -np.inf)),
         on_bound=np.append(
             [name in estimate.on_bound for name in names], np.zeros(more, dtype=bool)

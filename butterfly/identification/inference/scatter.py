@@ -192,7 +192,7 @@ class Likelihood:
             value, slopes = self.expanded(shares * usual)
             return value + float(shares @ shares), slopes * usual + 2 * shares
 
-        bounds = [(0.0, None)] * usual.size
+        bounds = [(0.0, 1 / MATTERS)] * usual.size  # beyond, a step would find V singular
         # from much and from next to nothing: at 0 the likelihood is flat
         begins = (np.full(usual.size, each) for each in (LOST, MATTERS))
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
