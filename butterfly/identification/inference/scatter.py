@@ -207,7 +207,7 @@ def _parts(logs: LogRows, spread: Samples) -> Samples:
 
 
 def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
-    """(k, q, q) V of each log; what is smaller than rounding of the rest, exact data do not have."""
+    """(k, q, q) V of each log: of exact data it has what rounding of the whole leaves."""
     variance = logs.noise + np.tensordot(sizes**2, parts, 1)
     count = variance.shape[1]
     least = count * np.finfo(float).eps * np.trace(variance, axis1=1, axis2=2)
