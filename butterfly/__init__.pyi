@@ -7,6 +7,7 @@ from .api.experiments import run as run
 from .api.experiments import simulate as simulate
 from .api.inspected import Inspection as Inspection
 from .api.inspected import RobotModel as RobotModel
+from .api.inspected import inspect as inspect
 from .api.predicted import Drawn as Drawn
 from .api.predicted import Predicted as Predicted
 from .api.result_verbs import changed as changed
@@ -16,7 +17,6 @@ from .api.results import Designed as Designed
 from .api.results import Residual as Residual
 from .api.results import Selection as Selection
 from .api.results import Validated as Validated
-from .api.robots import inspect as inspect
 from .api.saved import load as load
 from .api.sources import read as read
 from .api.verbs import compare as compare

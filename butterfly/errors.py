@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Real
 
@@ -123,3 +123,9 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     hint = f"{close[0]!r} (did you mean that?)" if close else ""
     listing = ", ".join(repr(choice) for choice in choices)
     return f"{hint}; valid names: {listing}" if hint else f"one of {listing}"
+
+
+def listed(names: Sequence[str], most: int = 4) -> str:
+    """Name a few of a list, and count the others."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

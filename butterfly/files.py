@@ -73,6 +73,22 @@ def replacing(path: Path) -> Iterator[Path]:
             draft.unlink()
 
 
+def read_file(path: Path, expected: str) -> bytes:
+    """Read a file; InputError, which says what was expected, if that cannot be."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(path, "path", "no such file", expected) from None
+    except OSError as error:
+        raise InputError(path, "path", error.strerror or error, "a readable file") from None
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file whole or not at all, a text as UTF-8; InputError if it cannot be written."""
+    with replacing(path) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
     """Replace numbers that JSON does not have by null."""
     if isinstance(value, dict):

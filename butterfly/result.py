@@ -22,7 +22,7 @@ import numpy as np
 
 from butterfly import __version__
 from butterfly.errors import ButterflyError
-from butterfly.files import finite, replacing
+from butterfly.files import finite, write_file
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
 
 def write_document(content: Mapping[str, Any], path: Path) -> None:
     """Write a document to a file; InputError if it cannot be written."""
-    with replacing(path) as draft:
-        draft.write_text(json_text(finite(content)), encoding="utf-8")
+    write_file(path, json_text(finite(content)))
 
 
 class TextTable(NamedTuple):

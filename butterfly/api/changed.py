@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.comparison.change import Change, ParameterChange, change
-from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors import listed
+from butterfly.errors import InputError, listed
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
@@ -35,7 +33,6 @@ _WHOLE = 0.1  # share from which whole per cents are given
 _LISTED = 4  # parameters whose detectable change is named
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Changed(Answer):
     """Whether the parameters of a robot have changed, and by how much."""
 
@@ -44,17 +41,14 @@ class Changed(Answer):
     @classmethod
     def of(cls, one: Identification, other: Identification) -> Changed:
         """Compare two identifications; InputError if that cannot be."""
-        kinds = [each.origin["input"] for each in (one, other)]
-        if kinds[0] != kinds[1]:
-            raise InputError("changed", "input", kinds[1], f"{kinds[0]}, as the first has it")
-        joints = [JointKind(each.origin.get("joint", JointKind.HINGE)) for each in (one, other)]
-        if joints[0] != joints[1]:
-            raise InputError("changed", "joint", joints[1], f"{joints[0]}, as the first has it")
+        for name in ("input", "joint"):
+            first, second = (each.origin.get(name, JointKind.HINGE) for each in (one, other))
+            if first != second:
+                raise InputError("changed", name, second, f"{first}, as the first has it")
         found = change(one.estimate, other.estimate)
-        units = {
-            each.name: unit_of(each.name, InputKind(kinds[0]), joints[0])
-            for each in found.parameters
-        }
+        kind = InputKind(one.origin["input"])
+        joint = JointKind(one.origin.get("joint", JointKind.HINGE))
+        units = {each.name: unit_of(each.name, kind, joint) for each in found.parameters}
         return cls(
             title=f"{other.origin['name']!r} after {one.origin['name']!r}",
             summary=(
@@ -105,17 +99,12 @@ class Changed(Answer):
         from butterfly.report.figures import GREY, PALETTE  # noqa: PLC0415 - slow to import
 
         rows = [row for row in self.rows() if _is_relative(row)]
-        sizes = [abs(row["before"]) / 100 for row in rows]
-        differences = [row["after"] - row["before"] for row in rows]
+        moved = [row["change in %"] for row in rows]
+        upper = [100 * row["upper"] / abs(row["before"]) for row in rows]
         drawn = Scatter(
             x=[row["parameter"] for row in rows],
-            y=[each / size for each, size in zip(differences, sizes, strict=True)],
-            error_y={
-                "array": [
-                    (row["upper"] - each) / size
-                    for row, each, size in zip(rows, differences, sizes, strict=True)
-                ]
-            },
+            y=moved,
+            error_y={"array": [most - own for most, own in zip(upper, moved, strict=True)]},
             mode="markers",
             marker={"color": PALETTE[0], "size": 9},
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Compared(Tabulated):
     """MuJoCo, the grey-box model and the logs, given the same input."""
 
@@ -108,7 +106,6 @@ def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Leaderboard(Answer):
     """Methods over data sets, the best of each first."""
 

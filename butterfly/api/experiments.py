@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import count, islice
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
@@ -31,12 +30,11 @@ from butterfly.logs.mat import write_mat
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
-from butterfly.report.identification_page import write_report
 from butterfly.report.orbit_page import orbit_page
-from butterfly.report.page import Page, write_page
+from butterfly.report.page import write_page
 from butterfly.report.records import run_verdict
 from butterfly.report.sweep_page import sweep_page
-from butterfly.result import Answer, write_document
+from butterfly.result import Answer, document, write_document
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -118,7 +116,10 @@ def simulate(
     InputError
         If the experiment is not one, or a simulation diverges.
     """
-    plan = _planned(experiment)
+    plan = read_experiment(experiment) if isinstance(experiment, str | PathLike) else experiment
+    if not isinstance(plan, Experiment):
+        expected = "an experiment: its file, its name, or what read_experiment returned"
+        raise InputError("simulate", "experiment", type(plan).__name__, expected)
     logs = list(simulated_logs(plan, track=track))
     if out is not None:
         return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
@@ -204,13 +205,7 @@ def run(
 
 
 def _run_once(
-    plan: SweepPlan,
-    source: Source,
-    folder: Path,
-    *,
-    jobs: int | None,
-    figures: bool,
-    track: Track,
+    plan: SweepPlan, source: Source, folder: Path, *, jobs: int | None, figures: bool, track: Track
 ) -> Run:
     """Do an experiment's one run in this process, with all cores, and write all of it."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
@@ -220,72 +215,52 @@ def _run_once(
     written = _write_logs(experiment, result, folder)
     outcome = outcome_of(task, experiment, result)
     store.write(outcome)
-    truth = experiment.plant.robot.lumped
-    for name, found in zip(_report_names(), result.identifications.values(), strict=False):
-        write_report(found, folder / name, truth, figures=figures)
-    page = _orbit_page(experiment, result)
-    if page is not None:
+    record, answers = outcome.record, result.identifications
+    truth, reports = experiment.plant.robot.lumped, _reports(record)
+    for name, found in zip(reports, answers.values(), strict=False):
+        found.report(folder / name, truth=truth, figures=figures)
+    page = None
+    if result.orbit is not None:
+        carried = result.orbit.calibration.rounds[0].logs[0].added_mass
+        page = orbit_page(result.orbit, truth.with_added_mass(carried))
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
-    result = replace(result, record=outcome.record)
-    reports = _reports(result.record)
-    answers = dict(result.identifications)
-    tables = [table for each in answers.values() for table in each.tables(truth)]
-    paragraphs = [text for each in answers.values() for text in each.paragraphs()]
-    verdict = run_verdict(result.record)
-    if page is not None:
-        tables += page.text_tables
-        paragraphs += [*([] if page.verdict is None else page.verdict.lines), *page.summary]
-        verdict = verdict if answers else page.verdict
-    whole = Run(
-        title=f"Run of {experiment.name!r}",
-        summary=(
-            *(() if verdict is None else verdict.lines),
-            *(each.title for each in answers.values()),
-        ),
-        judged=verdict,
-        content=_content(experiment, source.content, result, page),
+    verdict = run_verdict(record) if answers or page is None else page.verdict
+    content = document(
+        Run.kind,
+        f"Run of {experiment.name!r}",
+        {
+            "data": {
+                "name": experiment.name,
+                "description": experiment.description,
+                "input": str(experiment.input_kind),
+                "logs": record.logs,
+            },
+            "key": record.key,
+            "status": record.status,
+            "error": record.error,
+            "seed": record.seed,
+            "experiment": source.content,
+            "truth": lumped_numbers(truth, experiment.input_kind),
+            "estimates": [each.to_dict(truth) for each in answers.values()],
+            "refused": [
+                {"estimator": each.estimator, "error": each.error}
+                for each in record.estimates
+                if each.estimate is None
+            ],
+            "orbit": page and page.numbers,
+            "seconds": record.seconds,
+        },
+        verdict=verdict,
+        summary=(*(verdict.lines if verdict else ()), *(each.title for each in answers.values())),
         units={"seconds": "s"},
-        record=result.record,
-        sentences=(*paragraphs, *_of_record(result.record)),
-        printed=tuple(tables),
-        reports=tuple(folder / name for name in reports),
-        identifications=answers,
     )
-    write_document(whole.to_dict(), folder / RESULT)
+    write_document(content, folder / RESULT)
     beside = digests(folder, [*kept, RESULT, *written, *reports])
     store.end_sweep(replace(sweep_record(plan), beside=beside))
     if result.error is not None:
         raise result.error
-    return whole
-
-
-def _content(
-    experiment: Experiment, given: Mapping[str, Any], result: RunResult, orbit: Page | None
-) -> dict[str, Any]:
-    """Return an experiment as its file says it, its truth, and what each estimator found."""
-    record, truth = result.record, experiment.plant.robot.lumped
-    return {
-        "data": {
-            "name": experiment.name,
-            "description": experiment.description,
-            "input": str(experiment.input_kind),
-            "logs": record.logs,
-        },
-        "key": record.key,
-        "status": record.status,
-        "error": record.error,
-        "seed": record.seed,
-        "experiment": dict(given),
-        "truth": lumped_numbers(truth, experiment.input_kind),
-        "estimates": [each.to_dict(truth) for each in result.identifications.values()],
-        "refused": [
-            {"estimator": each.estimator, "error": each.error}
-            for each in record.estimates
-            if each.estimate is None
-        ],
-        "orbit": orbit and orbit.numbers,
-        "seconds": record.seconds,
-    }
+    whole = _run_of(content, record, answers, truth, folder=folder)
+    return whole if page is None else replace(whole, printed=(*whole.printed, *page.text_tables))
 
 
 def _found_done(folder: Path, record: RunRecord, truth: LumpedParameters) -> Run:
@@ -294,14 +269,27 @@ def _found_done(folder: Path, record: RunRecord, truth: LumpedParameters) -> Run
         raise ButterflyError(record.reason)
     content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
     made = [each.estimator for each in record.estimates if each.estimate is not None]
-    saved = map(Identification.from_dict, content["estimates"])
-    answers = dict(zip(made, saved, strict=True))
+    answers = dict(zip(made, map(Identification.from_dict, content["estimates"]), strict=True))
+    found = _run_of(content, record, answers, truth, folder=folder)
+    again = "1 run: found done; --force does it again."
+    return replace(found, sentences=(*found.sentences, again))
+
+
+def _run_of(
+    content: Mapping[str, Any],
+    record: RunRecord,
+    answers: Mapping[str, Identification],
+    truth: LumpedParameters,
+    *,
+    folder: Path,
+) -> Run:
+    """Return a run of what its file says, whether just done or found done."""
     paragraphs = [text for each in answers.values() for text in each.paragraphs()]
-    paragraphs += [] if content["orbit"] is None else content["orbit"]["summary"]
+    of_orbit = [] if content["orbit"] is None else content["orbit"]["summary"]
     return Run.from_dict(
         content,
         record=record,
-        sentences=(*paragraphs, *_of_record(record), "1 run: found done; --force does it again."),
+        sentences=(*paragraphs, *of_orbit, *_of_record(record)),
         printed=tuple(table for each in answers.values() for table in each.tables(truth)),
         reports=tuple(folder / name for name in _reports(record)),
         identifications=answers,
@@ -323,13 +311,6 @@ def _of_record(record: RunRecord) -> list[str]:
     return said
 
 
-def _orbit_page(experiment: Experiment, result: RunResult) -> Page | None:
-    if result.orbit is None:
-        return None
-    carried = result.orbit.calibration.rounds[0].logs[0].added_mass
-    return orbit_page(result.orbit, experiment.plant.robot.lumped.with_added_mass(carried))
-
-
 def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:
     """Write logs and their manifest, and those of an orbit; return the names of their files."""
     written = []
@@ -344,23 +325,8 @@ def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list
     return written
 
 
-def _report_names() -> Iterator[str]:
-    """Yield the names of the reports of an experiment's estimators, in order."""
-    yield "report.html"
-    yield from (f"report-{number}.html" for number in count(2))
-
-
 def _reports(record: RunRecord) -> list[str]:
-    """Return the names of the reports of a run."""
+    """Return the names of the reports of a run: of its estimators in order, and of its orbit."""
     written = sum(bool(estimate.parameters) for estimate in record.estimates)
-    names = list(islice(_report_names(), written))
-    return names if record.orbit is None else [*names, _ORBIT_REPORT]
-
-
-def _planned(experiment: Any) -> Experiment:  # noqa: ANN401 - whatever was given
-    if isinstance(experiment, str | PathLike):
-        return read_experiment(experiment)
-    if isinstance(experiment, Experiment):
-        return experiment
-    expected = "an experiment: its file, its name, or what read_experiment returned"
-    raise InputError("simulate", "experiment", type(experiment).__name__, expected)
+    names = ["report.html", *(f"report-{number}.html" for number in range(2, written + 1))]
+    return names[:written] + [_ORBIT_REPORT] * (record.orbit is not None)

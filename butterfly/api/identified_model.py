@@ -40,11 +40,7 @@ class IdentifiedModel:
         return self.parameters.with_added_mass(added_mass)
 
     def linearised(
-        self,
-        added_mass: AddedMass = NO_ADDED_MASS,
-        *,
-        angle: float = 0.0,
-        pade_order: int = 4,
+        self, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0, pade_order: int = 4
     ) -> control.StateSpace:
         """Return the linearisation about rest, from command to angle and velocity.
 

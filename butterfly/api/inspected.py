@@ -1,22 +1,33 @@
-"""What `inspect` returns: in which condition logs are, or what a robot is made of."""
+"""`inspect` and what it returns: in which condition logs are, or what a robot is made of."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar
 
+from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
+from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
+from butterfly.identification.estimators import Suitable
+from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers, unit_of
+from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
+from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.model.terms import TERMS
-from butterfly.plant.robot import Robot
+from butterfly.plant.robot import HAND_MASS, Robot
+from butterfly.plant.stand_alone import command_of
+from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import (
     STATES,
@@ -24,12 +35,16 @@ from butterfly.report.inspection import (
     conditions_text,
     health_rows,
     hints,
+    inspect_logs,
     inspection_page,
 )
+from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import write_html
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Level, Verdict
+
+ARM = 0.104  # m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -76,7 +91,7 @@ class Inspection(Answer):
                 "logs.turns": "turns",
                 "logs.middle": way,
             },
-            printed=(_one_log(part, seen[0]) if len(seen) == 1 else _every_log(source, seen),),
+            printed=(_table(source, part, seen),),
             source=source,
             logs=tuple(seen),
         )
@@ -107,35 +122,31 @@ class Inspection(Answer):
 
 
 def _looked_at(seen: Inspected) -> dict[str, Any]:
-    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
     known: dict[str, Any] = {"log": seen.name, "condition": STATES[seen.condition]}
     if seen.health is not None and seen.log is not None:
         log, health = seen.log, asdict(seen.health)
+        first = {name: health.pop(name) for name in ("samples", "duration", "step")}
         known |= {
-            "samples": health.pop("samples"),
-            "duration": health.pop("duration"),
-            "step": health.pop("step"),
+            **first,
             "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
             "input": [float(log.input.min()), float(log.input.max())],
             "angle": [float(log.angle.min()), float(log.angle.max())],
             **health,
         }
+    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
     return {**known, "findings": findings}
 
 
-def _one_log(manifest: Manifest, seen: Inspected) -> TextTable:
-    assert seen.log is not None and seen.health is not None  # noqa: S101, PT018 - it can be used
-    path = Path(manifest.root) / seen.name
-    return TextTable(str(path), (), health_rows(seen.log, seen.health))
-
-
-def _every_log(source: str, seen: Sequence[Inspected]) -> TextTable:
-    """Return a line for each log."""
+def _table(source: str, manifest: Manifest, seen: Sequence[Inspected]) -> TextTable:
+    """Return all about the one log, or a line for each of several."""
+    if len(seen) == 1:
+        log, health = seen[0].log, seen[0].health
+        assert log is not None and health is not None  # noqa: S101, PT018 - it can be used
+        return TextTable(str(Path(manifest.root) / seen[0].name), (), health_rows(log, health))
     rows = []
     for each in seen:
-        health = each.health
         numbers = ("–", "–", "–")
-        if health is not None:
+        if (health := each.health) is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
         rows.append((each.name, STATES[each.condition], *numbers, each.findings))
     return TextTable(source, ("log", "state", "samples", "s", "ms", "findings"), rows)
@@ -227,4 +238,93 @@ def _numbers_of(part: object) -> str:
         f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
+    )
+
+
+def inspect(
+    source: Named,
+    *,
+    logs: Sequence[int] | None = None,
+    hand_mass: float | None = None,
+    added_mass: float = 0.0,
+    track: Track = untracked,
+    **description: Any,  # noqa: ANN401 - what `read` takes
+) -> Inspection | RobotModel:
+    """Look at logs, at the robot of an experiment, or at a saved identification.
+
+    Parameters
+    ----------
+    source
+        A log, a folder of logs of any names, a manifest or a shipped data set: each log is checked;
+        an experiment, or a saved identification: its robot is described.
+    logs
+        Numbers of the logs to look at; all if not given.
+    hand_mass, added_mass
+        Mass in kg of an identified hand, on which its motion does not depend (a possible one is
+        taken if it is not given), and of what the robot carries.
+    track
+        Shows progress.
+    description
+        What is said of the data, as `read` takes it.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, cannot be read, or the one log that is looked at cannot be used.
+    """
+    path = locate(Path(source))
+    if names_result(path) or not is_data(path):
+        return robot_of(
+            path, hand_mass=hand_mass, added_mass=added_mass, arm=description.get("arm")
+        )
+    manifest = with_parts(manifest_of(path, massless=True, **description))
+    numbers = numbers_of_logs("inspect", logs, len(manifest.logs))
+    part = manifest.model_copy(update={"logs": [manifest.logs[k] for k in numbers]})
+    seen = inspect_logs(part, track)
+    if len(seen) == 1 and seen[0].log is None:
+        ((_, recorded),) = read_pieces(part, part.logs[0])
+        examine(recorded, part.repair)  # which says why it cannot be used
+    return Inspection.of(str(source), manifest, part, seen)
+
+
+def robot_of(
+    source: Named, *, hand_mass: float | None, added_mass: float, arm: float | None
+) -> RobotModel:
+    """Return the robot of an experiment, or the twin that data or a saved result make."""
+    path = locate(Path(source))
+    carried = AddedMass(mass=added_mass, arm=ARM if arm is None else arm)
+    if not is_data(path):
+        plan = read_experiment(path)
+        command = vars(plan.plant.path)
+        return RobotModel.of(plan.name, plan.plant.robot, carried, plan.input_kind, command)
+    result = saved_identification(path)
+    if result is None:
+        result = identify(read(path, arm=arm), Suitable())
+    return _twin(result, carried, hand_mass)
+
+
+def _twin(result: Identification, carried: AddedMass, mass: float | None) -> RobotModel:
+    """Return the simulated robot that moves as an identified one."""
+    about, found = result.origin, result.estimate
+    joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
+    if joint is JointKind.SLIDE:
+        raise InputError(about["name"], "joint", joint, "a hinge, which the model in MuJoCo has")
+    verdict = require_possible(found)
+    carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
+    robot, rest = Robot.of_loaded(found.parameters, carried, mass)
+    note = ""
+    if mass is None and robot.hand.mass > HAND_MASS:
+        note = (
+            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
+            f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."
+        )
+    return RobotModel.of(
+        about["name"],
+        robot,
+        rest,
+        kind,
+        command_of(found.parameters),
+        verdict=verdict,
+        note=note,
+        besides={**result.basis(), **estimate_numbers(found)},
     )

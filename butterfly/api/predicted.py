@@ -37,7 +37,6 @@ WEIGHT = "weight"
 _FIELDS = [each.name for each in fields(LumpedParameters)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drawn(Answer):
     """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
 
@@ -79,10 +78,7 @@ class Drawn(Answer):
         InputError
             If the file cannot be written.
         """
-        with (
-            replacing(Path(path)) as draft,
-            draft.open("w", newline="", encoding="utf-8") as file,
-        ):
+        with replacing(Path(path)) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(self.rows()[0]))
             writer.writeheader()
             writer.writerows(self.rows())
@@ -167,16 +163,14 @@ class Predicted(Tabulated):
         """Return the figures of its page, by name."""
         from butterfly.report.log_figures import share_figure  # noqa: PLC0415 - slow to import
 
-        if not self.predictions or not self.predictions[0].bands:
-            return {"fits": self.plot.fits()} if self.measured else {}
-        return {"inside": share_figure(self.predictions)} if self.measured else {}
+        if not self.measured:
+            return {}
+        banded = self.predictions and self.predictions[0].bands
+        return {"inside": share_figure(self.predictions)} if banded else super().figures()
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
-        from butterfly.report.log_figures import (  # noqa: PLC0415 - slow to import
-            band_figure,
-            drawn_predictions,
-        )
+        from butterfly.report.log_figures import band_figure, drawn_predictions  # noqa: PLC0415 - slow to import
 
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:

@@ -122,13 +122,7 @@ def predict(
                 sentences = (sentence, _of_errors(errors), *_beyond(seen.masses, logs))
             drawn = Drawn.of(open_draws, found, sentences)
     predictions = predict_logs(
-        logs,
-        estimate,
-        setting,
-        draws=open_draws,
-        errors=errors,
-        seed=seed,
-        track=track,
+        logs, estimate, setting, draws=open_draws, errors=errors, seed=seed, track=track
     )
     if whole is not None:
         fits = np.array([predictions[k].run.followed for k in whole.counted])
@@ -190,10 +184,7 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
 def _left_open(
     found: Identification, logs: Sequence[Log], count: int, seed: int, track: Track
 ) -> tuple[ParameterDraws, DataSet | None, str]:
-    """Draw parameters with which all logs have a joint; weigh them if the data are at hand.
-
-    Also these data, and how the draws were made in a sentence.
-    """
+    """Return draws with which all logs have a joint, the data that weighed them, and how."""
     masses = [log.added_mass for log in logs]
     try:
         data = found.data

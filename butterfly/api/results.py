@@ -13,11 +13,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.residuals import (
-    Residuals,
-    residual_units,
-    residuals_of,
-)
+from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
@@ -35,6 +31,8 @@ from butterfly.result import Answer, TextTable
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+    from butterfly.report.ranking_pages import TablePlots
+
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
@@ -48,13 +46,14 @@ def about_log(log: Log) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Tabulated(Answer):
     """A table that has figures."""
 
     @property
     def plot(self) -> TablePlots:
         """Its figures, as plotly's."""
+        from butterfly.report.ranking_pages import TablePlots  # noqa: PLC0415 - slow to import
+
         return TablePlots(self)
 
     def figures(self) -> dict[str, Figure]:
@@ -62,26 +61,6 @@ class Tabulated(Answer):
         return {"fits": self.plot.fits()}
 
 
-@dataclass(frozen=True)
-class TablePlots:
-    """Figures of a table."""
-
-    result: Tabulated
-
-    def fits(self) -> Figure:
-        """Draw every column of FITs, a point for each log."""
-        from butterfly.report.ranking_pages import fits_figure  # noqa: PLC0415 - slow to import
-
-        return fits_figure(self.result.rows())
-
-    def ranking(self, count: int = 12) -> Figure:
-        """Draw the mean of what is left of the standard errors, for the first candidates."""
-        from butterfly.report.ranking_pages import ranking_figure  # noqa: PLC0415 - slow to import
-
-        return ranking_figure(self.result.rows()[:count])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Validated(Tabulated):
     """How well logs are followed that an estimator has seen, and that it has not."""
 
@@ -181,7 +160,6 @@ def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> TextTa
     return TextTable("95 % intervals by bootstrap over logs", headers, rows)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Designed(Tabulated):
     """Next experiments, the most telling first."""
 
@@ -228,7 +206,6 @@ class Designed(Tabulated):
         return {"ranking": self.plot.ranking()}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Selection(Answer):
     """Terms chosen by how well they predict what was left out."""
 
@@ -244,10 +221,7 @@ class Selection(Answer):
         found: Estimate,
     ) -> Selection:
         """Tabulate the sets of terms passed through, of which the last is chosen."""
-        from butterfly.report.ranking_pages import (  # noqa: PLC0415 - slow to import
-            selection_page,
-            structures_table,
-        )
+        from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
 
         verdict, table = estimate_verdict(found), structures_table(passed)
         title = f"{data.name}: FIT in %, in sample and left out"
@@ -301,11 +275,7 @@ class Residual(Answer):
 
     @classmethod
     def of(
-        cls,
-        data: DataSet,
-        estimator: Estimator | None,
-        found: Estimate,
-        chosen: Sequence[int],
+        cls, data: DataSet, estimator: Estimator | None, found: Estimate, chosen: Sequence[int]
     ) -> Residual:
         """Judge the residuals of an estimate."""
         from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
@@ -315,10 +285,7 @@ class Residual(Answer):
             title=f"Residuals of {found.method} on {data.name!r}",
             summary=(*verdict.lines, *residual_sentences(residuals)),
             judged=verdict,
-            content={
-                **residual_numbers(residuals, found),
-                **rests_on(data, found, estimator),
-            },
+            content={**residual_numbers(residuals, found), **rests_on(data, found, estimator)},
             units=residual_units(data.joint, ""),
             data=data,
             estimate=found,

@@ -13,6 +13,7 @@ from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
+from butterfly.files import read_file
 from butterfly.identification.identification import Identification
 from butterfly.report.parameter_table import Separated
 
@@ -119,11 +120,9 @@ def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
 
 def _content(file: Path) -> dict[str, Any]:
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(file, "path", "no such file", "a saved result") from None
-    except OSError as error:
-        raise InputError(file, "path", error.strerror, "a readable file") from None
+        content = json.loads(read_file(file, "a saved result"))
+    except InputError:
+        raise
     except (ValueError, RecursionError):
         raise InputError(file, "content", "no JSON", "a saved result") from None
     if not isinstance(content, dict):

@@ -40,6 +40,7 @@ _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
 _OF_FOLDERS = ("name", "description", "root", "logs")  # what manifests of the same facts differ in
 _OF_READ_LOGS = {"known", "zero", "repair", "name"}  # what may be given of logs that are read
+_READ = (DataSet, Identification, Log)
 
 Named: TypeAlias = str | PathLike[str]
 """A path, a glob pattern, or the name of something shipped."""
@@ -98,11 +99,20 @@ def read(
     several = isinstance(source, Sequence) and not isinstance(source, str)
     sources: Sequence[Any] = source if several else [source]  # type: ignore[assignment]
     if all(isinstance(each, str | PathLike) for each in sources):
-        data = _of_files(sources, folder, given, track)
-    elif len(sources) > 1 or (several and isinstance(sources[0], Log)):
-        data = _of_several(sources, folder, given, track)
+        return _of_files(sources, folder, given, track).holding_out(holdout)
+    if all(isinstance(each, _READ) for each in sources):
+        for name, value in {"root": folder, **given}.items():
+            if value is not None and name not in _OF_READ_LOGS:
+                raise InputError("read", name, value, "none beside logs that are read already")
+    first, *others = parts = [_part(each, folder, given, track) for each in sources]
+    if others or isinstance(first, Log):
+        own = first.name if isinstance(first, Log) and not several else ""
+        data = _union(parts, {"name": own or "logs", **given})
     else:
-        data = _of_one(sources[0], folder, given, track)
+        if isinstance(sources[0], _READ) and given.get("repair"):
+            listed = ", ".join(sorted(given["repair"]))
+            raise InputError("read", "repair", listed, "none of a repaired data set")
+        data = _more_known(replace(first, name=given.get("name", first.name)), given)
     return data.holding_out(holdout)
 
 
@@ -113,13 +123,10 @@ def manifest_of(
     massless: bool = False,
     **description: Any,  # noqa: ANN401 - as `read` takes it
 ) -> Manifest:
-    """Describe files, as `read` takes them, as one manifest; InputError if that cannot be.
-
-    ``massless``: whether the added masses that names of files tell may be left out, without an arm.
-    """
+    """Describe files, as `read` takes them, as one manifest; ``massless``: as `draft` takes it."""
     folder, given = None if root is None else Path(root), _given(description)
     sources = [source] if isinstance(source, str | PathLike) else source
-    manifests = [_manifest(path, folder, given, massless=massless) for path in _paths(sources)]
+    manifests = _manifests(sources, folder, given, massless=massless)
     whole = _joined(manifests, given)
     if whole is None:
         raise InputError("data", "source", f"{len(manifests)} manifests", "files of one manifest")
@@ -142,39 +149,18 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     return checked_options(some)
 
 
-def _of_one(source: One, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet:
-    if isinstance(source, DataSet | Identification | Log):
-        return _of_read_logs(source, root, given)
+def _part(source: One, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet | Log:
+    """Return what a source holds; what is given describes one that is not yet read."""
+    if isinstance(source, DataSet | Log):
+        return source
+    if isinstance(source, Identification):
+        return source.data
     if isinstance(source, str | PathLike):
         return _of_files([source], root, given, track)
     if is_table(source):
         return _of_table(source, root, given)
     expected = "a path, a name, logs, a table, or several of these"
     raise InputError("read", "source", type(source).__name__, expected)
-
-
-def _of_read_logs(
-    source: DataSet | Identification | Log, root: Path | None, given: Mapping[str, Any]
-) -> DataSet:
-    """Return the data set of logs that are read already, and what is known of them besides."""
-    _require_of_read_logs(root, given)
-    repairs = given.get("repair", frozenset())
-    if isinstance(source, Log):
-        name = given.get("name") or source.name or "logs"
-        data = DataSet.of([source], name=name, repairs=DEFAULT_REPAIRS | repairs)
-    else:
-        data = source if isinstance(source, DataSet) else source.data
-        if repairs:
-            listed = ", ".join(sorted(repairs))
-            raise InputError("read", "repair", listed, "none of a repaired data set")
-        data = replace(data, name=given.get("name", data.name))
-    return _more_known(data, given)
-
-
-def _require_of_read_logs(root: Path | None, given: Mapping[str, Any]) -> None:
-    for name, value in {"root": root, **given}.items():
-        if value is not None and name not in _OF_READ_LOGS:
-            raise InputError("read", name, value, "none beside logs that are read already")
 
 
 def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
@@ -204,28 +190,12 @@ def _of_files(
     sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], track: Track
 ) -> DataSet:
     """Return the data set of files, of one manifest if they have enough in common."""
-    manifests = [_manifest(path, root, given) for path in _paths(sources)]
+    manifests = _manifests(sources, root, given)
     whole = _joined(manifests, given)
     if whole is not None:
         return read_data_set(whole, track)
-    return _union([read_data_set(manifest, track) for manifest in manifests], given)
-
-
-def _of_several(
-    sources: Sequence[Any], root: Path | None, given: Mapping[str, Any], track: Track
-) -> DataSet:
-    """Read several sources as one data set; what is given describes those that are not yet read."""
-    parts: list[DataSet | Log] = []
-    if all(isinstance(each, DataSet | Log | Identification) for each in sources):
-        _require_of_read_logs(root, given)
-    for each in sources:
-        if isinstance(each, Log | DataSet):
-            parts.append(each)
-        elif isinstance(each, Identification):
-            parts.append(each.data)
-        else:
-            parts.append(_of_one(each, root, given, track))
-    return _union(parts, given)
+    parts = [read_data_set(manifest, track) for manifest in manifests]
+    return _union(parts, {"name": "logs", **given})
 
 
 def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
@@ -243,8 +213,7 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
         test_logs.extend(() if part.test_logs is None else part.test_logs.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    name = given.get("name", "logs")
-    data = DataSet.of([*logs, *test_logs], name=name, known=known, repairs=repairs)
+    data = DataSet.of([*logs, *test_logs], name=given["name"], known=known, repairs=repairs)
     return _more_known(data, given).holding(range(len(logs), len(data.logs)))
 
 
@@ -288,12 +257,12 @@ def _paths(sources: Sequence[Named]) -> list[Path]:
     return found
 
 
-def _manifest(
-    path: Path, root: Path | None, given: Mapping[str, Any], *, massless: bool = False
-) -> Manifest:
-    """Return the manifest of data, or draft one, with what is given besides."""
-    manifest = _described(path, root, given, massless=massless)
-    return manifest.piece(given.get("begin"), given.get("end"))
+def _manifests(
+    sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], *, massless: bool = False
+) -> list[Manifest]:
+    """Return the manifests of data, or drafts, with what is given besides."""
+    manifests = [_described(path, root, given, massless=massless) for path in _paths(sources)]
+    return [each.piece(given.get("begin"), given.get("end")) for each in manifests]
 
 
 def _described(
@@ -370,10 +339,7 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
 
 
 def root_of(path: Path, own: str, root: Path | None = None) -> Path:
-    """Return the folder of the logs of which a result in a file says that they lie in ``own``.
-
-    That is absolute, or relative to the file's folder; ``root`` is where they lie if moved.
-    """
+    """Return the folder that a result in a file calls ``own``; ``root`` if they were moved."""
     return (path.parent / own).resolve() if root is None else root.absolute()
 
 

@@ -165,24 +165,11 @@ def rank(
     sets: Sequence[Data],
     methods: Sequence[Method],
     *,
-    split: str = Split.AUTO,
-    holdout: Sequence[str] = (),
-    track: Track = untracked,
+    split: str,
+    holdout: Sequence[str],
+    track: Track,
 ) -> Leaderboard:
-    """Rank methods by how well they predict what they have not seen, each data set by itself.
-
-    Parameters
-    ----------
-    sets
-        Data sets, each what `read` takes.
-    methods, split, holdout, track
-        As `validate` takes them.
-
-    Raises
-    ------
-    InputError
-        If logs cannot be used, or there is no such method.
-    """
+    """Rank methods by how well they predict what they have not seen, each data set by itself."""
     from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
 
     how = choice(Split, "validate", "split", split)
@@ -323,10 +310,7 @@ def _prepared(
 
 
 def _estimated(
-    data: Data,
-    method: Method | None,
-    options: Mapping[str, Any],
-    holdout: Sequence[str],
+    data: Data, method: Method | None, options: Mapping[str, Any], holdout: Sequence[str]
 ) -> tuple[DataSet, Estimator | None, Estimate]:
     """Return logs, an estimator, and its judged estimate; a result, saved or not, has them."""
     found = saved_identification(data)

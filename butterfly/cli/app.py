@@ -10,8 +10,8 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, NamedTuple, NoReturn
 
@@ -19,7 +19,7 @@ from cyclopts import App, Group, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptionError
 
 from butterfly import __version__
-from butterfly.cli.output import Asked, ExitCode, asked, tell_no_more, write_json
+from butterfly.cli.output import Asked, ExitCode, asked, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.errors import (
     ButterflyError,
@@ -32,8 +32,9 @@ from butterfly.errors import (
 
 
 class Command(NamedTuple):
-    """Where a command is, in `butterfly.cli`, and the kind of its answer."""
+    """Under what it is listed, where it is in `butterfly.cli`, and the kind of its answer."""
 
+    panel: str
     path: str
     answer: str = ""
 
@@ -46,43 +47,29 @@ class Command(NamedTuple):
         return "" if found is None else found[1]
 
 
-PANELS = {
-    "Look at logs": {
-        "inspect": Command("logs:inspect", "inspection"),
-        "manifest": Command("logs:manifest"),
-        "fetch": Command("logs:fetch"),
-    },
-    "Identify": {
-        "identify": Command("estimate:identify", "identification"),
-        "select": Command("estimate:select", "selection"),
-    },
-    "Judge": {
-        "validate": Command("estimate:validate", "validation"),
-        "residual": Command("estimate:residual", "residual"),
-        "predict": Command("experiments:predict", "prediction"),
-        "compare": Command("estimate:compare", "comparison"),
-    },
-    "Plan": {
-        "design": Command("estimate:design", "design"),
-    },
-    "Experiments": {
-        "run": Command("experiments:run", "run"),
-        "simulate": Command("experiments:simulate"),
-        "show": Command("robot:show"),
-        "export": Command("robot:export"),
-        "reproduce": Command("experiments:reproduce", "reproduction"),
-        "schema": Command("experiments:schema"),
-    },
+COMMANDS = {
+    "inspect": Command("Look at logs", "logs:inspect", "inspection"),
+    "manifest": Command("Look at logs", "logs:manifest"),
+    "fetch": Command("Look at logs", "logs:fetch"),
+    "identify": Command("Identify", "estimate:identify", "identification"),
+    "select": Command("Identify", "estimate:select", "selection"),
+    "validate": Command("Judge", "estimate:validate", "validation"),
+    "residual": Command("Judge", "estimate:residual", "residual"),
+    "predict": Command("Judge", "experiments:predict", "prediction"),
+    "compare": Command("Judge", "estimate:compare", "comparison"),
+    "design": Command("Plan", "estimate:design", "design"),
+    "run": Command("Experiments", "experiments:run", "run"),
+    "simulate": Command("Experiments", "experiments:simulate"),
+    "show": Command("Experiments", "robot:show"),
+    "export": Command("Experiments", "robot:export"),
+    "reproduce": Command("Experiments", "experiments:reproduce", "reproduction"),
+    "schema": Command("Experiments", "experiments:schema"),
+    "results list": Command("Commands", "results:list_sweeps", "results"),
+    "results show": Command("Commands", "results:show_run", "run-record"),
+    "results table": Command("Commands", "results:table", "table"),
+    "results clean": Command("Commands", "results:clean"),
 }
-RESULTS = {
-    "list": Command("results:list_sweeps", "results"),
-    "show": Command("results:show_run", "run-record"),
-    "table": Command("results:table", "table"),
-    "clean": Command("results:clean"),
-}
-COMMANDS = {name: each for panel in PANELS.values() for name, each in panel.items()}
-COMMANDS |= {f"results {name}": each for name, each in RESULTS.items()}
-"""All commands, by the words that call them."""
+"""All commands, by the words that call them, in the order of help."""
 
 FORMER_COMMANDS = {
     "leaderboard": "validate -m METHOD,METHOD",
@@ -134,13 +121,17 @@ def program(called: Sequence[str] = ()) -> App:
     )
     results = App(name="results", help="List, show, tabulate and clean the results of sweeps.")
     results.group = Group("Results", sort_key=8)
-    results.group_commands = Group("Commands", sort_key=0)
-    for number, (panel, commands) in enumerate(PANELS.items()):
-        group = Group(panel, sort_key=number)
-        for name, command in commands.items():
-            _add(app, name, command, call, group)
-    for name, command in RESULTS.items():
-        _add(results, name, command, call)
+    panels = dict.fromkeys(command.panel for command in COMMANDS.values())
+    groups = {panel: Group(panel, sort_key=number) for number, panel in enumerate(panels)}
+    for words, command in COMMANDS.items():
+        name = words.removeprefix("results ")
+        summary = "" if call in COMMANDS else command.summary  # for lists, which are not shown then
+        (app if name == words else results).command(
+            f"butterfly.cli.{command.path}",  # imported when it is called
+            name=name,
+            group=groups[command.panel],
+            help=None if words == call else summary,
+        )
     app.command(results)
     app.register_install_completion_command(help="Have the shell complete commands and options.")
     app.meta.default(_launch(app))
@@ -152,21 +143,12 @@ def _worth_showing(default: object) -> str | None:
     return None if default is None or isinstance(default, bool | tuple) else str(default)
 
 
-def _add(app: App, name: str, command: Command, call: str, group: Group | None = None) -> None:
-    """Add a command, whose module is imported when it is called; its summary is for lists."""
-    summary = "" if call in COMMANDS else command.summary
-    own = COMMANDS.get(call) is command
-    path = f"butterfly.cli.{command.path}"
-    app.command(path, name=name, group=group, help=None if own else summary)
-
-
 def _launch(app: App) -> Callable[..., ExitCode | None]:
     def launch(
         *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
         quiet: Annotated[bool, Parameter(name=("--quiet", "-q"), group=_EVERYWHERE)] = False,
         json: Annotated[
-            Path | None,
-            Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True),
+            Path | None, Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True)
         ] = None,
         help_all: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
     ) -> ExitCode | None:
@@ -188,8 +170,12 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             raise InputError("butterfly", "--json", name, "a command that has an answer")
         asked.quiet, asked.json = quiet, json
         try:
-            with _gathering_nothing():
+            gc.disable()  # while modules are imported it would look through them again and again
+            try:
                 command, bound, _ = app.parse_args(tokens)
+            finally:
+                gc.freeze()
+                gc.enable()
             ended: ExitCode | None = command(*bound.args, **bound.kwargs)
         except UnusableError as refused:
             _write_refusal(COMMANDS[name].answer, refused.reasons)
@@ -205,17 +191,6 @@ def _name_of(tokens: Sequence[str]) -> str:
     return " ".join(words[: 2 if words[:1] == ["results"] else 1])
 
 
-@contextmanager
-def _gathering_nothing() -> Iterator[None]:
-    """Import the command without looking through what stays, again and again, for garbage."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        gc.enable()
-
-
 def main() -> None:
     """Run the command line; bad input ends in one line on stderr (see `ExitCode`)."""
     if threading.current_thread() is threading.main_thread():
@@ -226,7 +201,7 @@ def main() -> None:
     tokens = sys.argv[1:]
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
             _refuse_former(tokens)
             ended = program(tokens).meta(tokens)
         sys.stdout.flush()
@@ -249,14 +224,12 @@ def main() -> None:
         _end(str(error), ExitCode.BAD_INPUT)
     finally:
         asked.__dict__.update(vars(Asked()))
-        tell_no_more()
 
 
 def _refuse_former(tokens: Sequence[str]) -> None:
     """Raise InputError, naming the present one, if a command is called by a former name."""
     words = [token for token in tokens if not token.startswith("-")]
-    for count in (2, 1):
-        name = " ".join(words[:count])
+    for name in (" ".join(words[:2]), *words[:1]):
         if name in FORMER_COMMANDS:
             raise InputError("butterfly", name, "its former name", FORMER_COMMANDS[name])
 
@@ -267,8 +240,10 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
         option = (error.token.keyword or error.token.value).partition("=")[0]
         name = _name_of(tokens)
         if option in OF_DATA:
-            expected = "it said to `butterfly manifest` or `butterfly identify --save`, and "
-            expected += "what they write in place of the data"
+            expected = (
+                "it said to `butterfly manifest` or `butterfly identify --save`, and what they "
+                "write in place of the data"
+            )
             return str(InputError(f"butterfly {name}", option, "an option of data", expected))
         former = FORMER_OPTIONS | (FORMER_OPTIONS_OF_COMPARE if name == "compare" else {})
         if option in former:
@@ -277,10 +252,6 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
         # its own message lists all commands after the one that is meant
         return str(error).partition(" Available commands")[0]
     return str(error)
-
-
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    print_warning(str(message))
 
 
 def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:

@@ -237,7 +237,7 @@ def compare(
             track=show_progress,
         )
         return show(found, report=page.report, figures=page.figures)
-    from butterfly.cli.sweeps import compare_runs, is_run  # noqa: PLC0415 - slow to import
+    from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415 - slow to import
 
     of_logs = {"--log": log, "--hand-mass": hand_mass, "--holdout": holdout, "--method": fit.given}
     for option, value in of_logs.items():
@@ -282,11 +282,7 @@ def design(
         Candidates to print, at most.
     """
     found = bf.design(
-        data,
-        _method(data, fit),
-        swing=swing,
-        holdout=parse_names(holdout),
-        track=show_progress,
+        data, _method(data, fit), swing=swing, holdout=parse_names(holdout), track=show_progress
     )
     return show(found, report=page.report, figures=page.figures, rows=limit)
 

@@ -48,13 +48,12 @@ class FitOptions:
 
     def estimator(self) -> Estimator:
         """Return the estimator; an option that it has not is an InputError that names its own."""
-        kind_of(self.method, self.given, written=_flag)
+        kind_of(self.method, self.given, written=lambda name: f"--{name.replace('_', '-')}")
         return make_estimator(self.method, self.given)
 
     def unless_default(self) -> Estimator | None:
         """Return the estimator if anything was said of it: a saved result has one already."""
-        untold = self.method == DEFAULT_METHOD and not self.given
-        return None if untold else self.estimator()
+        return self.estimator() if self.method != DEFAULT_METHOD or self.given else None
 
 
 def _made(
@@ -65,16 +64,13 @@ def _made(
     several = "Several by commas are ranked, each with its defaults. " if many else ""
     names = Parameter(
         name=("--method", "-m"),
+        group=THE_FIT,
         help=f"{several}{listing}.",
         metavar="METHOD",
         show_choices=False,
     )
     kind: Any = str if many else Literal[tuple(ESTIMATORS)]
-    method = (
-        "method",
-        Annotated[kind, Parameter(group=THE_FIT), names],
-        with_default(default=default),
-    )
+    method = ("method", Annotated[kind, names], with_default(default=default))
     owners: dict[str, list[str]] = {}
     for each, own in ESTIMATORS.items():
         for option in options_of(own):
@@ -132,17 +128,13 @@ def _default_text(name: str, owners: list[str]) -> str:
     """Say what holds if the option is not given, where estimators differ for each."""
     defaults = {}
     for method in owners:
-        (value,) = [each.default for each in fields(ESTIMATORS[method]) if each.name == name]
+        value = getattr(ESTIMATORS[method], name)  # a field's default stands on the class
         if isinstance(value, tuple):
             value = ",".join(value) or "none"
         defaults[method] = "chosen from the data" if value is None else str(value)
     if len(set(defaults.values())) == 1:
         return next(iter(defaults.values()))
     return "; ".join(f"{method}: {value}" for method, value in defaults.items())
-
-
-def _flag(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
 
 
 if TYPE_CHECKING:

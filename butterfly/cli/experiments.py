@@ -10,25 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.cli.options import (
-    NO_REPORT,
-    WRITTEN,
-    Data,
-    Experiment,
-    Out,
-    Report,
-    parse_pairs,
-)
-from butterfly.cli.output import (
-    ExitCode,
-    print_document,
-    say,
-    show,
-    show_progress,
-    show_table,
-    warn,
-    write_json,
-)
+from butterfly.cli.options import NO_REPORT, WRITTEN, Data, Experiment, Out, Report, parse_pairs
+from butterfly.cli.output import ExitCode, say, show, show_progress, show_table, warn, write_json
 from butterfly.errors import InputError
 from butterfly.files import replacing, shipped
 
@@ -63,8 +46,6 @@ def run(
 
     Parameters
     ----------
-    experiment
-        An experiment file (YAML), or a shipped one's name.
     out
         Folder for results and report; results/NAME if not given.
     figures
@@ -110,8 +91,6 @@ def simulate(
 
     Parameters
     ----------
-    experiment
-        An experiment file (YAML), or a shipped one's name.
     out
         Folder for the logs and their manifest.
     """
@@ -274,7 +253,7 @@ def schema(
     model = ExperimentFile if what == "experiment" else Manifest
     text = json.dumps(model.model_json_schema(), indent=2, default=str) + "\n"
     if out is None:
-        print_document(text)
+        print(text, end="")
         return
     with replacing(out) as draft:
         draft.write_text(text, encoding="utf-8")

@@ -92,32 +92,23 @@ def manifest(
     out
         Manifest to write; FOLDER/manifest.yaml if not given.
     """
-    from butterfly.files import replacing  # noqa: PLC0415 - slow to import, as all of these
+    from butterfly.files import write_file  # noqa: PLC0415 - slow to import, as all of these
+    from butterfly.logs import manifest_draft as drafts  # noqa: PLC0415
     from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
-    from butterfly.logs.manifest_draft import (  # noqa: PLC0415
-        draft,
-        draft_text,
-        has_thesis_names,
-        open_questions,
-        with_columns,
-    )
 
     path = out or folder / MANIFEST_NAME
     if out is None and path.exists():
         raise InputError(path, "path", "a manifest that is there", "--out with another file")
-    named = has_thesis_names(folder)
+    named = drafts.has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "nothing", "the arm in m, of the masses in the names")
-    drafted = with_columns(draft(folder, checked_options(options.description())))
+    drafted = drafts.with_columns(drafts.draft(folder, checked_options(options.description())))
     drafted = drafted.piece(options.begin, options.end)
     root = options.root or ("." if out is None else None)
     if root is not None:
         drafted = drafted.model_copy(update={"root": str(root)})
-    given = {"input": options.input, "intersample": options.intersample, "columns": options.columns}
-    told = {key for key, value in given.items() if value is not None}
-    asked = open_questions(drafted, told, named=named)
-    with replacing(path) as file:
-        file.write_text(draft_text(drafted, asked), encoding="utf-8")
+    asked = drafts.open_questions(drafted, options.description().keys(), named=named)
+    write_file(path, drafts.draft_text(drafted, asked))
     say(f"Manifest of {len(drafted.logs)} logs: {path}")
     if asked:
         say("Settle in it, before it is used:")

@@ -22,8 +22,8 @@ WRITTEN = Group("What is written", sort_key=6)
 Data = Annotated[Path, Parameter(name="DATA")]
 """A manifest, a folder of logs, a log, a saved result or a shipped data set's name."""
 
-Experiment = Annotated[Path, Parameter(name="EXPERIMENT")]
-"""An experiment file (YAML), or a shipped one's name."""
+_EXPERIMENT = "An experiment file (YAML), or a shipped one's name."
+Experiment = Annotated[Path, Parameter(name="EXPERIMENT", help=_EXPERIMENT)]
 
 Out = Annotated[Path | None, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")]
 _LOG = "Numbers of the logs, from 0 on, by commas; all if not given."

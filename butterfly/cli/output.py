@@ -14,12 +14,11 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -103,11 +102,6 @@ def say_verdict(verdict: Verdict) -> None:
         print(_folded(line))
 
 
-def print_document(text: str) -> None:
-    """Print a document that was asked for, however quiet the command is."""
-    print(text, end="")
-
-
 def write_json(document: Mapping[str, Any]) -> None:
     """Write an answer as JSON to where ``--json`` said, if it did."""
     if asked.json is None:
@@ -116,7 +110,7 @@ def write_json(document: Mapping[str, Any]) -> None:
 
     if asked.document_alone:
         encoding = (getattr(sys.stdout, "encoding", None) or "").lower()
-        print_document(json_text(document, ascii_only=not encoding.startswith("utf")))
+        print(json_text(document, ascii_only=not encoding.startswith("utf")), end="")
     else:
         write_document(document, asked.json)
         say(f"Numbers: {asked.json}")
@@ -179,12 +173,8 @@ def show_table(
             print()
         table = Table(box=None, show_header=bool(headers), padding=(0, _GAP, 0, 0), pad_edge=False)
         for each in block:
-            table.add_column(
-                _glued(each.header),
-                width=each.width,
-                justify="left" if each.words else "right",
-                vertical="top",
-            )
+            side: Literal["left", "right"] = "left" if each.words else "right"
+            table.add_column(_glued(each.header), width=each.width, justify=side)
         for cells in zip(*(each.cells for each in block), strict=True):
             table.add_row(*map(_glued, cells))
         with out.capture() as captured:
@@ -259,12 +249,8 @@ def _folded(sentence: str) -> str:
     out = console()
     if not out.is_terminal:
         return sentence
-    lines = textwrap.wrap(
-        _glued(sentence),
-        min(out.width, _READABLE),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    width = min(out.width, _READABLE)
+    lines = textwrap.wrap(_glued(sentence), width, break_long_words=False, break_on_hyphens=False)
     return "\n".join(lines).replace(_GLUE, " ")
 
 
@@ -272,8 +258,6 @@ _T = TypeVar("_T")
 
 EVERY = 10.0
 """Seconds between the lines that tell of work where there is no terminal."""
-
-_telling: set[threading.Event] = set()  # by which lines that are told end
 
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
@@ -290,34 +274,19 @@ def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
 
 
 def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
-    done = 0
+    """Yield items; a thread tells how many are done, however long one takes."""
+    begin, done, over = time.monotonic(), 0, threading.Event()
     of = f" of {len(items)}" if isinstance(items, Sized) else ""
-    with _from_time_to_time(lambda: f"{description}: {done}{of} done"):
-        for item in items:
-            yield item
-            done += 1
-
-
-@contextmanager
-def _from_time_to_time(line: Callable[[], str]) -> Iterator[None]:
-    """Print a line every `EVERY` seconds while a block runs."""
-    begin, over = time.monotonic(), threading.Event()
-    _telling.add(over)
 
     def tell() -> None:
         while not over.wait(EVERY):
-            print(f"{line()}, {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+            line = f"{description}: {done}{of} done, {time.monotonic() - begin:.0f} s"
+            print(line, file=sys.stderr, flush=True)
 
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
+    threading.Thread(target=tell, daemon=True).start()
     try:
-        yield
+        for item in items:
+            yield item
+            done += 1
     finally:
         over.set()
-        _telling.discard(over)
-
-
-def tell_no_more() -> None:
-    """End all lines: what was under way may have been left by an error."""
-    while _telling:
-        _telling.pop().set()

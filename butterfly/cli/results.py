@@ -1,21 +1,50 @@
-"""`butterfly results`: look at what sweeps have left."""
+"""`butterfly results`: what sweeps have left, as options name it and as it is printed."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
+import pyarrow as pa
+import pyarrow.compute as pc
+from cyclopts import Parameter as Option
+from pyarrow import csv, parquet
 
-from butterfly.cli.options import Limit, Out
-from butterfly.cli.output import asked, say, show_table, write_json
-from butterfly.errors import InputError
+from butterfly.cli.options import Limit, Out, parse_pairs
+from butterfly.cli.output import ExitCode, say, show_table, write_json
+from butterfly.errors import InputError, nearest
+from butterfly.experiment.record import OK, RunRecord
+from butterfly.experiment.source import EXPERIMENT, read_experiment
+from butterfly.experiment.store import SWEEP, ResultStore
+from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
+from butterfly.files import replacing
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.parameter import Parameter, or_nan
+from butterfly.logs.log import InputKind
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import field_label, field_name, field_unit, with_error
+from butterfly.report.parameter_table import parameter_texts
+from butterfly.report.records import record_document, rows_document, runs_document
+from butterfly.result import document
 
-Folder = Annotated[Path, Parameter(name="FOLDER")]
+Folder = Annotated[Path, Option(name="FOLDER", help="A sweep's results, as results/NAME.")]
+
+_NAMES = ("number", "estimator", "parameter")
+"""Columns that name a row."""
+_ASKED = (
+    *("key", "seed", "repetition", "findings", "condition", "standard_error"),
+    *("least_left_out", "largest_left_out", "fit_mean", "held_out_worst", "holdout_worst"),
+)
+"""Columns that are shown where they are asked for, so that the others can be read."""
+
+_NOTHING = {"", "–"}
 
 
-def list_sweeps(folder: Folder = Path("results"), /) -> None:
+def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results"), /) -> None:
     """List the sweeps whose results lie in a folder, and how many of their runs are done.
 
     Parameters
@@ -23,11 +52,6 @@ def list_sweeps(folder: Folder = Path("results"), /) -> None:
     folder
         Where to look for results.
     """
-    from butterfly.experiment.record import OK  # noqa: PLC0415 - slow to import, as all of these
-    from butterfly.experiment.store import SWEEP, ResultStore  # noqa: PLC0415
-    from butterfly.report.format import field_name  # noqa: PLC0415
-    from butterfly.result import document  # noqa: PLC0415
-
     said: list[dict[str, Any]] = []
     rows: list[tuple[str, ...]] = []
     for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
@@ -52,29 +76,19 @@ def list_sweeps(folder: Folder = Path("results"), /) -> None:
     write_json(document("results", "Results", {"count": len(said), "rows": said}))
 
 
-def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> None:
+def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None:
     """Show one run: what it set, what it found, how long it took, and with which versions.
 
     Parameters
     ----------
-    folder
-        A sweep's results, as results/NAME.
     run
         A run: its number, or the start of its key.
     """
-    from butterfly.cli.sweeps import run_record  # noqa: PLC0415 - slow to import
-    from butterfly.experiment.store import ResultStore  # noqa: PLC0415
-    from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415
-    from butterfly.report.format import field_label  # noqa: PLC0415
-    from butterfly.report.parameter_table import parameter_texts  # noqa: PLC0415
-    from butterfly.report.records import record_document  # noqa: PLC0415
-
     record = run_record(folder, run)
     for each in record.estimates:
         if each.estimate is not None:
             first, *others = estimate_verdict(each.estimate).lines
-            say(f"{each.estimator}: {first}")
-            for line in others:
+            for line in (f"{each.estimator}: {first}", *others):
                 say(line)
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
     pairs += [(field_label(name), str(value)) for name, value in record.overrides.items()]
@@ -93,7 +107,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
                     for row in map(parameter_texts, each.parameters)
                 ],
             )
-        if not each.converged:
+        if each.ending is not Ending.CONVERGED:
             say(f"ending: {each.ending}")
         if each.error:
             say(each.error)
@@ -107,9 +121,9 @@ def table(
     folder: Folder,
     /,
     *,
-    table: Annotated[Literal["runs", "estimates"] | None, Parameter(metavar="TABLE")] = None,
-    where: Annotated[str | None, Parameter(name="--filter", metavar="PAIRS")] = None,
-    columns: Annotated[str | None, Parameter(metavar="NAMES")] = None,
+    table: Annotated[Literal["runs", "estimates"] | None, Option(metavar="TABLE")] = None,
+    where: Annotated[str | None, Option(name="--filter", metavar="PAIRS")] = None,
+    columns: Annotated[str | None, Option(metavar="NAMES")] = None,
     limit: Limit = 50,
     out: Out = None,
 ) -> None:
@@ -123,8 +137,6 @@ def table(
 
     Parameters
     ----------
-    folder
-        A sweep's results, as results/NAME.
     table
         Which table; runs if not given.
     where
@@ -136,19 +148,6 @@ def table(
     out
         Write all rows to this file: .csv or .parquet.
     """
-    from pyarrow import csv, parquet  # noqa: PLC0415 - slow to import, as all of these
-
-    from butterfly.cli.sweeps import (  # noqa: PLC0415
-        chosen_rows,
-        input_kind_of,
-        show_rows,
-        without_formulas,
-    )
-    from butterfly.experiment.store import ResultStore  # noqa: PLC0415
-    from butterfly.experiment.sweep_tables import ESTIMATES, RUNS  # noqa: PLC0415
-    from butterfly.files import replacing  # noqa: PLC0415
-    from butterfly.report.records import rows_document  # noqa: PLC0415
-
     if out is not None and out.suffix not in {".csv", ".parquet"}:
         raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
     name = table or (RUNS if out is None else ESTIMATES)
@@ -164,8 +163,9 @@ def table(
             else:
                 parquet.write_table(found, draft)
         say(f"{found.num_rows} rows: {out}")
-    if asked.json is not None:
-        write_json(rows_document(name, found, limit, input_kind_of(folder)))
+    plan = folder / EXPERIMENT
+    kind = read_experiment(plan).input_kind if plan.exists() else InputKind.TORQUE
+    write_json(rows_document(name, found, limit, kind))
 
 
 def clean(folder: Folder, /, *, failed: bool = False) -> None:
@@ -173,14 +173,172 @@ def clean(folder: Folder, /, *, failed: bool = False) -> None:
 
     Parameters
     ----------
-    folder
-        A sweep's results, as results/NAME.
     failed
         Also runs without a result, to do them again.
     """
-    from butterfly.experiment.store import ResultStore  # noqa: PLC0415 - slow to import
-
     removed = ResultStore(folder).clean(failed=failed)
     for path in removed:
         say(f"removed {path}")
     say(f"{len(removed)} removed.")
+
+
+def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
+    """Print the first ``count`` rows of a sweep's table; all columns if they were ``asked`` for."""
+    rows = table.slice(0, count).to_pylist()
+    if not rows:
+        say(f"{title}: no rows.")
+        return
+    shown = [name for name in table.column_names if asked or name not in _ASKED]
+    cells = {name: [shown_text(row[name]) for row in rows] for name in shown}
+    if len(rows) == 1:
+        pairs = [
+            (field_label(name), text) for name, (text,) in cells.items() if text not in _NOTHING
+        ]
+        show_table("", (), pairs, lead=2)
+        return
+    same = [] if asked else [name for name in shown if len({*cells[name]}) == 1]
+    named = [name for name in _NAMES if name in cells and name not in same]
+    others = [name for name in shown if name not in {*same, *named}]
+    told = [
+        f"{field_name(name)} {cells[name][0]} {field_unit(name)}".rstrip()
+        for name in same
+        if cells[name][0] not in _NOTHING
+    ]
+    if told:
+        say(f"The same in all rows: {', '.join(told)}.")
+    if not asked:
+        left = [
+            name
+            for name in table.column_names
+            if name in _ASKED and table[name].null_count < table.num_rows
+        ]
+        say(f"Not shown: {', '.join(left)}; --columns NAME,… shows what it names.")
+    columns = [*named, *others]
+    show_table(
+        title,
+        [field_label(name) for name in columns],
+        list(zip(*(cells[name] for name in columns), strict=True)),
+        lead=max(len(named), 1),
+    )
+
+
+def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
+    """Write a cell of a table; what is not known is a dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def chosen_rows(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
+    """Return rows (``where`` COLUMN=VALUE, by commas) and columns (names, by commas) of a table."""
+    for name, text in (parse_pairs(where, "--filter") if where else {}).items():
+        column = table[_known(name, table.column_names, "--filter")]
+        if pa.types.is_integer(column.type) and text.isdigit():
+            table = table.filter(pc.equal(column, int(text)))
+        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            try:
+                value = float(text)
+            except ValueError:
+                raise InputError("--filter", name, text, "a number") from None
+            near = pc.abs(pc.subtract(column.cast("double", safe=False), value))
+            table = table.filter(pc.less_equal(near, 1e-9 * max(abs(value), 1e-300)))
+        else:
+            table = table.filter(pc.equal(column.cast("string"), text))
+    if columns is None:
+        return table
+    names = [part.strip() for part in columns.split(",")]
+    return table.select([_known(name, table.column_names, "--columns") for name in names])
+
+
+def _known(name: str, names: Sequence[str], option: str) -> str:
+    meant = matching(name, names)
+    if len(meant) != 1:
+        expected = ", or ".join(meant) or nearest(name, names)
+        raise InputError(option, name, "an unknown column", expected)
+    return meant[0]
+
+
+def matching(name: str, names: Sequence[str]) -> list[str]:
+    """Return the columns that a user may mean: by name, its last part, or a header's words."""
+    if name in names:
+        return [name]
+    return [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
+
+
+def without_formulas(table: pa.Table) -> pa.Table:
+    """Return a table none of whose texts a spreadsheet takes for a formula."""
+    for k, field in enumerate(table.schema):
+        if not pa.types.is_string(field.type):
+            continue
+        texts = table.column(k)
+        taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
+        quoted = pc.binary_join_element_wise("'", texts, "")
+        table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
+    return table
+
+
+def is_run(path: Path) -> bool:
+    """Whether a path names a run of a sweep: RESULTS/NUMBER, or RESULTS/KEY."""
+    return (path.parent / SWEEP).exists() and not path.suffix
+
+
+def run_record(folder: Path, run: str) -> RunRecord:
+    """Return the record of a run of a sweep, by its number or the start of its key."""
+    store = ResultStore(folder)
+    runs = store.sweep().runs
+    keys = [each.key for each in runs if str(each.number) == run] or [
+        each.key for each in runs if each.key.startswith(run)
+    ]
+    if len(set(keys)) != 1:
+        expected = f"a number from 0 to {len(runs) - 1}, or a key's beginning that is one run's"
+        raise InputError(store.folder, "run", run, expected)
+    record = store.read(keys[0])
+    if record is None:
+        raise InputError(store.folder, "run", run, "one that was done (butterfly run does it)")
+    return record
+
+
+def compare_runs(one: Path, other: Path) -> ExitCode:
+    """Print what two runs of sweeps set and found otherwise."""
+    runs = [run_record(path.parent, path.name) for path in (one, other)]
+    names = [path.name if one.parent == other.parent else str(path) for path in (one, other)]
+    others = {each.estimator: each for each in runs[1].estimates}
+    for each in runs[0].estimates:
+        for name, of in zip(names, (each, others.get(each.estimator)), strict=True):
+            if of is not None and of.estimate is not None:
+                say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).lines[0]}")
+    said = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
+    pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
+    unlike = [
+        (field_label(name), *map(shown_text, pair))
+        for name, pair in pairs.items()
+        if pair[0] != pair[1]
+    ]
+    if unlike:
+        show_table("What was set", ("", *names), unlike)
+    else:
+        say("Nothing was set otherwise.")
+    for each in runs[0].estimates:
+        if each.estimator not in others:
+            continue
+        twins = {row.name: row for row in others[each.estimator].parameters}
+        show_table(
+            each.estimator,
+            ("parameter", *names, "difference", "in std. errors"),
+            [
+                (row.name, *_difference(row, twins[row.name]))
+                for row in each.parameters
+                if row.name in twins
+            ],
+        )
+    write_json(runs_document(runs))
+    return ExitCode.DONE
+
+
+def _difference(row: Parameter, twin: Parameter) -> tuple[str, ...]:
+    change, errors = twin.value - row.value, [or_nan(each.standard_error) for each in (row, twin)]
+    spread = math.hypot(*errors)
+    values = map(with_error, (row.value, twin.value), errors)
+    return *values, f"{change:.3g}", f"{change / spread:.2g}" if spread > 0 else "–"

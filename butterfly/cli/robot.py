@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -13,6 +13,9 @@ import butterfly as bf
 from butterfly.cli.options import WRITTEN, HandMass, Out
 from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
 from butterfly.errors import InputError
+
+if TYPE_CHECKING:
+    from butterfly.experiment.schema import Experiment
 
 Source = Annotated[Path, Parameter(name="SOURCE")]
 AddedMass = Annotated[float, Parameter(metavar="kg")]
@@ -81,7 +84,7 @@ def show(
             raise InputError(source, "--out", "nothing", "a picture: only experiments have a run")
         _watch(source, run, web=web, port=port)
     elif data or angle is not None or out.suffix.lower() not in _FILMS:
-        from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
+        from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
         from butterfly.plant.watch.picture import render  # noqa: PLC0415
 
         named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
@@ -98,8 +101,7 @@ def show(
 def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
     from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
 
-    plan = bf.read_experiment(source)
-    _require_run(source, number, len(plan.runs()))
+    plan = _with_run(source, number)
     shown = LiveRun(plan.plant.rig, *plan.runs()[number], plan.duration, plan.seeds()[number])
     with suppress(KeyboardInterrupt):
         watch(shown, web=web, port=port)
@@ -109,27 +111,22 @@ def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, siz
     from butterfly.plant.rollout import simulate_runs  # noqa: PLC0415 - slow to import
     from butterfly.plant.watch.picture import film  # noqa: PLC0415
 
-    plan = bf.read_experiment(source)
-    _require_run(source, number, len(plan.runs()))
+    plan = _with_run(source, number)
     run, seed = plan.runs()[number], plan.seeds()[number]
     (log,) = simulate_runs(plan.plant.rig, [run], plan.duration, [seed])
     shown = log.take(log.time <= log.time[0] + seconds)
-    film(
-        plan.plant.robot,
-        log.added_mass,
-        shown.time,
-        shown.angle,
-        out,
-        fps=fps,
-        size=size,
-        track=show_progress,
-    )
+    robot, carried, motion = plan.plant.robot, log.added_mass, (shown.time, shown.angle)
+    film(robot, carried, *motion, out, fps=fps, size=size, track=show_progress)
     say(f"Film: {out}")
 
 
-def _require_run(source: Path, number: int, count: int) -> None:
-    if number >= count:
-        raise InputError(source, "--run", number, f"a number from 0 to {count - 1}")
+def _with_run(source: Path, number: int) -> Experiment:
+    """Return an experiment that has a run of this number."""
+    plan = bf.read_experiment(source)
+    last = len(plan.runs()) - 1
+    if number > last:
+        raise InputError(source, "--run", number, f"a number from 0 to {last}")
+    return plan
 
 
 def export(
@@ -157,7 +154,7 @@ def export(
     added_mass
         What the hand carries, at --arm.
     """
-    from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
+    from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415
 
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)

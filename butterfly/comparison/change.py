@@ -12,10 +12,9 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.covariance import CONFIDENCE, widened
+from butterfly.identification.inference.covariance import widened
+from butterfly.identification.levels import CONFIDENCE
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
-
-Values = Samples
 
 LEVEL = 1 - CONFIDENCE
 """Share of comparisons of a robot that has not changed that say that it has, at most."""
@@ -142,10 +141,10 @@ def _compared(
 class _Side:
     """What one estimate says of n parameters: values, errors, degrees of freedom, covariance."""
 
-    values: Values
-    errors: Values
-    freedom: Values
-    covariance: Values
+    values: Samples
+    errors: Samples
+    freedom: Samples
+    covariance: Samples
 
     @classmethod
     def of(cls, estimate: Estimate, names: Sequence[str]) -> _Side:
@@ -209,7 +208,7 @@ def _uncertain(estimate: Estimate, name: str) -> bool:
     return bool(estimate.covariance[row, row] > 0 and np.isfinite(limits).all())
 
 
-def _welch(sides: Sequence[_Side]) -> Values:
+def _welch(sides: Sequence[_Side]) -> Samples:
     """(n,) degrees of freedom of the sum of two variances (Welch, Biometrika 34, 1947)."""
     one, other = ((side.errors**2, side.freedom) for side in sides)
     total = (one[0] + other[0]) ** 2
@@ -217,7 +216,7 @@ def _welch(sides: Sequence[_Side]) -> Values:
         return np.asarray(total / (one[0] ** 2 / one[1] + other[0] ** 2 / other[1]))
 
 
-def _holm(tails: Values) -> Values:
+def _holm(tails: Samples) -> Samples:
     """Return (n,) probabilities, corrected for how many are looked at."""
     order = np.argsort(tails)
     factors = np.arange(tails.size, 0, -1)
@@ -226,7 +225,7 @@ def _holm(tails: Values) -> Values:
     return corrected
 
 
-def _joint_probability(difference: Values, covariance: Values, freedom: float) -> float:
+def _joint_probability(difference: Samples, covariance: Samples, freedom: float) -> float:
     """Return the probability of so large a distance by chance (Hotelling's T^2)."""
     count = difference.size
     spread = np.sqrt(np.diag(covariance))
@@ -263,12 +262,12 @@ def _clearest_ratio(
     return min(found, key=lambda each: each.probability, default=None)
 
 
-def _tails(deviation: Values | float, freedom: Values | float) -> Values:
+def _tails(deviation: Samples | float, freedom: Samples | float) -> Samples:
     """Return the probability of so many standard errors or more, on either side."""
     return np.asarray(2 * stdtr(np.minimum(freedom, _ALMOST_NORMAL), -np.abs(deviation)))
 
 
-def _quantile(freedom: Values | float, level: float) -> Values:
+def _quantile(freedom: Samples | float, level: float) -> Samples:
     return np.asarray(stdtrit(np.minimum(freedom, _ALMOST_NORMAL), level))
 
 

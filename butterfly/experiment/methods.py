@@ -32,10 +32,7 @@ def options_of(kind: type[Estimator]) -> list[str]:
 def kind_of(
     method: str, options: Iterable[str] = (), *, written: Callable[[str], str] = str
 ) -> type[Estimator]:
-    """Return the estimator of a name; InputError if there is none, or an option is not its own.
-
-    ``written`` says how the name of an option is written where the user wrote it.
-    """
+    """Return the estimator of a name, whose options are its own; ``written``: as the user does."""
     if method not in ESTIMATORS:
         raise InputError("estimator", written("method"), method, nearest(method, ESTIMATORS))
     kind = ESTIMATORS[method]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -37,17 +37,6 @@ from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunResult:
-    """What a run gave: the record to keep, and the whole of it to look at."""
-
-    record: RunRecord
-    error: Exception | None  # what ended it early, or why there is no result
-    logs: tuple[Log, ...]  # simulated, in order
-    identifications: dict[str, Identification]  # of estimators that gave one, by their labels
-    orbit: OrbitStudy | None  # if one was held
-
-
 def perform(
     experiment: Experiment, *, threads: int | None = None, track: Track = untracked
 ) -> RunResult:
@@ -55,35 +44,13 @@ def perform(
 
     The ``threads`` of the simulation are one per core if not given; no result depends on them.
     """
-    run = _Run(experiment, threads, track)
-    error: Exception | None = None
-    with run.timed("total"):
+    result = RunResult(experiment, threads, track)
+    with result.timed("total"):
         try:
-            run.do()
-        except Exception as ending:
-            error = ending
-    status, reason = OK, ""
-    if error is not None:
-        refused = isinstance(error, ButterflyError)
-        status = REFUSED if refused else FAILED
-        reason = str(error) if refused else f"{type(error).__name__}: {error}"
-    record = RunRecord(
-        status=status,
-        error=reason,
-        seed=experiment.seed,
-        logs=len(run.logs),
-        estimates=tuple(run.estimates),
-        orbit=None if run.orbit is None else OrbitRecord.of(run.orbit),
-        versions=versions(),
-        seconds=run.seconds,
-    )
-    return RunResult(
-        record=record,
-        error=error,
-        logs=tuple(run.logs),
-        identifications=run.identifications,
-        orbit=run.orbit,
-    )
+            result.do()
+        except Exception as error:
+            result.error = error
+    return result
 
 
 def execute(task: Task, tables: Mapping[str, Table]) -> Outcome:
@@ -104,19 +71,40 @@ def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome
     return Outcome(record=record, files=packed(experiment, result.logs) if keep else {})
 
 
-class _Run:
-    """A run under way, and what it has given so far."""
+class RunResult:
+    """A run, and what it has given so far: in the end the whole of it, to look at."""
 
     def __init__(self, experiment: Experiment, threads: int | None, track: Track) -> None:
         self._experiment, self._threads, self._track = experiment, threads, track
         self._truth = experiment.plant.robot.lumped
-        self.seconds: dict[str, float] = {}
-        self.logs: list[Log] = []
-        self.estimates: list[EstimateRecord] = []
-        self.identifications: dict[str, Identification] = {}
+        self._seconds: dict[str, float] = {}
+        self._estimates: list[EstimateRecord] = []
+        self.error: Exception | None = None  # what ended it early, or why there is no result
+        self.logs: list[Log] = []  # simulated, in order
+        self.identifications: dict[str, Identification] = {}  # by the labels of their estimators
         self.orbit: OrbitStudy | None = None
 
+    @property
+    def record(self) -> RunRecord:
+        """What is kept of it."""
+        status, reason = OK, ""
+        if self.error is not None:
+            refused = isinstance(self.error, ButterflyError)
+            status = REFUSED if refused else FAILED
+            reason = str(self.error) if refused else f"{type(self.error).__name__}: {self.error}"
+        return RunRecord(
+            status=status,
+            error=reason,
+            seed=self._experiment.seed,
+            logs=len(self.logs),
+            estimates=tuple(self._estimates),
+            orbit=None if self.orbit is None else OrbitRecord.of(self.orbit),
+            versions=versions(),
+            seconds=self._seconds,
+        )
+
     def do(self) -> None:
+        """Do it; raise what ends it early."""
         experiment, data = self._experiment, None
         if experiment.runs():
             with self.timed("simulate"):
@@ -129,7 +117,7 @@ class _Run:
             with self.timed("orbit"):
                 self.orbit = self._hold_orbit(experiment.control, data)
         elif not self.identifications:
-            raise IdentifiabilityError(self.estimates[0].error)
+            raise IdentifiabilityError(self._estimates[0].error)
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:
@@ -138,13 +126,10 @@ class _Run:
         try:
             yield
         finally:
-            self.seconds[part] = time.perf_counter() - begun
+            self._seconds[part] = time.perf_counter() - begun
 
     def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
-        """Hold an orbit and re-calibrate, beginning with what is believed.
-
-        If nothing is, that is what the first estimator found in the small swings of ``data``.
-        """
+        """Hold an orbit with what is believed, or what the first estimator found in ``data``."""
         experiment, believed, zero = self._experiment, control.believed, 0.0
         small_swings = None
         if believed is None:
@@ -176,8 +161,7 @@ class _Run:
             estimator = self._threaded(spec.suited(data))
             identification = identify(data, estimator, track=self._track)
         except ButterflyError as error:
-            refused = EstimateRecord(estimator=spec.label, error=str(error))
-            self.estimates.append(refused)
+            self._estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return
         found = identification.estimate
         self.identifications[spec.label] = identification
@@ -192,7 +176,7 @@ class _Run:
             fit=identification.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,
         )
-        self.estimates.append(self._validated(record, data, spec))
+        self._estimates.append(self._validated(record, data, spec))
 
     def _threaded(self, spec: Estimator) -> Estimator:
         """Return an estimator that takes no more threads than it may."""

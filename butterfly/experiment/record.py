@@ -96,11 +96,6 @@ class EstimateRecord:
         return Ending.REFUSED if self.estimate is None else self.estimate.ending
 
     @property
-    def converged(self) -> bool:
-        """Whether the values are where the estimator wanted to be."""
-        return self.ending is Ending.CONVERGED
-
-    @property
     def level(self) -> Level:
         """How much speaks against the values."""
         return Level.WARNING if self.estimate is None else self.estimate.level

@@ -11,13 +11,7 @@ import numpy as np
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Intersample, Log
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    LogEntry,
-    Manifest,
-    manifest_text,
-    write_manifest,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, write_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.prior import Known, Prior
@@ -54,11 +48,7 @@ def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untr
 
 
 def planned_logs(experiment: Experiment) -> list[Log]:
-    """Return a log for each run: stamps, the input as it would be set, and the angle at the start.
-
-    The robot of the experiment does not count: nothing is fed back, so that its inputs are what
-    they are with any other.
-    """
+    """Return a log for each run: stamps, the input, which no robot feeds back to, and the start."""
     plain = replace(
         experiment.plant.rig,
         robot=replace(experiment.plant.robot, clutch=None),
@@ -101,16 +91,12 @@ def _entry(log: Log, file: str) -> LogEntry:
     sine, added = log.excitation, log.added_mass
     return LogEntry(
         file=file,
-        added_mass=_with_uncertainty(added.mass, added.mass_uncertainty),
-        arm=_with_uncertainty(added.arm, added.arm_uncertainty) if added.arm else None,
+        added_mass=Known(value=added.mass, uncertainty=added.mass_uncertainty),
+        arm=Known(value=added.arm, uncertainty=added.arm_uncertainty) if added.arm else None,
         inertia=added.own_inertia or None,
         omega=sine.omega if sine else None,
         amplitude=sine.amplitude if sine else None,
     )
-
-
-def _with_uncertainty(value: float, uncertainty: float) -> float | Known:
-    return Known(value=value, uncertainty=uncertainty) if uncertainty else value
 
 
 def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:

@@ -17,7 +17,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment, TableFile
-from butterfly.files import locate, replacing, require_path, shipped
+from butterfly.files import locate, require_path, shipped, write_file
 from butterfly.logs.csv import read_columns
 from butterfly.signals.excitations import Table
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
@@ -101,11 +101,10 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:
-    """Write an experiment as it was given, what it extends put in, and the signals that it names.
+    """Write an experiment, what it extends put in, and its signals; return the names of the files.
 
-    Read again, it is the same experiment: its runs have the same addresses. Returns the names of
-    the files below the folder of results. The source was planned if it is a sweep, so that all its
-    signals are known. InputError if a file would take the place of one that was read.
+    Read again, it is the same: its runs have the same addresses. A sweep was planned before, so
+    that its signals are known. InputError if a file would take the place of one that was read.
     """
     signals = {str(named.path): path for named, path in source.signals.items()}
     within = {name: _below(path, source.path.parent) for name, path in signals.items()}
@@ -113,18 +112,15 @@ def keep_experiment(source: Source, folder: Path) -> list[str]:
     contents = {EXPERIMENT: (_HEAD + text).encode()}
     contents |= {within[name]: path.read_bytes() for name, path in signals.items()}
     read = [path.resolve() for path in (*source.paths, *signals.values())]
-    written = []
     for name, content in contents.items():
         place = folder / name
-        written.append(name)
         if place.resolve() in read and place.read_bytes() == content:
             continue
         if place.resolve() in read:
             expected = "a folder for results that is not the experiment's own (--out)"
             raise InputError(place, "path", "the file of the experiment", expected)
-        with replacing(place) as draft:
-            draft.write_bytes(content)
-    return written
+        write_file(place, content)
+    return list(contents)
 
 
 def read_table(path: Path, time: str, values: str) -> tuple[str, Table]:

@@ -33,7 +33,7 @@ from butterfly.experiment.record import (
     origin_of,
 )
 from butterfly.experiment.sweep_tables import TABLES, SweepColumns
-from butterfly.files import DRAFT, replacing
+from butterfly.files import DRAFT, read_file, write_file
 
 SWEEP = "sweep.json"
 
@@ -91,11 +91,9 @@ class ResultStore:
         """Write the files of a run, then its record, each whole or not at all."""
         key = outcome.record.key
         for name, content in outcome.files.items():
-            with replacing(self.files_path(key) / name) as draft:
-                draft.write_bytes(content)
+            write_file(self.files_path(key) / name, content)
         files = {name: digest_of(content) for name, content in outcome.files.items()}
-        with replacing(self.record_path(key)) as draft:
-            draft.write_text(replace(outcome.record, files=files).to_json(), encoding="utf-8")
+        write_file(self.record_path(key), replace(outcome.record, files=files).to_json())
 
     def holds(self, record: RunRecord) -> bool:
         """Whether the files of a run lie beside its record, as they were written."""
@@ -105,7 +103,7 @@ class ResultStore:
         """Write what is asked; tables of before are what they were."""
         with suppress(InputError):
             sweep = replace(sweep, tables=self.sweep().tables)
-        self._write_sweep(sweep)
+        write_file(self.folder / SWEEP, sweep.to_json())
 
     def end_sweep(self, sweep: SweepRecord) -> None:
         """Put the tables together from the records, in the sweep's order; write what was asked.
@@ -116,26 +114,16 @@ class ResultStore:
         for _ in range(_ENDS):
             tables = self._tables(sweep)
             for name, content in tables.items():
-                with replacing(self.folder / name) as draft:
-                    draft.write_bytes(content)
+                write_file(self.folder / name, content)
             files = {name: digest_of(content) for name, content in tables.items()}
-            self._write_sweep(replace(sweep, tables=files))
+            write_file(self.folder / SWEEP, replace(sweep, tables=files).to_json())
             if _hold(self.folder, files):
                 return
-
-    def _write_sweep(self, sweep: SweepRecord) -> None:
-        with replacing(self.folder / SWEEP) as draft:
-            draft.write_text(sweep.to_json(), encoding="utf-8")
 
     def sweep(self) -> SweepRecord:
         """Read what was asked."""
         path = self.folder / SWEEP
-        try:
-            text = path.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            raise InputError(path, "path", "no such file", "a folder of results") from None
-        except (OSError, ValueError) as error:
-            raise InputError(path, "content", error, "what a sweep wrote") from None
+        text = read_file(path, "a folder of results").decode(errors="replace")
         sweep = SweepRecord.from_json(text)
         if sweep is None:
             expected = f"those of schema {SCHEMA} (butterfly run does the sweep anew)"
@@ -164,22 +152,17 @@ class ResultStore:
         """Read a table; InputError if there is none, or not as the sweep wrote it."""
         path = self.folder / _file_of(name)
         for _ in range(_LOOKS):
-            try:
-                content = path.read_bytes()
-            except FileNotFoundError:
-                raise InputError(path, "path", "no such file", "a folder of results") from None
-            except OSError as error:
-                raise InputError(path, "path", error.strerror or error, "a readable file") from None
+            content = read_file(path, "a folder of results")
             if digest_of(content) == self.sweep().tables.get(path.name):
                 return parquet.read_table(pa.BufferReader(content))
             time.sleep(_MOMENT)  # another process may be about to write the other of the two
         expected = f"the table that belongs to {SWEEP} (butterfly run puts it together anew)"
         raise InputError(path, "content", "something else", expected)
 
-    def _is_inside(self, path: Path) -> bool:
-        """Whether a path leads to its place through no link."""
-        inside = path.relative_to(self.folder)
-        return not any((self.folder / part).is_symlink() for part in (inside, *inside.parents[:-1]))
+    def _is_linked(self, path: Path) -> bool:
+        """Whether a path leads to its place through a link."""
+        way = (path, *path.parents)
+        return any(each.is_symlink() for each in way[: way.index(self.folder)])
 
     def clean(self, *, failed: bool = False) -> list[Path]:
         """Remove what no run of the sweep has: records, logs without one, unfinished files.
@@ -193,11 +176,11 @@ class ResultStore:
             record = self.read(path.stem)
             unwanted = record is None or (failed and record.status != OK)
             if unwanted or path.stem not in wanted:
-                removed += [path, *([self.files_path(path.stem)])]
+                removed += [path, self.files_path(path.stem)]
         kept = (self.folder / "runs").glob("*/*")
         removed += [path for path in kept if path.is_dir() and path.name not in wanted]
         existing = [
-            path for path in dict.fromkeys(removed) if path.exists() and self._is_inside(path)
+            path for path in dict.fromkeys(removed) if path.exists() and not self._is_linked(path)
         ]
         for path in existing:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)

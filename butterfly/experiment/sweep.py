@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task, d
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, signal_digest
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_spec import apply
+from butterfly.experiment.sweep_spec import Overrides, apply
 from butterfly.experiment.workers import Engine
 from butterfly.files import shipped
 from butterfly.progress import Track, untracked
@@ -44,45 +44,36 @@ class SweepPlan:
 
 
 def plan_sweep(source: Source) -> SweepPlan:
-    """List the runs of an experiment file; one without ``sweep`` has one.
-
-    Every run is validated here, so that a slip shows before anything is simulated.
-    """
+    """List and validate the runs of an experiment file; one without ``sweep`` has one."""
     experiment = source.experiment()
     sweep = experiment.sweep
     fields = () if sweep is None else tuple(sweep.fields)
     for field in fields:
         if field.split(".")[0] in {"sweep", "extends", "name"}:
             raise InputError(source.path, f"sweep: {field}", field, "a field of the experiment")
-    tasks = tuple(_tasks(source, experiment))
-    return SweepPlan(experiment=experiment, fields=fields, tasks=tasks, tables=source.tables)
-
-
-def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
     base = {key: value for key, value in source.content.items() if key != "sweep"}
-    points = (
-        [({}, 0, experiment.seed)]
-        if experiment.sweep is None
-        else experiment.sweep.points(experiment.seed, source.path)
-    )
+    points: Iterable[tuple[Overrides, int, int]] = [({}, 0, experiment.seed)]
+    if sweep is not None:
+        points = sweep.points(experiment.seed, source.path)
+    tasks = []
     for number, (overrides, repetition, seed) in enumerate(points):
         content = source.with_digests(apply(base, overrides | {"seed": seed}, source.path))
         asked = source.experiment(content)
-        yield Task(
-            number=number,
-            key=address(asked, content),
-            overrides=overrides,
-            repetition=repetition,
-            seed=asked.seed,
-            content=content,
+        tasks.append(
+            Task(
+                number=number,
+                key=address(asked, content),
+                overrides=overrides,
+                repetition=repetition,
+                seed=asked.seed,
+                content=content,
+            )
         )
+    return SweepPlan(experiment=experiment, fields=fields, tasks=tuple(tasks), tables=source.tables)
 
 
 def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
-    """Return where the result of an experiment lies.
-
-    It covers all that the result depends on: defaults, the code, and the versions it ran with.
-    """
+    """Return the hash of all that a result depends on: defaults, the code, versions it ran with."""
     asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
     asked["estimators"] = [
         {name: value for name, value in asdict(each).items() if name != "workers"}
@@ -186,10 +177,7 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
 
 
 def kept_status(store: ResultStore, task: Task) -> str | None:
-    """Return the status of a result that stays; None if the task is to be done.
-
-    It is if it has no result, failed unexpectedly, or lacks logs that were kept.
-    """
+    """Return the status of a result that is whole and stays; None if the task is to be done."""
     record = store.read(task.key)
     if record is None or record.status == FAILED or not store.holds(record):
         return None

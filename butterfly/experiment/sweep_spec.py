@@ -130,8 +130,8 @@ class SweepSpec(StrictModel):
         axes: list[list[Overrides]] = [
             [dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())],
             self.rows or [{}],
-            _random(self.random, np.random.SeedSequence(seed, spawn_key=(_RANDOM,))),
-            _hypercube(self.latin_hypercube, np.random.SeedSequence(seed, spawn_key=(_HYPERCUBE,))),
+            _drawn(self.random, seed, _RANDOM),
+            _drawn(self.latin_hypercube, seed, _HYPERCUBE),
         ]
         for parts in product(*axes):
             overrides = {path: value for part in parts for path, value in part.items()}
@@ -182,29 +182,22 @@ def _index(place: list[Any], part: str, path: str, source: object) -> int:
     return int(part)
 
 
-def _random(spec: RandomSpec | None, seed: np.random.SeedSequence) -> list[Overrides]:
+def _drawn(spec: RandomSpec | None, seed: int, stream: int) -> list[Overrides]:
     if spec is None:
         return [{}]
-    shares = np.random.default_rng(seed).random((spec.count, len(spec.fields)))
-    return _drawn(spec, shares.tolist())
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
+    if stream == _HYPERCUBE:
+        from scipy.stats.qmc import LatinHypercube  # noqa: PLC0415 - slow to import
 
-
-def _hypercube(spec: RandomSpec | None, seed: np.random.SeedSequence) -> list[Overrides]:
-    if spec is None:
-        return [{}]
-    from scipy.stats.qmc import LatinHypercube  # noqa: PLC0415 - slow to import
-
-    sampler = LatinHypercube(len(spec.fields), rng=np.random.default_rng(seed))
-    return _drawn(spec, sampler.random(spec.count).tolist())
-
-
-def _drawn(spec: RandomSpec, shares: list[list[float]]) -> list[Overrides]:
+        shares = LatinHypercube(len(spec.fields), rng=rng).random(spec.count)
+    else:
+        shares = rng.random((spec.count, len(spec.fields)))
     return [
         {
             path: each.quantile(share)
             for (path, each), share in zip(spec.fields.items(), row, strict=True)
         }
-        for row in shares
+        for row in shares.tolist()
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -32,6 +33,7 @@ _COLUMNS = (
     *("parameter", "known", "value", "lower", "upper", "true", "deviation", "fit_median"),
 )
 _MAIN = ("p1", "p3", "p4")
+_LARGEST = sys.float_info.max
 
 _Row = TypeVar("_Row")
 
@@ -114,18 +116,11 @@ _ESTIMATE: dict[str, Column[Found]] = {
 
 
 class SweepColumns:
-    """The columns of a sweep's tables: the fixed ones, and one for each field that varied.
+    """The columns of a sweep's tables: the fixed ones, and one for each field that varied."""
 
-    The values of all runs decide on the types of the latter.
-    """
-
-    def __init__(self, fields: Sequence[str], runs: Iterable[SweepRun]) -> None:
+    def __init__(self, fields: Sequence[str], runs: Sequence[SweepRun]) -> None:
         varied = [field for field in fields if field != "seed"]  # it has a column anyway
-        values: dict[str, list[Any]] = {field: [] for field in varied}
-        for run in runs:
-            for field in varied:
-                values[field].append(run.overrides.get(field))
-        self._fields = {field: _kind(values[field]) for field in varied}
+        self._fields = {name: _kind(run.overrides.get(name) for run in runs) for name in varied}
 
     def schema(self, table: str) -> pa.Schema:
         """Return the names and types of a table's columns."""
@@ -153,43 +148,33 @@ def _kind(values: Iterable[Any]) -> pa.DataType:
     given = [value for value in values if value is not None]
     if given and all(isinstance(value, bool) for value in given):
         return _TRUTH
-    return _NUMBER if all(_is_number(value) for value in given) else _TEXT
+    numbers = (
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
+        for value in given
+    )
+    return _NUMBER if all(numbers) else _TEXT
 
 
-def _is_number(value: Any) -> bool:  # noqa: ANN401 - whatever a field may be set to
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
-
-
-def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401
+def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401 - whatever a field may be set to
     if value is None or kind == _TRUTH:
         return value
-    return float(value) if kind == _NUMBER else _text(value)
-
-
-def _text(value: Any) -> str:  # noqa: ANN401
+    if kind == _NUMBER:
+        return float(value)
     if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
         return ", ".join(f"{key} {part}" for key, part in value.items())
     return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)
 
 
 class Recovery(NamedTuple):
-    """How one estimator recovers one parameter.
-
-    The deviations from the truth are shares, NaN without any; so is the coverage of 95 % intervals.
-    """
+    """How one estimator recovers one parameter."""
 
     estimator: str
     parameter: str
     runs: int
-    median: float
+    median: float  # deviation from the truth, as a share; NaN without any
     rms: float
     largest: float
-    coverage: float
+    coverage: float  # of 95 % intervals; NaN without any
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
+from butterfly.identification.levels import FEW
 from butterfly.logs.log import MIN_SAMPLES, Log
 
 CELLS = 10
 """Blocks into which a log is cut: as many as tell their scatter within a quarter."""
-
-FEW = 3
-"""Logs, up to which their scatter tells nothing of that between others."""
 
 
 def cells_of(logs: int, parameters: int) -> int:

@@ -17,6 +17,8 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.levels import LOST
+from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import LARGEST_SWING, resonance_frequency
@@ -27,15 +29,11 @@ from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, init
 DURATION = 40.0
 """Length of a run in s."""
 
-_STEP = 5e-3  # s
 _INDEPENDENT = 2  # a run tells two numbers for certain, its gain and its phase, and no more
-_HYPERSENSITIVE = 0.5  # of the swing, by which one standard error may move a candidate's angle
-_OVER_FRICTION = 1.5  # least torque of a candidate's drive, in Coulomb torques
-_SWINGS = (0.15, 0.4)  # rad, aimed at by the amplitudes; of a slide shares of what is allowed
-_RATIOS = (0.5, 0.75, 0.9, 1.0, 1.1, 1.35, 2.0)  # of the resonance, the frequencies
-_HARMONICS = (10, 16, 19, 21, 26, 38)  # of a multisine, whose base is the resonance by 20
-_RESONANCE = 20  # of them
-_RELEASE = 0.6  # rad, from which a free decay starts
+_SWINGS = (0.15, 0.4)  # shares of what is allowed, aimed at by the amplitudes
+# of a base, the harmonics that a multisine has or one sine each, and that which is the resonance
+_HARMONICS, _RESONANCE = (10, 15, 18, 20, 22, 27, 40), 20
+_OF_FRICTION = 4 / math.pi  # amplitude of the first harmonic of dry friction, over its torque
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,25 +130,26 @@ def masses_at_hand(data: DataSet) -> list[AddedMass]:
 
 def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list[Excitation]:
     """Propose inputs around the resonance of the hand with its added mass."""
-    swings = [(limit if mass.joint is JointKind.SLIDE else 1.0) * swing for swing in _SWINGS]
+    widest = limit if mass.joint is JointKind.SLIDE else min(limit, LARGEST_SWING)
+    swings = [widest * swing for swing in _SWINGS]
     loaded = parameters.with_added_mass(mass)
     resonance = resonance_frequency(loaded)
     if resonance == 0.0:
         # Without a restoring moment any frequency will do that friction lets pass.
         resonance = (abs(loaded.p3) / loaded.p1) ** 0.5 or 2.0
     inputs: list[Excitation] = []
-    for ratio in _RATIOS:
-        omega = ratio * resonance
+    for harmonic in _HARMONICS:
+        omega = harmonic / _RESONANCE * resonance
         for swing in swings:
             stiffness = abs(loaded.p3 - loaded.p1 * omega**2) * swing
-            damping = loaded.p2 * omega * swing + 4 / np.pi * loaded.coulomb
+            damping = loaded.p2 * omega * swing + _OF_FRICTION * loaded.coulomb
             amplitude = float(f"{np.hypot(stiffness, damping) / abs(loaded.p4):.2g}")
             inputs.append(Sine(omega=float(f"{omega:.3g}"), amplitude=amplitude))
     torque = (loaded.p1 * resonance**2 * swings[0] + 2 * loaded.coulomb) / abs(loaded.p4)
     base, peak = float(f"{resonance / _RESONANCE:.3g}"), float(f"{torque:.2g}")
     inputs.append(Multisine(base=base, harmonics=_HARMONICS, peak=peak))
     if loaded.p3 != 0.0:  # which brings it back
-        inputs.append(FreeDecay(angle=_RELEASE))
+        inputs.append(FreeDecay(angle=widest))
     return inputs
 
 
@@ -177,9 +176,9 @@ def judged_candidate(
     warning = ""
     if swing > limit:
         warning = f"swings {swing:.2g} {mass.joint.way}"
-    elif drive < _OVER_FRICTION * friction:
+    elif drive < _OF_FRICTION * friction:
         warning = "the drive hardly exceeds Coulomb friction"
-    elif spread > _HYPERSENSITIVE:
+    elif spread > LOST:
         warning = f"hypersensitive: its angle is known to {100 * spread:.0f} % of its swing only"
     return Candidate(
         added_mass=mass,
@@ -199,8 +198,8 @@ def _peak(signal: Excitation) -> float:
 
 def _respond(parameters: LumpedParameters, mass: AddedMass, signal: Excitation) -> Samples:
     """Simulate a candidate from rest, its bias aside."""
-    time = np.arange(0.0, DURATION, _STEP)
-    instants = np.column_stack([time[:-1], time[:-1] + _STEP / 2, time[1:]])
+    time = np.arange(0.0, DURATION, LONGEST_STEP)
+    instants = np.column_stack([time[:-1], time[:-1] + LONGEST_STEP / 2, time[1:]])
     late = instants - parameters.delay
     inputs = np.where(late < 0, 0.0, signal.sample(late.ravel()).reshape(late.shape))
     loaded = parameters.with_added_mass(mass)

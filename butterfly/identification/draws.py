@@ -34,22 +34,22 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.inference.covariance import SPREADS, honest_limits, widened
+from butterfly.identification.inference.covariance import honest_limits, widened
+from butterfly.identification.levels import DRAWS, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 from butterfly.progress import Track, in_threads, untracked
 
-COUNT = 200
-"""Draws if no other number is asked for: five lie beyond either edge of a band."""
-
-LEAST = 40
+LEAST = 2 * DRAWS
 """Fewest draws, of which one lies beyond either edge of a band."""
+
+COUNT = 5 * LEAST
+"""Draws if no other number is asked for: five lie beyond either edge of a band."""
 
 _STEP = 0.02  # s, between the samples at which a band is worked out
 _MOST_KEPT = 5e8  # bytes of angles that are kept from the weighing for the bands
 _TINY = float(np.finfo(float).tiny)
-_ROUNDS = 100  # of drawing again, until as many as wanted are possible
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +132,7 @@ def draw_parameters(
     lower, rng = lower_bounds(estimate.names) - estimate.values, np.random.default_rng(seed)
     different, root = tuple(set(masses)), covariance_root(covariance)
     found: list[Samples] = []
-    for _ in range(_ROUNDS):
+    for _ in range(count):
         moved = rng.standard_normal((count, root.shape[0])) @ root
         for row in np.flatnonzero(np.any(moved < lower, axis=1)):
             moved[row] = _within(moved[row], lower, covariance)
@@ -141,7 +141,7 @@ def draw_parameters(
             break
     else:
         raise IdentifiabilityError(
-            f"the intervals are so wide that hardly any of {_ROUNDS * count} sets of parameters "
+            f"the intervals are so wide that hardly any of {count**2} sets of parameters "
             "makes a joint: one with inertia, and with friction that brakes"
         )
     return ParameterDraws(

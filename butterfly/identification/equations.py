@@ -17,17 +17,16 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import FEW, cut
+from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.identification.normal_equations import (
     Regression,
     Solution,
     scaled_least_squares,
 )
 from butterfly.model.prior import Penalty
-
-_TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,7 +175,7 @@ class CellEquations:
         basis, singular, _ = np.linalg.svd(
             flat / np.where(size > 0, size, 1.0), full_matrices=False
         )
-        told = basis[:, singular > _TOLD * singular.max(initial=0.0)]
+        told = basis[:, singular > ROUNDING * singular.max(initial=0.0)]
         if not told.size:
             raise IdentifiabilityError("these logs do not move any parameter")
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
@@ -184,7 +183,7 @@ class CellEquations:
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):
             others = np.delete(flat, k, axis=1)
             own = flat[:, k] - others @ scaled_least_squares(others, flat[:, k])
-            if own @ own > _TOLD * (flat[:, k] @ flat[:, k]):
+            if own @ own > ROUNDING * (flat[:, k] @ flat[:, k]):
                 along = np.einsum("km,km->k", own.reshape(cells.residuals.shape), cells.residuals)
                 found = max(found, float(along @ along / (own @ own)))
         return found

@@ -12,8 +12,9 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
-from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.identifiability import PRECISE, precision
+from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.identifiability import precision
+from butterfly.identification.levels import PRECISE
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -275,6 +276,18 @@ class Estimate:
     def with_findings(self, *more: Finding) -> Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
+
+    def with_contrasts(self, more: tuple[Contrast, ...]) -> Estimate:
+        """Return the estimate with contrasts of its free runs first, if they explain more.
+
+        What steady responses say of single logs is no match: they have few rows beside so many.
+        """
+        own = [each.share for each in self.agreement if each.condition is not Condition.LOG]
+        if not more or more[0].share < max(own, default=0.0):
+            return self
+        seen = {(each.parameter, each.condition) for each in more}
+        rest = (each for each in self.agreement if (each.parameter, each.condition) not in seen)
+        return replace(self, agreement=(*more, *rest))
 
     def with_unit_errors(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import InputError
+from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
-from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun
@@ -33,7 +32,15 @@ from butterfly.model.parameters import (
     LumpedParameters,
 )
 from butterfly.model.prior import PHYSICAL, Prior
-from butterfly.result import Result, TextTable, aligned, document, text, texts, write_document
+from butterfly.result import (
+    Result,
+    TextTable,
+    aligned,
+    document,
+    text,
+    texts,
+    write_document,
+)
 from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
 
@@ -49,7 +56,7 @@ _UNITS = {"fit.horizon": "s"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "against.fit"), "%"
 )
 _SAVED = ("summary", "chosen", "against", "residuals")
-_LARGEST = 1e60  # of any number: squares of such are numbers too
+_LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -401,9 +408,10 @@ class Identification(Result):
         InputError
             If a file cannot be written, or the logs of a loaded result cannot be read.
         """
-        from butterfly.report.identification_page import write_report  # noqa: PLC0415 - a view
+        from butterfly.report.identification_page import identification_page  # noqa: PLC0415 - a view
+        from butterfly.report.page import write_page  # noqa: PLC0415 - a view
 
-        write_report(self, Path(path), truth, figures=figures)
+        write_page(identification_page(self, truth), Path(path), figures=figures)
 
 
 def about_data(data: DataSet) -> dict[str, Any]:

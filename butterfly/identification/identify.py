@@ -84,11 +84,12 @@ def judge(
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
-    judged_so_far = found.with_findings(
+    residuals = residuals or residuals_of(data, found)
+    judged_so_far = found.with_contrasts(residuals.agreement).with_findings(
         *judge_physics(found, data.masses),
         *judge_clock(data.sines),
         *judge_fit(data.simulations.followed(found, counted)),
-        *(residuals or residuals_of(data, found)).findings,
+        *residuals.findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
         *judge_basis(found, data),

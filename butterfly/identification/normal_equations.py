@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.levels import CLEARLY
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
-
-_WELL = 3.0  # standard errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +129,7 @@ def pulled_below(
     ``rows``, ``residuals``, ``covariance``: (m, n), (m,) and (n, n).
     """
     step = scaled_least_squares(rows, -residuals)
-    return np.asarray(step < -_WELL * np.sqrt(np.diag(covariance)))
+    return np.asarray(step < -CLEARLY * np.sqrt(np.diag(covariance)))
 
 
 def scaled_least_squares(

@@ -24,7 +24,7 @@ from butterfly.identification.derived_quantities import (
     with_gear,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.covariance import SPREADS
+from butterfly.identification.levels import SPREADS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind

@@ -3,7 +3,7 @@
 The band of the parameters holds the motion of the model, with whatever parameters the estimate
 leaves open. The band of a new log holds a recording: to each draw of the parameters come the errors
 of a log that the model has not seen. Both are pointwise, at
-`butterfly.identification.inference.covariance.CONFIDENCE`.
+`butterfly.identification.levels.CONFIDENCE`.
 
 The honest error is that of a log whose added mass the estimate has not seen: each log is simulated
 with the estimate that was made without its mass. Where there is none, as with two masses, of which
@@ -31,7 +31,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.draws import ParameterDraws, samples_of_bands
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.covariance import CONFIDENCE
+from butterfly.identification.levels import CONFIDENCE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.progress import Track, in_threads, untracked

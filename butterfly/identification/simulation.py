@@ -54,7 +54,7 @@ class SimulatedMotion(NamedTuple):
     def squared_error(self) -> float:
         """Return the sum of squares in rad^2 of angles less the measured ones."""
         return sum(
-            polynomials.squared_distance(grid, angle, speed, log.time, log.angle)
+            float(polynomials.squared_distance(grid, angle, speed, log.time, log.angle))
             for log, grid, angle, speed in self.pieces
         )
 

@@ -13,14 +13,12 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.blocks import edges_of
 from butterfly.identification.data import DataSet
+from butterfly.identification.levels import FEW
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.signals.frequency_response import MIN_PERIODS
 
 FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
-
-ENOUGH = 3
-"""Added masses, or logs, of which one can be left out whatever else is known."""
 
 Samples = Mapping[int, slice]
 """Numbers of logs, and which samples of each are left out."""
@@ -104,15 +102,15 @@ def remedy(data: DataSet, *, besides: Split = Split.MASS) -> str:
 def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
     """Return the split that asks most of an estimate and suits the logs, and why."""
     masses, omegas, count = len(data.masses), len(_frequencies(data)), len(data.logs)
-    if masses >= ENOUGH and folds is None:
+    if masses >= FEW and folds is None:
         return Split.MASS, f"there are {masses} added masses"
     few = f"{'one' if masses == 1 else masses} added mass{'es' if masses > 1 else ''} only"
-    if masses >= ENOUGH:
+    if masses >= FEW:
         few = "folds were asked for"
     sines = all(log.excitation for log in data.logs)
     if sines and omegas >= FOLDS and _works(data, Split.FREQUENCY, folds):
         return Split.FREQUENCY, f"{few}, but sines of {omegas} frequencies"
-    if count >= ENOUGH and _works(data, Split.LOG, folds):
+    if count >= FEW and _works(data, Split.LOG, folds):
         return Split.LOG, f"{few}, but {count} logs"
     return Split.TIME, f"{few}, and too few logs to leave one out"
 

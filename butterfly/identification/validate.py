@@ -14,12 +14,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
-from butterfly.identification.inference.covariance import CONFIDENCE
-from butterfly.identification.splits import ENOUGH, Division, Split, divide, remedy
+from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
+from butterfly.identification.splits import Division, Split, divide, remedy
 from butterfly.progress import Track, untracked
-
-_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
-_LEAST_REPETITIONS = 20  # for one draw beyond a limit of 95 %, on either side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +80,7 @@ def _squares(run: FreeRun, stretch: slice) -> tuple[float, float]:
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
     """Say why the rest is too little, and which split leaves enough."""
     part = f"the logs with {name}" if split is Split.MASS else name
-    if split is Split.MASS and len(data.masses) == ENOUGH - 1:
+    if split is Split.MASS and len(data.masses) == FEW - 1:
         return (
             f"without {part} there is one added mass left of two, which tells p1..p4 but for a "
             "common factor unless one of them is known (known: {p4: ...}, say)"
@@ -131,7 +128,7 @@ def select_terms(
             for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
         }
         term = max(trials, key=lambda name: trials[name].mean)
-        if trials[term].mean < best.mean + _LEAST_GAIN:
+        if trials[term].mean < best.mean + 100 * SHOWS:
             break
         chosen, best = (*chosen, term), trials[term]
         passed.append((chosen, best))
@@ -169,8 +166,8 @@ def bootstrap(
     the Bootstrap, 1993, ch. 8.) The terms are those of the estimate from all logs. Draws that
     cannot determine them are drawn again; IdentifiabilityError if hardly any does.
     """
-    if repetitions < _LEAST_REPETITIONS:
-        raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
+    if repetitions < DRAWS:
+        raise InputError("bootstrap", "repetitions", repetitions, f"at least {DRAWS}")
     held = estimator.holding_terms_of(estimate)
     rng = np.random.default_rng(seed)
     groups = [

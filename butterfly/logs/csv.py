@@ -18,7 +18,7 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import replacing
+from butterfly.files import read_file, write_file
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     VELOCITY,
@@ -85,7 +85,7 @@ def read_csv(
     table = _table(path, list(mapping.values()), () if columns else (VELOCITY,))
     names, layout = table.names, table.reading.layout
     if not columns and has_column(names, VELOCITY):
-        if _holds_numbers(table.columns[place(path, names, VELOCITY)]):
+        if isinstance(table.columns[place(path, names, VELOCITY)], np.ndarray):
             mapping[VELOCITY] = VELOCITY
         else:
             layout += ("no numbers in the column velocity, which is left out",)
@@ -103,17 +103,12 @@ def read_csv(
 
 
 def write_csv(log: Log, path: Path) -> None:
-    """Write a log with the header that `DEFAULT_COLUMNS` expects, every number in full.
-
-    A missing velocity column is left out.
-    """
+    """Write the columns that a log has, as `DEFAULT_COLUMNS` calls them, every number in full."""
     delimiter = "\t" if path.suffix.lower() in _TABS else ","
     columns = log.columns()
     texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
     rows = zip(*texts, strict=True)
-    with replacing(path) as draft:
-        lines = [delimiter.join(columns), *map(delimiter.join, rows), ""]
-        draft.write_text("\n".join(lines), encoding="ascii")
+    write_file(path, "\n".join([delimiter.join(columns), *map(delimiter.join, rows), ""]))
 
 
 def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
@@ -191,16 +186,10 @@ def _is_number_type(kind: pyarrow.DataType) -> bool:
     return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))
 
 
-def _holds_numbers(column: Column) -> bool:
-    return isinstance(column, np.ndarray) or _is_number_type(column.type)
-
-
 def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
     column = table.columns[number]
     if isinstance(column, np.ndarray):
         return column
-    if _is_number_type(column.type):
-        return np.asarray(column.to_numpy().astype(np.float64))
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
     row = next((k for k, text in enumerate(texts) if not is_number(text)), None)
     if row is None:
@@ -253,12 +242,7 @@ def is_number(text: str) -> bool:
 
 def _decoded(path: Path) -> tuple[str, str]:
     """Return a file's text and the name of its encoding."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing file") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror, "a readable file") from None
+    content = read_file(path, "an existing file")
     encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
     if encoding is None and content[1:200:2].count(0) > content[0:200:2].count(0):
         encoding = "utf-16-le"
@@ -357,7 +341,7 @@ def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:
 
 def _parsed(
     path: Path, rows: list[_Line], delimiter: str, decimal: str, width: int
-) -> list[pyarrow.ChunkedArray]:
+) -> list[Column]:
     blanks = delimiter == " "
     for line in rows:
         count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
@@ -378,4 +362,7 @@ def _parsed(
     except pyarrow.ArrowInvalid as error:
         reason = " ".join(str(error).split())
         raise InputError(path, "content", f"unreadable ({reason})", "a table") from None
-    return list(table.columns)
+    return [
+        np.asarray(each.to_numpy().astype(np.float64)) if _is_number_type(each.type) else each
+        for each in table.columns
+    ]

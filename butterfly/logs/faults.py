@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,10 +70,7 @@ def increasing(time: Samples) -> Mask:
 
 
 def restarts(time: Samples) -> list[int]:
-    """Return the numbers of the samples at which the clock falls back, and lastingly.
-
-    A stamp that is late, or early, by itself is none of them.
-    """
+    """Return the numbers of the samples at which the clock falls back, and lastingly."""
     found: list[int] = []
     for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():
         before, after = time[max(k - _SIDE, 0) : k], time[k : k + _SIDE]
@@ -163,14 +162,22 @@ def saturated(values: Samples) -> int:
     rests = 0
     for level in (values.min(), values.max()):
         drop = np.abs(values - level)
-        starts, ends = _flat_runs(drop == 0)
-        sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
-        for entry, exit_, length in zip(sides[:-1], sides[1:], ends - starts, strict=True):
-            if _runs_on(entry[::-1], length, resolution) and _runs_on(exit_, length, resolution):
-                lengths.append(int(length))
+        for length, sides in _flanked(drop, *_flat_runs(drop == 0)):
+            if all(_runs_on(side, length, resolution) for side in sides):
+                lengths.append(length)
             else:
                 rests += 1
     return sum(lengths) if len(lengths) >= max(_SEVERAL, rests) else 0
+
+
+def _flanked(
+    drop: Samples, starts: Rows, ends: Rows, lengths: Rows | None = None
+) -> Iterator[tuple[int, tuple[Samples, Samples]]]:
+    """Yield the samples of each flat run, and the drop on its sides, from it on."""
+    lengths = ends - starts if lengths is None else lengths
+    sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
+    for length, (entry, leave) in zip(lengths.tolist(), pairwise(sides), strict=True):
+        yield length, (entry[::-1], leave)
 
 
 def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
@@ -188,36 +195,20 @@ def clipped(angle: Samples) -> int:
     Each side counts by itself: a joint that sticks at its turning point may leave it abruptly,
     but its speed had fallen to zero when it came.
     """
-    runs = [(level, *_flat_runs(angle == level)) for level in (angle.min(), angle.max())]
-    runs = [run for run in runs if run[1].size]
-    resolution = _resolution(angle) if runs else 0.0
-    return sum(_clipped_at(angle, *run, resolution) for run in runs)
-
-
-def _clipped_at(
-    angle: Samples,
-    level: float,
-    starts: Rows,
-    ends: Rows,
-    resolution: float,
-) -> int:
-    """Count samples in the flat runs at one extreme that the angle enters and leaves at speed."""
-    drop = np.abs(angle - level)
-    span = float(drop.max())
-    starts, ends, lengths = _tops(drop, starts, ends, _NEAR_TOP * resolution)
-    sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
-    return sum(
-        int(length)
-        for entry, exit_, length in zip(sides[:-1], sides[1:], lengths, strict=True)
-        if _at_speed(entry[::-1], resolution, span) and _at_speed(exit_, resolution, span)
-    )
+    resolution, count = _resolution(angle), 0
+    for level in (angle.min(), angle.max()):
+        drop = np.abs(angle - level)
+        starts, ends = _flat_runs(drop == 0)
+        if starts.size:
+            span = float(drop.max())
+            tops = _tops(drop, starts, ends, _NEAR_TOP * resolution)
+            for length, sides in _flanked(drop, *tops):
+                count += length * all(_at_speed(side, resolution, span) for side in sides)
+    return count
 
 
 def _tops(drop: Samples, starts: Rows, ends: Rows, near: float) -> tuple[Rows, Rows, Rows]:
-    """Join flat runs between which a signal stays near, as noise has it; return their samples too.
-
-    ``drop``: (n,) distances from the top in rad; ``starts``, ``ends``: (k,) of the flat runs.
-    """
+    """Join (k,) flat runs between which a signal stays near its top; return their samples too."""
     gaps = np.column_stack([ends[:-1], starts[1:]]).ravel()
     between = np.maximum.reduceat(drop, gaps)[::2] if gaps.size else np.empty(0)
     first = np.concatenate([[0], np.flatnonzero(between >= near) + 1])
@@ -227,12 +218,9 @@ def _tops(drop: Samples, starts: Rows, ends: Rows, near: float) -> tuple[Rows, R
 
 def _flat_runs(on_top: Mask) -> tuple[Rows, Rows]:
     """Return starts and ends of the runs of at least `_FLAT` samples of a mask."""
-    rows = np.flatnonzero(on_top)
-    breaks = np.flatnonzero(np.diff(rows) > 1)
-    starts = rows[np.concatenate([[0], breaks + 1])]
-    ends = rows[np.concatenate([breaks, [rows.size - 1]])] + 1
-    long = ends - starts >= _FLAT
-    return starts[long], ends[long]
+    edges = np.flatnonzero(np.diff(on_top, prepend=False, append=False)).reshape(-1, 2)
+    starts, ends = edges[edges[:, 1] - edges[:, 0] >= _FLAT].T
+    return starts, ends
 
 
 def _resolution(angle: Samples) -> float:
@@ -251,8 +239,6 @@ def _at_speed(drop: Samples, resolution: float, span: float) -> bool:
     v^2/(2 a) beyond it. A signal that comes to rest seems to do so too, but by no more than the
     resolution and what it rises within a sample. Beyond half of its span a swing is no parabola: a
     signal of so few resolutions that its speed cannot be known sooner is passed over.
-
-    ``drop``: (n,) distances from the top in rad, the sample beside it first.
     """
     if drop.size <= 2 * _NEAREST:
         return False

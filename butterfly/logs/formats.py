@@ -38,10 +38,7 @@ def read_log(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read one file, by its ending; ``properties`` are fields of `Log` that it does not hold.
-
-    Raises InputError if the file cannot be read, or is of none of the `FORMATS`.
-    """
+    """Read one file, by its ending; InputError if it cannot be read, or is none of `FORMATS`."""
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
@@ -79,10 +76,7 @@ def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
 
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
-    """Return the number of the one column that is wanted by its name or number.
-
-    A name does without the unit that stands behind it in brackets.
-    """
+    """Return the number of the one column of a name, with or without its unit, or of a number."""
     for known in (list(names), [_UNIT.sub("", name) for name in names]):
         places = [k for k, name in enumerate(known) if name == wanted]
         if len(places) > 1:
@@ -140,10 +134,7 @@ def log_of_table(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
 ) -> Log:
-    """Make a log of a table in memory (see `read_log`).
-
-    A plain array has its columns in the order of `SAMPLED`, unless others are named.
-    """
+    """Make a log of a table; a plain array has the columns of `SAMPLED` unless others are named."""
     found = _columns(table)
     names = list(found)
     if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:

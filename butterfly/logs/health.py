@@ -158,7 +158,6 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, ascending)
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
     clean = _with_sound_lead(_only(sound, kept))
-    _refuse_constant(clean)
     _refuse_implausible(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
@@ -208,11 +207,7 @@ def _with_sound_lead(log: Log) -> Log:
 
 
 def _refuse_unless_allowed(
-    log: Log,
-    faulty: NDArray[np.bool_],
-    repair: Repair,
-    allowed: Collection[Repair],
-    expected: str,
+    log: Log, faulty: NDArray[np.bool_], repair: Repair, allowed: Collection[Repair], expected: str
 ) -> None:
     if repair in allowed or not faulty.any():
         return
@@ -241,8 +236,8 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
     raise InputError(log.source, "angle", value, hint)
 
 
-def _refuse_constant(log: Log) -> None:
-    """Refuse a joint that does not move, and a sine that is none; a free decay has no input."""
+def _refuse_implausible(log: Log) -> None:
+    """Refuse a joint at rest, a sine without input, and numbers that no bench has."""
     meanings = {"angle": "a moving joint (a log of one at rest is to be left out)"}
     if log.excitation is not None:
         meanings["input"] = "an input that excites the joint"
@@ -250,17 +245,13 @@ def _refuse_constant(log: Log) -> None:
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
             raise InputError(log.source, name, f"a constant {column[0] + 0.0:g}", meaning)
-
-
-def _refuse_implausible(log: Log) -> None:
-    """Refuse numbers that no bench has: too large, or such as differ by too little."""
     for name in ("time", "input", "angle"):
         column = getattr(log, name)
-        largest = max(float(column.max()), -float(column.min()))
+        least, most = float(column.min()), float(column.max())
+        largest, span = max(most, -least), most - least
         if largest > _LARGEST:
             expected = f"numbers below {_LARGEST:g}"
             raise InputError(log.source, name, f"numbers up to {largest:.3g}", expected)
-        span = float(column.max()) - float(column.min())
         if 0 < span < _SMALLEST:
             found = f"numbers that differ by {span:.3g} at most"
             raise InputError(log.source, name, found, f"a range above {_SMALLEST:g}")

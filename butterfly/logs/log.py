@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.units import Units
+from butterfly.logs.units import AS_IS, Units
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, known_of
 
@@ -71,13 +71,10 @@ class Sine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lead:
-    """What was commanded before a log begins, which is then a piece of a longer recording.
+    """What was commanded before a log begins, which is then a piece of a longer recording."""
 
-    (n,) increasing stamps in s, before the log's first one, and the command at each.
-    """
-
-    time: Samples
-    input: Samples
+    time: Samples  # (n,) increasing stamps in s, before the log's first one
+    input: Samples  # the command at each
 
 
 class InitialState(NamedTuple):
@@ -221,12 +218,8 @@ class Log:
 
     def converted(self, units: Units) -> Log:
         """Return the log of columns that were recorded in other units."""
-        changed: dict[str, Any] = {
-            name: column
-            for name, column in units.applied(self.columns()).items()
-            if column is not getattr(self, name)
-        }
-        return replace(self, **changed) if changed else self
+        changed: dict[str, Any] = units.applied(self.columns())
+        return self if units == AS_IS else replace(self, **changed)
 
     def _column(self, name: str) -> Samples:
         try:
@@ -238,15 +231,10 @@ class Log:
             raise InputError(self.source, name, "values that are no numbers", "numbers") from None
 
     def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum:
-        try:
-            return kind(getattr(self, name))
-        except ValueError:
-            raise InputError(
-                self.source,
-                name,
-                getattr(self, name),
-                nearest(str(getattr(self, name)), [str(each) for each in kind]),
-            ) from None
+        value, known = getattr(self, name), [str(each) for each in kind]
+        if value not in known:
+            raise InputError(self.source, name, value, nearest(str(value), known))
+        return kind(value)
 
     def __repr__(self) -> str:
         return (
@@ -261,9 +249,8 @@ class Log:
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Log:
         """Return the log of the samples selected by a mask, or by their numbers."""
-        time, inputs, angle = self.time[rows], self.input[rows], self.angle[rows]
-        velocity = None if self.velocity is None else self.velocity[rows]
-        return replace(self, time=time, input=inputs, angle=angle, velocity=velocity)
+        taken: dict[str, Any] = {name: column[rows] for name, column in self.columns().items()}
+        return replace(self, **taken)
 
     def piece(self, first: int, last: int) -> Log:
         """Return the log of the samples from number ``first`` to before number ``last``.

@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 from butterfly.errors import InputError
-from butterfly.files import replacing
+from butterfly.files import write_file
 from butterfly.logs import thesis_logs
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
@@ -56,13 +56,12 @@ def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
     return values
 
 
-Uncertain = float | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+_Known = Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+
+Uncertain = float | _Known
 """A number, or {value: ..., uncertainty: ...}."""
 
-Size = (
-    Annotated[float, Field(ge=0)]
-    | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
-)
+Size = Annotated[float, Field(ge=0)] | _Known
 """The same, not negative."""
 
 
@@ -298,12 +297,7 @@ def _options() -> type[StrictModel]:
 
 
 def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what options or keywords say of data: fields of `Manifest`, ``begin`` and ``end``.
-
-    None says nothing; one that says nothing is left out.
-
-    Raises InputError: naming the field, its value and what was expected.
-    """
+    """Return what options or keywords say that are not None, checked: fields, begin and end."""
     some = {name: value for name, value in given.items() if value is not None}
     found = validate([], some, _options(), source="data")
     return {name: getattr(found, name) for name in some}
@@ -317,13 +311,8 @@ def described(
 ) -> Manifest:
     """Return the manifest of a file's content and what `checked_options` found besides.
 
-    They replace what the content says, but for fields with a rule of their own: the content goes
-    before what the input commands, how it is held, and the arm; repairs, logs that are held out,
-    units and what is known are added. A zero is that of all logs. ``begin`` and ``end`` are left to
-    `Manifest.piece`, for when it is clear which log is meant.
-
-    Raises InputError: naming the file, or the source, with the field, its value and what was
-    expected.
+    They replace what the content says, but for fields marked with a `_Rule`. A zero is that of all
+    logs. ``begin`` and ``end`` are left to `Manifest.piece`, once it is clear which log is meant.
     """
     both = dict(content)
     for name in given.keys() - {"begin", "end", "zero"}:
@@ -347,11 +336,7 @@ def _added(own: Any, more: Any) -> Any:  # noqa: ANN401 - whatever a file holds
 def read_manifest(
     path: Path, root: Path | None = None, given: Mapping[str, Any] | None = None
 ) -> Manifest:
-    """Read a manifest file, with its root resolved to an absolute folder.
-
-    ``root`` is the folder of the logs in place of the one that the manifest names, ``given`` what
-    `checked_options` found.
-    """
+    """Read a manifest, its root made absolute, or ``root``; ``given`` is of `checked_options`."""
     document = load_yaml(path)
     manifest = described(document.content, given or {}, [document])
     folder = _expand_root(path, manifest.root) if root is None else root.absolute()
@@ -373,8 +358,7 @@ def manifest_text(manifest: Manifest) -> str:
 
 def write_manifest(manifest: Manifest, path: Path) -> None:
     """Write a manifest as YAML."""
-    with replacing(path) as draft:
-        draft.write_text(manifest_text(manifest), encoding="utf-8")
+    write_file(path, manifest_text(manifest))
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:

@@ -10,13 +10,7 @@ from typing import Any
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS
 from butterfly.logs.log import InputKind
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    LogEntry,
-    Manifest,
-    described,
-    manifest_text,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
@@ -26,43 +20,42 @@ _QUESTIONS = {
     "input": "what does the input command, voltage or torque? The files do not say.",
     "intersample": "how does the input go between two samples, held (zero_order_hold) or in a line "
     "(first_order_hold)? The files do not say.",
+    "columns": "which columns hold time, input and angle, by name or number? None is called so. "
+    "Taken for the first three, in this order.",
+    "logs": "what was added in each log (added_mass in kg, arm in m), and omega and amplitude of a "
+    "sine? The names of the files do not say.",
 }
-_OF_COLUMNS = (
-    "which columns hold time, input and angle, by name or number? None is called so. Taken for the "
-    "first three, in this order."
-)
 _FIRST_THREE = {"time": 0, "input": 1, "angle": 2}
-_OF_LOGS = (
-    "what was added in each log (added_mass in kg, arm in m), and omega and amplitude of a sine? "
-    "The names of the files do not say."
-)
 _DIGITS = 12  # of a number in another unit: the last ones are those of rounding
 
 
 def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Manifest:
-    """Return the manifest of a log, or of a folder of logs, that comes without one.
+    """Return the manifest of a log, or of all logs below a folder, that come without one.
 
-    ``given`` is what `checked_options` found. Added masses and sines are those of names like
-    Data_52__8__002.mat, which need an arm; ``massless``: unless what is added may be left out.
+    ``given`` is what `checked_options` found. Masses and sines are those of the thesis's names,
+    ``Data_<grams>__<rad/s>__<0amplitude>``: ``_`` stands for a decimal point within a number, and
+    the amplitude's point follows its first 0, so that ``Data_120_5__3_5__0015.mat`` is 120.5 g,
+    3.5 rad/s, 0.015. Without an arm the mass of a single log is left out, and so are all those of a
+    folder if it may be ``massless``. By any other name nothing was added.
     """
+    units, folder = Units.of(given.get("units")), path
     if not path.is_dir():
-        return manifest_of_log(path, given)
-    if not has_thesis_names(path) or (massless and "arm" not in given):
-        return manifest_of_files(path, given)
-    if "arm" not in given:
+        folder = path.parent
+        entry = _entry_by_name(path, folder, units) or LogEntry(file=path.name)
+        entries = [entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})]
+    elif not has_thesis_names(path) or (massless and "arm" not in given):
+        entries = _entries(path)
+    elif "arm" in given:
+        entries = _entries_by_name(path, units)
+    else:
         expected = "a manifest, or the arm (--arm) in m of the masses in the names of the files"
         raise InputError(path, MANIFEST_NAME, "no such file", expected)
-    return manifest_from_names(path, given)
+    name = path.resolve().name if path.is_dir() else path.name
+    return of_logs(name, folder, entries, given)
 
 
-def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
-    """Generate a manifest from the thesis's file names, ``Data_<grams>__<rad/s>__<0amplitude>``.
-
-    ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
-    0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
-    """
+def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
     entries = []
-    units = Units.of(given.get("units"))
     for path in log_files(folder):
         entry = _entry_by_name(path, folder, units)
         if entry is not None:
@@ -70,18 +63,11 @@ def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
         elif path.suffix.lower() not in OFTEN_TEXTS:
             expected = "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
             raise InputError(path, "file name", path.stem, expected)
-    if not entries:
-        raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
-    entries.sort(key=lambda entry: (known_of(entry.added_mass).value, entry.omega or 0.0))
-    return of_logs(folder.resolve().name, folder, entries, given)
+    return sorted(entries, key=lambda each: (known_of(each.added_mass).value, each.omega or 0.0))
 
 
-def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
-    """Generate a manifest of all logs in a folder, whatever their names: nothing was added to any.
-
-    Files that are often texts of another kind are logs if they hold a table. Subfolders are
-    searched.
-    """
+def _entries(folder: Path) -> list[LogEntry]:
+    """Return an entry for each log; files that are often other texts are if they hold a table."""
     from butterfly.logs.csv import holds_table  # noqa: PLC0415 - slow to import
 
     paths = [
@@ -91,20 +77,7 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
-    entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
-    return of_logs(folder.resolve().name, folder, entries, given)
-
-
-def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
-    """Generate the manifest of one log; its name gives mass and sine, where it follows the pattern.
-
-    Without an arm the added mass is not placed, and left out.
-    """
-    units = Units.of(given.get("units"))
-    entry = _entry_by_name(path, path.parent, units) or LogEntry(file=path.name)
-    if "arm" not in given:
-        entry = entry.model_copy(update={"added_mass": 0.0})
-    return of_logs(path.name, path.parent, [entry], given)
+    return [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
 
 
 def of_logs(
@@ -116,10 +89,7 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest by which its first log can be read: by the first columns, if need be.
-
-    Columns that are given stay, and so does a log that cannot be read in this way either.
-    """
+    """Return a manifest by which its first log can be read, if it can: by the first columns."""
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
     if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
         return manifest
@@ -139,10 +109,8 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
 
     ``named``: whether the names of the files give masses and sines.
     """
-    asked = {key: text for key, text in _QUESTIONS.items() if key not in given}
-    if manifest.columns is not None and "columns" not in given:
-        asked["columns"] = _OF_COLUMNS
-    return asked if named else asked | {"logs": _OF_LOGS}
+    settled = {*given, "columns" * (manifest.columns is None), "logs" * named}
+    return {key: text for key, text in _QUESTIONS.items() if key not in settled}
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+import math
+import mmap
+import struct
+import zlib
+from collections.abc import Collection, Container
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat, whosmat
+from scipy.io import loadmat, savemat
 
 from butterfly.errors import InputError, nearest, size_text
 from butterfly.files import most_in, replacing
 from butterfly.logs.formats import ColumnMap, checked_map
 from butterfly.logs.log import SAMPLED, Log
-from butterfly.logs.mat5 import whole
 from butterfly.logs.units import AS_IS, Units
 
 _MATRIX = "D"
@@ -23,13 +25,6 @@ _OBJECTS = (
     "a MATLAB object (timeseries, table, Simulink.SimulationOutput), which only MATLAB can read",
     "plain vectors, saved as t = x.Time; u = x.Data; save('log.mat', 't', 'u')",
 )
-_VERSION = slice(124, 126)  # of the header, which hold the version
-_HDF5 = b"\x00\x02"
-_OWN = "#"  # begins what MATLAB keeps for itself
-_PLAIN = {"double", "single", "logical", "char", "struct"} | {
-    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
-}
-_OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
 def read_mat(
@@ -43,14 +38,12 @@ def read_mat(
     A column is a vector (``t``), a field of a struct (``data.t``) or a column of a matrix (``M.0``,
     or ``0`` of ``D``). Without a map they are the columns t, u, q[, dq] of ``D``.
     """
-    arrays: dict[str, Any]
     if columns is None:
-        matrix = _matrix(path)
-        arrays = dict(zip(SAMPLED, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
+        arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
     else:
         mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
-        variables = _load(path, {parts[0] for parts in mapping.values()})
-        arrays = {field: _vector(path, variables, parts) for field, parts in mapping.items()}
+        variables, names = _load(path, {parts[0] for parts in mapping.values()})
+        arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
     return Log(**arrays, source=str(path), **properties).converted(units)
 
 
@@ -60,9 +53,8 @@ def write_mat(log: Log, path: Path) -> None:
     Not compressed: angles and velocities hardly shrink, and to inflate them takes longer than all
     else that is done with a log of a minute.
     """
-    matrix = np.column_stack(list(log.columns().values()))
     with replacing(path) as draft:
-        savemat(draft, {_MATRIX: matrix})
+        savemat(draft, {_MATRIX: np.column_stack(list(log.columns().values()))})
 
 
 def _parts(name: str | int) -> list[str]:
@@ -71,83 +63,63 @@ def _parts(name: str | int) -> list[str]:
     return [_MATRIX, *parts] if parts[0].isdecimal() else parts
 
 
-def _matrix(path: Path) -> NDArray[Any]:
-    matrix = _load(path, {_MATRIX}).get(_MATRIX)
-    if matrix is None:
-        _refuse_objects(path, _MATRIX)
-        listed = ", ".join(_names(path)) or "none"
-        found = f"no such variable (there are: {listed})"
+def _matrix(path: Path) -> NDArray[np.float64]:
+    variables, names = _load(path, {_MATRIX})
+    if _MATRIX not in variables:
+        _refuse_objects(path, _MATRIX, variables)
+        found = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
         raise InputError(path, _MATRIX, found, expected)
+    matrix = variables[_MATRIX]
     if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
-        found = type(matrix).__name__
+        found = matrix if isinstance(matrix, str) else type(matrix).__name__
         found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
         raise InputError(path, _MATRIX, found, "shape (n, 3) or (n, 4): t, u, q[, dq]")
-    if matrix.dtype.kind not in "fiu":
-        raise InputError(path, _MATRIX, f"type {matrix.dtype}", "real numbers")
-    return matrix
+    return _real(path, _MATRIX, matrix)
 
 
-def _load(path: Path, names: Collection[str]) -> dict[str, Any]:
-    """Return the variables of some names that there are: arrays, or mappings of fields."""
-    if not path.is_file():
-        raise InputError(path, "path", "no such file", "an existing .mat file")
-    if is_mat73(path):
-        return load73(path, names)
-    try:
-        file = whole(path)
-        return dict(loadmat(file, variable_names=list(names), simplify_cells=names != {_MATRIX}))
-    except Exception as error:  # scipy's reader meets corrupt bytes with whatever they lead to
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
+def _real(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return a copy, a column after the other: `values` may lie in the file itself."""
+    if values.dtype.kind not in "fiu":
+        raise InputError(path, name, f"type {values.dtype}", "real numbers")
+    return np.array(values, dtype=np.float64, order="F")
 
 
-def _names(path: Path) -> list[str]:
-    return names73(path) if is_mat73(path) else [name for name, *_ in whosmat(whole(path)) if name]
-
-
-def _vector(path: Path, variables: dict[str, Any], parts: list[str]) -> NDArray[np.float64]:
+def _vector(
+    path: Path, variables: dict[str, Any], names: list[str], parts: list[str]
+) -> NDArray[np.float64]:
     """Return a vector by the name of its variable and what follows."""
     wanted = ".".join(parts)
     if parts[0] not in variables:
-        _refuse_objects(path, wanted)
-        raise InputError(path, wanted, "no such variable", _listing(parts[0], _names(path)))
+        _refuse_objects(path, wanted, variables)
+        raise InputError(path, wanted, "no such variable", _listing(parts[0], names))
     found: Any = variables[parts[0]]
     for k, part in enumerate(parts[1:], 1):
+        width = found.shape[1] if isinstance(found, np.ndarray) and found.ndim == 2 else 0  # noqa: PLR2004 - a matrix
         if isinstance(found, dict) and part in found:
             found = found[part]
-        elif isinstance(found, np.ndarray) and part.isdecimal() and _is_column(found, int(part)):
+        elif part.isdecimal() and int(part) < width:
             found = found[:, int(part)]
         else:
+            valid = [*found] if isinstance(found, dict) else [*map(str, range(width))]
             where = ".".join(parts[:k])
-            valid = list(found) if isinstance(found, dict) else _column_numbers(found)
             raise InputError(path, wanted, f"no {part} in {where}", _listing(part, valid))
-    if type(found).__name__.startswith("Matlab"):
+    if isinstance(found, MatlabObject):
         raise InputError(path, wanted, *_OBJECTS)
     if isinstance(found, dict):
         expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in found)}"
         raise InputError(path, wanted, "a struct", expected)
-    values = np.asarray(found)
-    if values.dtype.kind not in "fiu":
-        raise InputError(path, wanted, f"type {values.dtype}", "real numbers")
+    values = _real(path, wanted, np.asarray(found))
     if values.size != max(values.shape, default=0):
         expected = f"a vector, or one of its columns: {wanted}.0, ..."
         raise InputError(path, wanted, f"shape {values.shape}", expected)
-    return np.asarray(values.ravel(), dtype=np.float64)
+    return values.ravel()
 
 
-def _refuse_objects(path: Path, wanted: str) -> None:
-    """Raise InputError if a file of before v7.3 holds objects, whose names it does not give."""
-    if not is_mat73(path) and any(kind == "opaque" for _, _, kind in whosmat(whole(path))):
+def _refuse_objects(path: Path, wanted: str, variables: dict[str, Any]) -> None:
+    """Raise InputError if there are objects, which are what is likely to be meant."""
+    if any(isinstance(each, MatlabObject) for each in variables.values()):
         raise InputError(path, wanted, *_OBJECTS)
-
-
-def _is_column(values: NDArray[Any], number: int) -> bool:
-    return values.ndim == 2 and number < values.shape[1]  # noqa: PLR2004 - a matrix
-
-
-def _column_numbers(found: Any) -> list[str]:  # noqa: ANN401 - whatever the file holds
-    return [str(k) for k in range(np.shape(found)[1])] if np.ndim(found) == 2 else []  # noqa: PLR2004
 
 
 def _listing(wanted: str, valid: list[str]) -> str:
@@ -160,69 +132,197 @@ class MatlabObject:
     """Stands for an object of MATLAB's, which nobody else can read."""
 
 
-def is_mat73(path: Path) -> bool:
-    """Whether a file claims to be one of v7.3."""
-    with path.open("rb") as file:
-        return file.read(128)[_VERSION] == _HDF5
+_HEADER, _VERSION, _ORDER = 128, slice(124, 126), slice(126, 128)
+_HDF5 = b"\x00\x02"
 
 
-def names73(path: Path) -> list[str]:
-    """Return the names of the variables of a file of v7.3."""
-    with _opened(path) as file:
-        try:
-            return [str(name) for name in file if not name.startswith(_OWN)]
-        except Exception as error:  # as in `load73`
-            raise _damaged(path, error) from None
+def _load(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
+    """Return variables, the wanted ones among them if they are there, and the names of all."""
+    if not path.is_file():
+        raise InputError(path, "path", "no such file", "an existing .mat file")
+    try:
+        with path.open("rb") as file:
+            header = file.read(_HEADER)
+            if header[_VERSION] == _HDF5:
+                return _load73(path, wanted)
+            if len(header) < _HEADER or 0 in header[:4]:  # of level 4
+                found = loadmat(path)
+            else:
+                found = _load5(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
+    except InputError:
+        raise
+    except Exception as error:  # readers meet corrupt bytes with whatever they lead to
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
+    return found, [name for name in found if not name.startswith("__")]
 
 
-def load73(path: Path, names: Collection[str]) -> dict[str, Any]:
-    """Return the variables of some names that there are: arrays, or mappings of fields."""
-    room = _Room(most_in(path.stat().st_size))
-    with _opened(path) as file:
-        try:
-            return {name: _value(file[name], room) for name in names if name in file}
-        except Exception as error:  # HDF5's reader meets corrupt bytes with whatever they lead to
-            raise _damaged(path, error) from None
+# Level 5 (MATLAB, MAT-File Format, 2019, chapter 1). SciPy's compiled reader takes the tags of a
+# file at their word, and a wrong one can end the process: here each is checked.
+
+_ARRAY, _COMPRESSED = 14, 15  # types of elements
+_INT8, _INT32, _UINT32 = 1, 5, 6
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
+_NUMBERS |= {13: "u8"}
+_NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classes
+_OTHERS = {1: "a cell array", _STRUCT: "an array of structs", 4: "text", 5: "a sparse matrix"}
+_COMPLEX = 0x0800
+_DEEPEST = 32  # dimensions, and structs within structs
+
+Bytes = memoryview
 
 
-def _opened(path: Path) -> Any:  # noqa: ANN401 - h5py is an extra
+class _Elements:
+    """Elements of a file or of an array, one after the other."""
+
+    def __init__(self, data: Bytes, order: str) -> None:
+        self.data, self.order = data, order
+
+    def next(self, what: str, types: Container[int]) -> tuple[int, Bytes]:
+        """Return type and data of the next one, which must be of some types."""
+        if len(self.data) < 8:  # noqa: PLR2004 - bytes of a tag
+            raise ValueError(f"{len(self.data)} bytes where a tag of 8 should be")
+        kind, size = struct.unpack_from(f"{self.order}II", self.data)
+        begin, room = 8, len(self.data) - 8
+        if kind >> 16:  # a short one has its data within the tag
+            kind, size, begin, room = kind & 0xFFFF, kind >> 16, 4, 4
+        if size > room:
+            raise ValueError(f"an element of {size} bytes of which {room} are there")
+        if kind not in types:
+            raise ValueError(f"{what} of type {kind}")
+        found = self.data[begin : begin + size]
+        padding = 0 if kind == _COMPRESSED else -(begin + size) % 8
+        self.data = self.data[begin + size + padding :]
+        return kind, found
+
+    def numbers(self, what: str, kind: int) -> list[int]:
+        """Return the whole numbers of the next one."""
+        _, data = self.next(what, {kind})
+        if len(data) % 4:
+            raise ValueError(f"{what} of {len(data)} bytes")
+        letter = "i" if kind == _INT32 else "I"
+        return list(struct.unpack(f"{self.order}{len(data) // 4}{letter}", data))
+
+    def text(self, what: str) -> str:
+        """Return the text of the next one."""
+        return bytes(self.next(what, {_INT8})[1]).decode("latin-1")
+
+
+def _load5(data: Bytes) -> dict[str, Any]:
+    """Return the variables of a file of level 5 by their names."""
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(data[_ORDER]))
+    if order is None:
+        raise ValueError("its header names no order of bytes")
+    elements, found, most = _Elements(data[_HEADER:], order), {}, most_in(len(data))
+    while elements.data:
+        kind, variable = elements.next("a variable", {_ARRAY, _COMPRESSED})
+        if kind == _COMPRESSED:
+            unpacked = _inflated(variable, most)
+            most -= len(unpacked)
+            _, variable = _Elements(unpacked, order).next("a variable", {_ARRAY})
+        name, value = _array(_Elements(variable, order), 0)
+        found[name] = value
+    found.pop("", None)  # what functions need
+    return found
+
+
+def _inflated(packed: Bytes, most: int) -> Bytes:
+    engine = zlib.decompressobj()
+    try:
+        found = engine.decompress(packed, most + 1)
+    except zlib.error as error:
+        raise ValueError(f"packed data that cannot be unpacked ({error})") from None
+    if len(found) > most:
+        raise ValueError(f"packed data of more than {most:,} bytes")
+    if not engine.eof:
+        raise ValueError("packed data that end too soon")
+    return memoryview(found)
+
+
+def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
+    """Return the name and the value of an array: numbers, a struct, or in words what else."""
+    if depth > _DEEPEST:
+        raise ValueError(f"arrays within arrays, more than {_DEEPEST} deep")
+    flags = elements.numbers("flags of an array", _UINT32)
+    if len(flags) != 2:  # noqa: PLR2004 - flags and the size of a sparse one
+        raise ValueError(f"{4 * len(flags)} bytes of flags")
+    kind, parts = flags[0] & 0xFF, 2 if flags[0] & _COMPLEX else 1
+    if kind == _OPAQUE:
+        return elements.text("the name of an object"), MatlabObject()
+    shape = elements.numbers("a shape", _INT32)
+    if not 2 <= len(shape) <= _DEEPEST or min(shape) < 0:  # noqa: PLR2004 - rows and columns
+        raise ValueError(f"a shape of {len(shape)} numbers, {min(shape, default=0)} the least")
+    name = elements.text("a name")
+    if kind in _NUMERIC:
+        values = [_numbers(elements, shape) for _ in range(parts)]
+        return name, values[0] if parts == 1 else values[0] + 1j * values[1]
+    if kind in _OBJECTS_OF:
+        return name, MatlabObject()
+    if kind == _STRUCT and math.prod(shape) == 1:
+        return name, {field: _within(elements, depth) for field in _fields(elements)}
+    if kind not in _OTHERS:
+        raise ValueError(f"an array of class {kind}")
+    return name, _OTHERS[kind]
+
+
+def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:
+    kind, data = elements.next("numbers", _NUMBERS)
+    form, count = np.dtype(f"{elements.order}{_NUMBERS[kind]}"), math.prod(shape)
+    if len(data) != count * form.itemsize:
+        raise ValueError(f"{len(data)} bytes of numbers where {count} should be")
+    return np.frombuffer(data, form).reshape(shape, order="F")
+
+
+def _fields(elements: _Elements) -> list[str]:
+    """Return the names of a struct's fields, each of the same length, filled up with zeros."""
+    lengths = elements.numbers("the length of names", _INT32)
+    names = elements.text("names of fields")
+    length = lengths[0] if len(lengths) == 1 else 0
+    if length <= 0 or len(names) % length:
+        raise ValueError(f"{len(names)} bytes of names of {length} each")
+    starts = range(0, len(names), length)
+    return [names[start : start + length].partition("\0")[0] for start in starts]
+
+
+def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
+    _, data = elements.next("an array within", {_ARRAY})
+    if not data:  # one without any bytes is empty
+        return np.empty((0, 0))
+    return _array(_Elements(data, elements.order), depth + 1)[1]
+
+
+# Version 7.3 is HDF5.
+
+_OWN = "#"  # begins what MATLAB keeps for itself
+_PLAIN = {"double", "single", "logical", "char", "struct"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+_OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
+
+
+def _load73(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
     try:
         import h5py  # noqa: PLC0415 - an extra
     except ImportError:
         expected = "h5py (pip install 'butterfly-testbed[hdf5]'), or a file saved with '-v7'"
         raise InputError(path, "content", "MATLAB v7.3 (HDF5)", expected) from None
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        raise _damaged(path, error) from None
+    left = most_in(path.stat().st_size)
 
-
-def _damaged(path: Path, error: Exception) -> InputError:
-    reason = " ".join(str(error).split())
-    return InputError(path, "content", f"unreadable ({reason})", "a whole .mat file")
-
-
-@dataclass
-class _Room:
-    """Bytes that a file may still hold."""
-
-    left: int
-
-    def take(self, size: int) -> None:
-        """Raise ValueError if there are not as many: a file may claim any size."""
-        if not 0 <= size <= self.left:
+    def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
+        nonlocal left
+        kind = node.attrs.get("MATLAB_class", b"")
+        if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
+            return MatlabObject()
+        size = _OF_NODE + getattr(node, "nbytes", 0)
+        left -= size
+        if size < 0 or left < 0:  # a file may claim any size
             raise ValueError(f"arrays of {size_text(size)} more than there may be")
-        self.left -= size
+        if hasattr(node, "items"):
+            return {key: value(below) for key, below in node.items()}
+        values = np.asarray(node[()])
+        return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
 
-
-def _value(node: Any, room: _Room) -> Any:  # noqa: ANN401 - h5py is an extra
-    """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
-    room.take(_OF_NODE)
-    kind = node.attrs.get("MATLAB_class", b"")
-    if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
-        return MatlabObject()
-    if hasattr(node, "items"):
-        return {key: _value(below, room) for key, below in node.items()}
-    room.take(node.nbytes)
-    values = np.asarray(node[()])
-    return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
+    with h5py.File(path, "r") as file:
+        found = {name: value(file[name]) for name in wanted if name in file}
+        return found, [str(name) for name in file if not name.startswith(_OWN)]

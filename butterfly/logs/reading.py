@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -23,20 +22,14 @@ from butterfly.progress import Track, untracked
 
 def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
     """Read all logs of a manifest, as recorded; return the manifest with an entry for each."""
-    entries: list[LogEntry] = []
-    logs: list[Log] = []
-    for entry in track(manifest.logs, "Reading logs"):
-        for own, log in read_pieces(manifest, entry):
-            entries.append(own)
-            logs.append(log)
-    return manifest.model_copy(update={"logs": entries}), logs
+    found = [read_pieces(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
+    pairs = [pair for pairs in found for pair in pairs]
+    entries = [entry for entry, _ in pairs]
+    return manifest.model_copy(update={"logs": entries}), [log for _, log in pairs]
 
 
 def with_parts(manifest: Manifest) -> Manifest:
-    """Return a manifest with an entry for each recording in files that are to be split.
-
-    A file that cannot be read keeps its entry.
-    """
+    """Return a manifest with an entry for each recording in files that are split and readable."""
     entries: list[LogEntry] = []
     for entry in manifest.logs:
         try:
@@ -65,17 +58,13 @@ def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log
 
 def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[LogEntry, Log]]:
     """Return the logs that an entry means of its whole file, each with an entry of its own."""
-    meant = (entry.part, entry.begin, entry.end) != (None, None, None)
-    if meant:
+    if (entry.part, entry.begin, entry.end) != (None, None, None):
         return [(entry, replace(_piece(whole, entry), name=piece_name(entry)))]
     parts = _parts(whole) if entry.split or manifest.split else [whole]
     if len(parts) == 1:
         return [(entry, whole)]
-    entries = [
-        entry.model_copy(update={"part": number, "split": None})
-        for number in range(1, len(parts) + 1)
-    ]
-    pairs = zip(entries, parts, strict=True)
+    owns = [entry.model_copy(update={"part": k, "split": None}) for k in range(1, len(parts) + 1)]
+    pairs = zip(owns, parts, strict=True)
     return [(own, replace(part, name=piece_name(own))) for own, part in pairs]
 
 
@@ -101,9 +90,8 @@ def _parts(whole: Log) -> list[Log]:
 
 def _piece(whole: Log, entry: LogEntry) -> Log:
     """Cut the piece that an entry means out of its file."""
-    if entry.part is None:
-        part = whole
-    else:
+    part = whole
+    if entry.part is not None:
         parts = _parts(whole)
         if entry.part > len(parts):
             found = f"{len(parts)} recordings in this file"
@@ -111,10 +99,9 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
         part = parts[entry.part - 1]
     if entry.begin is None and entry.end is None:
         return part
-    begin, end = entry.begin, entry.end
-    inside = (part.time >= (-math.inf if begin is None else begin)) & (
-        part.time <= (math.inf if end is None else end)
-    )
+    begin = -math.inf if entry.begin is None else entry.begin
+    end = math.inf if entry.end is None else entry.end
+    inside = (part.time >= begin) & (part.time <= end)
     numbers = np.flatnonzero(inside)
     if numbers.size < MIN_SAMPLES:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
@@ -127,21 +114,14 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
 
 
 def with_unique_names(logs: Sequence[Log]) -> list[Log]:
-    """Return the logs, unnamed ones named by their label, and names that recur numbered.
-
-    The first of a name keeps it; the others become ``NAME (2)``, ``NAME (3)`` and so on, in their
-    order.
-    """
+    """Return the logs, each with a name of its own: the label, and ``NAME (2)`` of a second."""
     firsts = [log.name or log.label for log in logs]
     names: list[str] = []
-    numbers = Counter[str]()
-    taken = set(firsts)
+    taken, seen = set(firsts), set[str]()
     for first in firsts:
-        name = first
-        numbers[first] += 1
-        while numbers[first] > 1 and name in taken:
-            name = f"{first} ({numbers[first]})"
-            numbers[first] += name in taken
+        numbered = (f"{first} ({number})" for number in count(2))
+        name = next(each for each in numbered if each not in taken) if first in seen else first
+        seen.add(first)
         taken.add(name)
         names.append(name)
     pairs = zip(logs, names, strict=True)
@@ -149,12 +129,7 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
 
 
 def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
-    """Return the numbers of the logs that bear one of some names, or match a glob pattern.
-
-    A name is that of a log, or of its file, with or without folder and ending.
-
-    Raises InputError: naming ``source``, if a name is no log's.
-    """
+    """Return the numbers of logs by names, or glob patterns, of them or their files."""
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
         raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")
     forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
@@ -166,7 +141,7 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
         ]
         if not own:
             known = [log.name for log in logs]
-            (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]
+            (close,) = get_close_matches(name, known, n=1, cutoff=0.0) or known[:1]
             raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
         chosen.update(own)
     return sorted(chosen)

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from butterfly.errors import InputError
-from butterfly.files import replacing
+from butterfly.files import read_file, replacing
 from butterfly.progress import Track, untracked
 
 VARIABLE = "BUTTERFLY_LOGS"
@@ -22,7 +22,7 @@ PUBLISHED = (
 """Where the logs are public."""
 
 _AT_ONCE = 4
-_TIMEOUT = 30.0  # s
+_TIMEOUT = 30.0  # s in which a server must answer, and send more once it has begun
 _ADDRESSES = ("http://", "https://")
 
 
@@ -48,20 +48,12 @@ def found_folder() -> Path | None:
     return own if all((own / name).is_file() for name in digests()) else None
 
 
-def fetch(
-    folder: Path,
-    source: str = PUBLISHED,
-    track: Track = untracked,
-    *,
-    timeout: float = _TIMEOUT,
-) -> int:
+def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> int:
     """Fetch the logs that a folder lacks from another, or an address; return how many.
 
-    Each is put in place whole, once its SHA-256 is right. A server must answer, and send more once
-    it has begun, within ``timeout`` s.
-
-    Raises InputError if a log cannot be fetched or written, is another one at the source, or a file
-    of its name with other content is in the folder already. What has been fetched stays.
+    Each is put in place whole, once its SHA-256 is right; what has been fetched stays. InputError
+    if a log cannot be fetched or written, is another one at the source, or a file of its name with
+    other content is in the folder already.
     """
     if not source.startswith(_ADDRESSES) and not Path(source).is_dir():
         expected = f"an existing folder, or an address that begins with {' or '.join(_ADDRESSES)}"
@@ -69,7 +61,13 @@ def fetch(
     missing = [name for name in digests() if not _is_there(folder, name)]
 
     def bring(name: str) -> None:
-        _bring(f"{source.rstrip('/')}/{name}", folder / name, digests()[name], timeout)
+        origin = f"{source.rstrip('/')}/{name}"
+        with replacing(folder / name) as draft:
+            if origin.startswith(_ADDRESSES):
+                _download(origin, draft)
+            else:
+                draft.write_bytes(read_file(Path(origin), "a log to copy"))
+            _require(digests()[name], draft, source=origin, more="as the log of this name has")
 
     with ThreadPoolExecutor(_AT_ONCE) as workers:
         brought = workers.map(bring, missing)
@@ -90,18 +88,6 @@ def _is_there(folder: Path, name: str) -> bool:
     return True
 
 
-def _bring(origin: str, path: Path, digest: str, timeout: float) -> None:
-    with replacing(path) as draft:
-        if origin.startswith(_ADDRESSES):
-            _download(origin, draft, timeout)
-        else:
-            try:
-                draft.write_bytes(Path(origin).read_bytes())
-            except OSError as error:
-                raise InputError(origin, "path", error.strerror or error, "a log to copy") from None
-        _require(digest, draft, source=origin, more="as the log of this name has")
-
-
 def _require(digest: str, path: Path, *, source: object, more: str) -> None:
     with path.open("rb") as file:
         found = hashlib.file_digest(file, "sha256").hexdigest()
@@ -109,26 +95,26 @@ def _require(digest: str, path: Path, *, source: object, more: str) -> None:
         raise InputError(source, "SHA-256", found, f"{digest}, {more}")
 
 
-def _download(address: str, path: Path, timeout: float) -> None:
+def _download(address: str, path: Path) -> None:
     from pooch import HTTPDownloader  # noqa: PLC0415 - slow to import
     from requests import RequestException  # noqa: PLC0415
 
     try:
-        HTTPDownloader(timeout=timeout)(address, str(path), None)
+        HTTPDownloader(timeout=_TIMEOUT)(address, str(path), None)
     except (RequestException, ValueError) as error:
         expected = (
             "a log; those that have come stay, and the same command goes on "
             "(or takes them from a folder or another address: --from)"
         )
-        raise InputError(address, "transfer", _why(error, timeout), expected) from None
+        raise InputError(address, "transfer", _why(error), expected) from None
 
 
-def _why(error: BaseException, timeout: float) -> object:
+def _why(error: BaseException) -> object:
     """Return what was at the bottom of a failed transfer, without what requests adds."""
     if (response := getattr(error, "response", None)) is not None:
         return f"{response.status_code} {response.reason}"
     while (cause := error.__cause__ or error.__context__) is not None:
         error = cause
     if isinstance(error, TimeoutError):
-        return f"no answer within {timeout:g} s"
+        return f"no answer within {_TIMEOUT:g} s"
     return getattr(error, "strerror", None) or error

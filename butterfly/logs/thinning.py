@@ -24,23 +24,16 @@ _ROWS = 100_000  # samples that show how fast it is
 
 
 def thinned(log: Log, enough: int = ENOUGH) -> Log:
-    """Return a log of means; itself if it has only ``enough`` samples, or its motion is fast.
-
-    Stretches with a gap, and what is left over at the end, are left out.
-    """
+    """Return a log of means; itself if it has only ``enough`` samples, or its motion is fast."""
     block = _block(log.angle, -(-log.time.size // enough))
     if block == 1:
         return log
-    columns = {name: _means(values, block) for name, values in log.columns().items()}
+    columns = {name: _blocks(values, block).mean(axis=1) for name, values in log.columns().items()}
     if log.intersample is Intersample.ZERO_ORDER_HOLD:
         columns["input"] = _held(log, block)
-    kept = _without_gap(log.time, block)
+    kept = _without_gap(log.time, block)  # nor is what is left over at the end
     means: dict[str, Any] = {name: values[kept] for name, values in columns.items()}
     return replace(log, **means)
-
-
-def _means(values: Samples, block: int) -> Samples:
-    return np.asarray(_blocks(values, block).mean(axis=1))
 
 
 def _blocks(values: Samples, block: int) -> Samples:

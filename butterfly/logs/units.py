@@ -45,7 +45,7 @@ UNITS: dict[str, dict[str, float]] = {
 (``omega`` only: its amplitude is in the unit of the input), added mass and arm. A slide's angle is
 a length."""
 
-_TURNABLE = {"input", "angle", "velocity"}
+_TURNABLE = ("input", "angle", "velocity")
 _COUNTS = re.compile(r"counts?/(\d+(?:\.\d+)?)")
 _SPELT = {
     "deg": ("°", "degree", "degrees"),
@@ -116,8 +116,18 @@ AS_IS = Units()
 
 def factor_of(name: str, unit: object, source: object = "units") -> float:
     """Return the factor of a unit, a number or a text, for a key of `UNITS`, or refuse it."""
-    factor = _factor(name, unit)
-    if factor is None or not math.isfinite(factor) or factor == 0.0:
+    factor: float | None = None
+    if isinstance(unit, Real) and not isinstance(unit, bool):
+        factor = float(unit)
+    elif isinstance(unit, str):
+        minus = unit.strip().startswith("-")
+        text = unit.strip()[1:] if minus else unit
+        try:
+            factor = float(text)
+        except ValueError:
+            factor = known_factor(name, text)
+        factor = -factor if minus and factor else factor
+    if not factor or not math.isfinite(factor):
         raise InputError(source, f"units.{name}", unit, _expected(name))
     if factor < 0.0:
         _require_turnable(source, name, unit)
@@ -133,31 +143,14 @@ def known_factor(name: str, unit: str) -> float | None:
     return UNITS[name].get(_NAMES.get(text, text))
 
 
-def _factor(name: str, unit: object) -> float | None:
-    if isinstance(unit, bool):
-        return None
-    if isinstance(unit, Real):
-        return float(unit)
-    if not isinstance(unit, str):
-        return None
-    sign, text = (-1.0, unit.strip()[1:]) if unit.strip().startswith("-") else (1.0, unit)
-    try:
-        factor: float | None = float(text)
-    except ValueError:
-        factor = known_factor(name, text)
-    return None if factor is None else sign * factor
-
-
 def _require_turnable(source: object, name: str, unit: object) -> None:
     if name not in _TURNABLE:
-        raise InputError(source, f"units.{name}", unit, f"no minus: only {_all(_TURNABLE)} turn")
+        raise InputError(
+            source, f"units.{name}", unit, f"no minus: only {', '.join(_TURNABLE)} turn"
+        )
 
 
 def _expected(name: str) -> str:
     more = ["counts/4096 (counts per turn)"] if name == "angle" else []
     minus = ", with a minus if it counts the other way" if name in _TURNABLE else ""
     return f"one of {', '.join([*UNITS[name], *more])}, or a factor{minus}"
-
-
-def _all(names: set[str]) -> str:
-    return ", ".join(name for name in UNITS if name in names)

@@ -7,7 +7,6 @@ from typing import Any
 
 import control
 import numpy as np
-from numpy.typing import ArrayLike
 
 from butterfly.arrays import Samples
 from butterfly.model.kinematics import Motion
@@ -80,18 +79,6 @@ def transfer_function(parameters: LumpedParameters) -> control.TransferFunction:
     p = Linearisation.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
     return control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
-
-
-def frequency_response_data(omega: ArrayLike, response: ArrayLike) -> control.FrequencyResponseData:
-    """Wrap measured responses, in rad per unit of input, at frequencies in rad/s."""
-    order = np.argsort(np.asarray(omega))
-    return control.frd(
-        np.asarray(response)[order],
-        np.asarray(omega)[order],
-        inputs=["command"],
-        outputs=["angle"],
-        name="measured",
-    )
 
 
 def nonlinear_system(

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
-from butterfly.model import kernel
-from butterfly.model.kernel import COLUMNS, Constants, integrate
+from butterfly.model.kernel import differentiate as kernel
+from butterfly.model.kernel.equation import COLUMNS, Constants
+from butterfly.model.kernel.steps import integrate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import DRIVE, TERMS
 
@@ -53,8 +54,7 @@ def simulate(
 class Columns:
     """Which k columns the kernel carries, and how n parameters are made of them."""
 
-    # (k,) numbers of the kernel's constants (see `butterfly.model.kernel.COLUMNS`) and drives
-    column: NDArray[np.int64]
+    column: NDArray[np.int64]  # (k,) of the kernel's `COLUMNS`
     initial: Samples  # (4, k) derivatives of the initial state
     mixture: Samples  # (k, n) derivatives of what the columns stand for by the parameters
 

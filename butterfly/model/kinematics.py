@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -67,16 +67,15 @@ class Motion(NamedTuple):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Term:
     """A row: one parameter and what it does."""
 
-    # name, symbol, unit, meaning: As in code, as printed, and in words; in the unit, "unit" is the
-    # input's
-    name: str
-    symbol: str
-    unit: str
+    name: str  # As in code,
+    symbol: str  # and as printed
+    unit: str  # In which "unit" is the input's
     meaning: str
+    _: KW_ONLY
     lower: float = -math.inf  # Least value that an estimate can have
     # Braking torque per unit of the parameter, where it is a function of the `Motion`
     basis: Callable[[Motion], Any] | None = None
@@ -104,15 +103,12 @@ class Term:
 
 
 def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:
-    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0."""
+    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
+
+    That of ``sin(N th)`` is N times that of N a.
+    """
     a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(2.0 * j1(a) / a)
-
-
-def cogging_describing_function(amplitude: ArrayLike, periods: float) -> NDArray[np.float64]:
-    """Gain N 2 J1(N a)/(N a) of ``sin(N th)``, N its periods in a turn."""
-    a = np.asarray(amplitude, dtype=np.float64)
-    return np.asarray(periods * gravity_describing_function(periods * a))
 
 
 def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:

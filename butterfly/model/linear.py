@@ -104,14 +104,6 @@ class Linearisation:
         return math.sqrt(max(squares, default=0.0))
 
 
-def frequency_response(parameters: LumpedParameters, omega: ArrayLike) -> NDArray[np.complex128]:
-    """G(jw) of the linearisation about the hanging position (see `Linearisation.response`).
-
-    Of the loaded hand, at frequencies in rad/s of any shape.
-    """
-    return Linearisation.of(parameters).response(omega)
-
-
 def resonance_frequency(parameters: LumpedParameters) -> float:
     """Frequency in rad/s at which |G(jw)| of the linearisation peaks.
 

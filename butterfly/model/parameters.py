@@ -17,28 +17,19 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """The rigid hand with the rotor of its motor.
-
-    Parameters
-    ----------
-    mass
-        m_p in kg.
-    com_distance
-        l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
-        above the pivot at angle 0.
-    com_offset
-        Distance in m of the centre of mass from that line, towards positive angles.
-    inertia
-        J_p about the centre of mass, in kg m^2.
-    tilt
-        Angle in rad of the axis out of the horizontal; gravity then acts with its cosine.
-    """
+    """The rigid hand with the rotor of its motor."""
 
     mass: float
+    """m_p in kg."""
     com_distance: float
+    """l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
+    above the pivot at angle 0."""
     com_offset: float = 0.0
+    """Distance in m of the centre of mass from that line, towards positive angles."""
     inertia: float
+    """J_p about the centre of mass, in kg m^2."""
     tilt: float = 0.0
+    """Angle in rad of the axis out of the horizontal; gravity then acts with its cosine."""
 
     def __post_init__(self) -> None:
         require_number("Hand", positive=True, mass=self.mass)
@@ -52,24 +43,16 @@ class Hand:
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageDrive:
-    """A DC motor fed with a voltage (4).
-
-    Parameters
-    ----------
-    resistance
-        R in Ohm.
-    torque_constant
-        k_i in N m/A.
-    back_emf_constant
-        k_emf in V s/rad; equal to k_i in SI units for a lossless motor.
-    inductance
-        L in H; 0 lets the current follow at once, as (5) does.
-    """
+    """A DC motor fed with a voltage (4)."""
 
     resistance: float
+    """R in Ohm."""
     torque_constant: float
+    """k_i in N m/A."""
     back_emf_constant: float
+    """k_emf in V s/rad; equal to k_i in SI units for a lossless motor."""
     inductance: float = 0.0
+    """L in H; 0 lets the current follow at once, as (5) does."""
 
     def __post_init__(self) -> None:
         require_number("VoltageDrive", positive=True, resistance=self.resistance)
@@ -95,15 +78,10 @@ class VoltageDrive:
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueDrive:
-    """A current-controlled motor: the command sets the torque and no back EMF is felt.
-
-    Parameters
-    ----------
-    gain
-        p4 in N m per unit of command.
-    """
+    """A current-controlled motor: the command sets the torque and no back EMF is felt."""
 
     gain: float
+    """p4 in N m per unit of command."""
 
     def __post_init__(self) -> None:
         require_number("TorqueDrive", positive=True, gain=self.gain)
@@ -124,15 +102,10 @@ Drive = VoltageDrive | TorqueDrive
 
 @dataclass(frozen=True, kw_only=True)
 class Friction(FrictionTerms):
-    """Friction at the pivot, all terms (see `FrictionTerms`).
-
-    Parameters
-    ----------
-    viscous
-        k_f in N m s/rad.
-    """
+    """Friction at the pivot, all terms (see `FrictionTerms`)."""
 
     viscous: float = 0.0
+    """k_f in N m s/rad."""
 
     def __post_init__(self) -> None:
         require_number("Friction", viscous=self.viscous)
@@ -321,57 +294,3 @@ class LumpedParameters(FrictionTerms, DriveTerms):
             p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
             coulomb=self.coulomb + self.load * added.weight,
         )
-
-
-def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:
-    """Find a hand of a given mass in kg that moves as ``parameters`` say, by (6) read backwards.
-
-    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay is
-    left out.
-
-    An InputError if there is no such hand: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would
-    not be positive, or a friction is negative.
-    """
-    if not mass > 0:
-        raise InputError("Hand", "mass", mass, "a positive number of kg")
-    pull = GRAVITY * math.cos(parameters.tilt)
-    com_distance, com_offset = (
-        moment / (mass * pull) for moment in (parameters.p3, parameters.p3_offset)
-    )
-    inertia = parameters.p1 - mass * (com_distance**2 + com_offset**2)
-    if not inertia > 0:
-        expected = f"more than {least_mass(parameters):.3g} kg, for p1 and p3 to be possible"
-        raise InputError("Hand", "mass", mass, expected)
-    return (
-        Hand(
-            mass=mass,
-            com_distance=com_distance,
-            com_offset=com_offset,
-            inertia=inertia,
-            tilt=parameters.tilt,
-        ),
-        TorqueDrive(gain=parameters.p4),
-        Friction(viscous=parameters.p2, **parameters.terms()),
-    )
-
-
-def least_mass(parameters: LumpedParameters) -> float:
-    """Return the mass in kg above which a hand can move as ``parameters`` say (see `unlump`)."""
-    pull = GRAVITY * math.cos(parameters.tilt)
-    return (math.hypot(parameters.p3, parameters.p3_offset) / pull) ** 2 / parameters.p1
-
-
-def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:
-    """Lump physical parameters into p1..p4 (6)."""
-    weight = hand.mass * GRAVITY * math.cos(hand.tilt)
-    return LumpedParameters(
-        p1=hand.inertia + hand.mass * (hand.com_distance**2 + hand.com_offset**2),
-        p2=friction.viscous + drive.damping,
-        p3=weight * hand.com_distance,
-        p4=drive.gain,
-        p3_offset=weight * hand.com_offset,
-        tilt=hand.tilt,
-        back_emf=drive.damping,
-        time_constant=drive.time_constant,
-        **friction.terms(),
-    )

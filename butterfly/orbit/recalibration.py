@@ -21,7 +21,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
-from butterfly.identification.inference.term_choice import SLACK_OF_STRETCHES, choose_terms
+from butterfly.identification.inference.term_choice import choose_terms
+from butterfly.identification.levels import CLEARLY
 from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
@@ -51,27 +52,18 @@ _FEWEST_RUNS = 3  # to leave one out
 
 @dataclass(frozen=True, kw_only=True)
 class RecalibrationOptions:
-    """How to re-calibrate.
-
-    Parameters
-    ----------
-    balance
-        Of momentum (the weak form) or of energy.
-    candidates
-        Of `CANDIDATES`; each is kept only if it predicts held-out parts of the logs better.
-    half_width
-        Of the test functions in s.
-    delay
-        From input to torque in s, as known.
-    cogging_periods
-        Of the cogging torque in a turn, as known; the sine of one period a turn is what p3 is.
-    """
+    """How to re-calibrate."""
 
     balance: Balance = Balance.MOMENTUM
+    """Of momentum (the weak form) or of energy."""
     candidates: tuple[str, ...] = ("coulomb", "drag", "p3_offset", "bias", "compression")
+    """Of `CANDIDATES`; each is kept only if it predicts held-out parts of the logs better."""
     half_width: float = HALF_WIDTH
+    """Of the test functions in s."""
     delay: float = 0.0
+    """From input to torque in s, as known."""
     cogging_periods: float = 1.0
+    """Of the cogging torque in a turn, as known; the sine of one period a turn is what p3 is."""
 
     def __post_init__(self) -> None:
         for name in self.candidates:
@@ -223,7 +215,7 @@ def estimate_of(
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
     """Return the base and those of all terms that help to predict stretches that were held out."""
     folds = np.arange(equations.log.size) % FOLDS
-    submodels = Submodels(equations=equations, folds=folds, slack=SLACK_OF_STRETCHES)
+    submodels = Submodels(equations=equations, folds=folds, slack=CLEARLY)
     return choose_terms([submodels], always=base).names
 
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
-from butterfly.model.kernel import Constants, State, interval, least_steps
+from butterfly.model.kernel.equation import Constants, State, least_steps
+from butterfly.model.kernel.steps import interval
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import LARGEST_ANGLE

@@ -67,33 +67,22 @@ class Motor(Protocol):
 class CommandPath(DriveTerms):
     """What lies between a command and the motor's terminals.
 
-    Parameters
-    ----------
-    limit
-        Saturation, in units of the command.
-    resolution
-        Step to which a command is rounded; 0 for none.
-    delay
-        In s, from command to terminals.
-    dead_zone, compression
-        In units of the command, and c in 1/unit: the drive yields v/(1 + c |v|) of what the dead
-        zone leaves. Unlike the others flaws that the log does not show.
+    A dead zone, in units of the command, and a compression c, in 1/unit, are flaws that the log
+    does not show: the drive yields v/(1 + c |v|) of what the dead zone leaves.
     """
 
     limit: float = math.inf
+    """Saturation, in units of the command."""
     resolution: float = 0.0
+    """Step to which a command is rounded; 0 for none."""
     delay: float = 0.0
+    """In s, from command to terminals."""
 
     def __post_init__(self) -> None:
         if not self.limit > 0:
             raise InputError("CommandPath", "limit", self.limit, "a positive number")
-        require_number(
-            "CommandPath",
-            resolution=self.resolution,
-            delay=self.delay,
-            dead_zone=self.dead_zone,
-            compression=self.compression,
-        )
+        others = {name: each for name, each in vars(self).items() if name != "limit"}
+        require_number("CommandPath", **others)
 
     def shape(self, value: float) -> float:
         """Return the command that leaves the path: rounded, then saturated."""
@@ -111,10 +100,6 @@ class CommandPath(DriveTerms):
         if self.resolution > 0:
             values = self.resolution * rounded(values / self.resolution)
         return np.clip(values, -self.limit, self.limit)
-
-    def deliver(self, values: Samples) -> Samples:
-        """Return (n,) inputs that the joint gets when (n,) shaped commands have been set."""
-        return np.asarray(self.delivered(values))
 
 
 class ReplayMotor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -16,10 +17,8 @@ from butterfly.model.parameters import (
     Hand,
     JointKind,
     LumpedParameters,
+    TorqueDrive,
     VoltageDrive,
-    least_mass,
-    lump,
-    unlump,
 )
 
 HAND_MASS = 0.3
@@ -69,22 +68,33 @@ class Robot:
 
     @classmethod
     def of_lumped(cls, parameters: LumpedParameters, mass: float | None = None) -> Robot:
-        """Return a robot that moves as ``parameters`` say, numbers of any kind (see `unlump`).
+        """Return a robot that moves as ``parameters`` say, numbers of any kind: (6) read backwards.
 
-        The mass of its hand in kg is `HAND_MASS` if not given, or more where no hand so light moves
-        so; one that is given and too small is an InputError.
+        The mass of the hand in kg cannot be seen in the motion: any that leaves J_p = p1 - (p3^2 +
+        p3_offset^2)/(m (g cos tilt)^2) positive moves alike. If not given it is `HAND_MASS`, or
+        more where no hand so light moves so; one that is too small is an InputError, and so is a
+        negative friction. The delay is left out.
         """
         plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
         if not plain.p1 > 0:
             raise InputError("Hand", "p1", plain.p1, "more than 0 kg m², for a hand to be possible")
-        least = least_mass(plain)
+        pull = GRAVITY * math.cos(plain.tilt)
+        least = (math.hypot(plain.p3, plain.p3_offset) / pull) ** 2 / plain.p1
         if mass is None:
             mass = HAND_MASS if least < HAND_MASS else _AMPLE * least
         if not mass > max(least, 0.0):
             expected = f"more than {least:.3g} kg, for p1 and p3 to be possible; or none"
             raise InputError("Hand", "mass (--hand-mass)", mass, f"{expected}, to have one chosen")
-        hand, drive, friction = unlump(plain, mass)
-        return cls(hand=hand, drive=drive, friction=friction)
+        distance, offset = (moment / (mass * pull) for moment in (plain.p3, plain.p3_offset))
+        hand = Hand(
+            mass=mass,
+            com_distance=distance,
+            com_offset=offset,
+            inertia=plain.p1 - mass * (distance**2 + offset**2),
+            tilt=plain.tilt,
+        )
+        friction = Friction(viscous=plain.p2, **plain.terms())
+        return cls(hand=hand, drive=TorqueDrive(gain=plain.p4), friction=friction)
 
     @classmethod
     def of_loaded(
@@ -107,7 +117,19 @@ class Robot:
     @property
     def lumped(self) -> LumpedParameters:
         """The lumped parameters of the bare hand (6), its clutch without play."""
-        return lump(self.hand, self.drive, self.friction)
+        hand, drive, friction = self.hand, self.drive, self.friction
+        weight = hand.mass * GRAVITY * math.cos(hand.tilt)
+        return LumpedParameters(
+            p1=hand.inertia + hand.mass * (hand.com_distance**2 + hand.com_offset**2),
+            p2=friction.viscous + drive.damping,
+            p3=weight * hand.com_distance,
+            p4=drive.gain,
+            p3_offset=weight * hand.com_offset,
+            tilt=hand.tilt,
+            back_emf=drive.damping,
+            time_constant=drive.time_constant,
+            **friction.terms(),
+        )
 
     def loaded(self, added: AddedMass) -> LumpedParameters:
         """Return the lumped parameters of the hand that carries ``added`` (78).

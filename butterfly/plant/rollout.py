@@ -88,7 +88,7 @@ def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
         sampled = excitation.sample(time)
     commands = rig.path.shape_all(sampled)
     joint = GreyBoxJoint(rig.robot, added, angle=initial_angle(excitation))
-    true = joint.angles_under(time, rig.path.deliver(commands), rig.path.delay)
+    true = joint.angles_under(time, rig.path.delivered(commands), rig.path.delay)
     return rig.record((added, excitation), time, commands, true, rng)
 
 
@@ -112,7 +112,7 @@ def _by_mujoco(
     with Rollout(nthread=threads) as pool:
         for batch in batches:
             inputs = np.array([rig.path.shape_all(run.sample(time)) for (_, run), _ in batch])
-            held = rig.path.deliver(inputs[:, :-1])
+            held = rig.path.delivered(inputs[:, :-1])
             controls = np.zeros((len(batch), count * substeps, model.nu))
             controls[:, :, 0] = np.repeat(held, substeps, axis=1)
             states = np.zeros((len(batch), size))

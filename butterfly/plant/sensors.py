@@ -76,21 +76,14 @@ def _polar(state: int, count: int) -> Samples:
 
 @dataclass(frozen=True, kw_only=True)
 class Encoder:
-    """An incremental encoder.
-
-    Parameters
-    ----------
-    steps
-        Per turn.
-    noise
-        Standard deviation in rad of white noise added before rounding to a step.
-    band_limited
-        Simulink's noise, added too; None for none.
-    """
+    """An incremental encoder."""
 
     steps: int = 32768
+    """Per turn."""
     noise: float = 0.0
+    """Standard deviation in rad of white noise added before rounding to a step."""
     band_limited: BandLimitedNoise | None = None
+    """Simulink's noise, added too; None for none."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.steps <= _FINEST:
@@ -141,18 +134,12 @@ class Faults:
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
-    """The controller's cycle: it reads the angle, sets the input and holds it until the next one.
-
-    Parameters
-    ----------
-    step
-        Mean cycle time in s.
-    jitter
-        Standard deviation in s of each cycle time, normal, cut at a tenth of ``step``.
-    """
+    """The controller's cycle: it reads the angle, and sets the input until the next one."""
 
     step: float = 0.001
+    """Mean cycle time in s."""
     jitter: float = 0.0
+    """Standard deviation in s of each cycle time, normal, cut at a tenth of ``step``."""
 
     def __post_init__(self) -> None:
         require_number("Clock", positive=True, unit="s", step=self.step)

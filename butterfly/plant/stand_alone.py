@@ -17,7 +17,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.files import replacing
-from butterfly.model.kernel import Constants, least_steps
+from butterfly.model.kernel.equation import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import DRIVE
 from butterfly.plant.mjcf import built, mjcf, named, text_of
@@ -76,20 +76,13 @@ def stand_alone(
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
-    if resolution > 0:
-        left_out.append(
-            f"MuJoCo does not round commands: set ctrl to multiples of {resolution:g} yourself"
-        )
-    if dead_zone > 0:
-        left_out.append(
-            "MuJoCo has no command that is lost: take up to "
-            f"{dead_zone:.6g} towards 0 from ctrl yourself"
-        )
-    if compression > 0:
-        left_out.append(
-            "MuJoCo has no gain that falls with the command: set ctrl to "
-            f"u/(1 + {compression:.6g} |u|) yourself"
-        )
+    for flaw, remedy in (
+        (resolution, "does not round commands: set ctrl to multiples of {:g}"),
+        (dead_zone, "has no command that is lost: take up to {:g} towards 0 from ctrl"),
+        (compression, "has no gain that falls with the command: set ctrl to u/(1 + {:g} |u|)"),
+    ):
+        if flaw > 0:
+            left_out.append(f"MuJoCo {remedy.format(flaw)} yourself")
     root = built(_sliding(robot), added, scene=True)
     next(root.iter("option")).set("timestep", repr(step))
     next(root.iter("flag")).set("refsafe", "disable")  # lets friction grip within a step

@@ -13,12 +13,17 @@ _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a base th
 _FRICTION = ("a friction term that the model lacks",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log, as it warms up",)
-_SCATTER = ("a resistance that differs from log to log", "a saturation of the drive")
+_SCATTER = (
+    "a resistance that differs from log to log",
+    "a saturation of the drive",
+    "a base that gives",
+)
 _FOLLOWS = {
     Condition.MASS: "the added mass",
     Condition.COMMAND: "the command",
     Condition.SWING: "the swing",
     Condition.FREQUENCY: "the frequency",
+    Condition.SPEED: "the speed",
     Condition.TIME: "time in the log",
     Condition.DIRECTION: "the sign of the input",
     Condition.LOG: "the log",
@@ -40,6 +45,7 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a base that gives"),
     (Condition.FREQUENCY, "p4"): ("a lag of the drive", "a base that gives"),
     (Condition.FREQUENCY, "coulomb"): _FRICTION,
+    (Condition.SPEED, "delay"): ("backlash",),
     (Condition.TIME, "p4"): ("the motor's resistance, which grows as it warms up", "the supply"),
 }
 """What may make a parameter follow a condition, the likeliest first."""
@@ -72,19 +78,13 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
             f"{wanted:.4g} g: {first}{alike}?"
         )
     unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
-    ends = (contrast.first, contrast.last)
+    low, high = contrast.first, contrast.last
+    if contrast.condition in {Condition.COMMAND, Condition.SPEED}:  # the condition is 1 over it
+        low, high = high, low
+    way = f"{'grows' if high > low else 'falls'} with {_FOLLOWS[contrast.condition]}"
     if contrast.condition is Condition.LOG:
-        return (
-            f"{contrast.parameter} differs from log to log, from {ends[0]:.3g} to {ends[1]:.3g} "
-            f"{unit}: {first}{alike}?"
-        )
-    if contrast.condition is Condition.COMMAND:
-        ends = (contrast.last, contrast.first)
-    way = "grows" if ends[1] > ends[0] else "falls"
-    return (
-        f"{contrast.parameter} {way} with {_FOLLOWS[contrast.condition]}, from {ends[0]:.3g} to "
-        f"{ends[1]:.3g} {unit}: {first}{alike}?"
-    )
+        way = "differs from log to log"
+    return f"{contrast.parameter} {way}, from {low:.3g} to {high:.3g} {unit}: {first}{alike}?"
 
 
 def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:

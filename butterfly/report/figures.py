@@ -18,9 +18,6 @@ PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F
 GREY = "#888888"
 """Of what is no curve of its own: limits, errors, what was taken for comparison."""
 
-SHADE = "rgba(128,128,128,0.22)"
-"""Of a band."""
-
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
 """As many as colours, in the same order."""
 

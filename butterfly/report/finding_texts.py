@@ -6,14 +6,14 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from butterfly.errors import UnusableError
+from butterfly.errors import UnusableError, listed
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
+from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import contrast_text
-from butterfly.report.format import counted, fit_text
+from butterfly.report.format import counted, fit_text, times_text
 from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]
@@ -24,9 +24,16 @@ REMEDY = (
 )
 """What helps where the encoder's zero is a guess."""
 
-_WHOLE = 10.0  # times what sensors explain, from which on decimals tell nothing
 _LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
+_OF_MODEL = {
+    FindingKind.FOLLOWED,
+    FindingKind.MISFIT,
+    FindingKind.NO_MISFIT,
+    FindingKind.SCATTER,
+    FindingKind.CLOCK,
+    FindingKind.LIKE_CLOCK,
+}
+_NAMED = (FindingKind.CLOCK, FindingKind.LIKE_CLOCK, FindingKind.SCATTER)  # causes, by themselves
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -79,31 +86,32 @@ def values_sentence(estimate: Estimate) -> str:
     names = [name for name in names if name not in estimate.unestimated]
     limits = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
     zero = {name for name, lower, upper in limits if lower <= 0 <= upper}
-    known = {name: estimate.reach[name] for name in names if name not in zero}
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
+    known = [name for name in names if name not in zero and math.isfinite(estimate.reach[name])]
     parts = [
-        ", ".join(f"{shown[name]} within {_upwards(known[name])}" for name in group)
+        ", ".join(f"{shown[name]} within {_upwards(estimate.reach[name])}" for name in group)
         for group in (
-            [name for name in known if name in OF_VERDICT and math.isfinite(known[name])],
-            [name for name in known if name not in OF_VERDICT and math.isfinite(known[name])],
+            [name for name in known if name in OF_VERDICT],
+            [name for name in known if name not in OF_VERDICT],
         )
     ]
-    unknown = [shown[name] for name, reach in known.items() if not math.isfinite(reach)]
+    unknown = [shown[name] for name in names if name not in {*known, *zero}]
     parts += [f"how exact {_both(unknown)} {_is(unknown)} is not known"] if unknown else []
     missing = [name for name in estimate.unestimated if name in OF_VERDICT]
     parts += [f"{_both(missing)} {_is(missing)} not estimated"] if missing else []
     at_zero = [shown[name] for name in names if name in zero]
     parts += [f"{_both(at_zero)} not distinguishable from zero"] if at_zero else []
-    text = "; ".join(part for part in parts if part)
-    return f"{text or 'all values known beforehand'}."
+    return f"{'; '.join(filter(None, parts)) or 'all values known beforehand'}."
 
 
 def model_sentence(estimate: Estimate) -> str:
     """Say how near the model follows, and what it misses; nothing where no log was simulated."""
     found = {each.kind: each for each in estimate.findings}
+    causes = [each for kind in _NAMED for each in estimate.findings if each.kind is kind]
+    named = [finding_text(each, values_of(estimate)) for each in causes]
     if FindingKind.FOLLOWED not in found:
-        return ""
+        return " ".join(named)
     share = found[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
         return "Some logs cannot be simulated with these values, or nothing moves in them."
@@ -111,15 +119,14 @@ def model_sentence(estimate: Estimate) -> str:
     missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
     text = f"The model follows to {_percent(share)} of the motion"
     if times is not None and times.number is not None and math.isfinite(times.number):
-        shown = f"{times.number:.1f}" if times.number < _WHOLE else f"{times.number:.0f}"
-        text += f", {shown} times what the sensors explain"
+        text += f", {times_text(times.number)} times what the sensors explain"
     if missing is not None:
         of_left = _percent(_number(missing))
         text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
-    elif beyond and not estimate.agreement:
+    if beyond and not (missing or causes or estimate.agreement):
         text += "; it misses something that looks like none of the terms on offer"
     first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
-    return " ".join([f"{text}.", *first])
+    return " ".join([f"{text}.", *named, *first])
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -132,16 +139,13 @@ def finding_text(finding: Finding, values: Values) -> str:
         "names": ", ".join(names),
         "count": len(names),
         "combined": " and ".join(names),
-        "first": names[0] if names else "",
-        "others": ", ".join(names[1:]),
         "logs": listed(logs),
-        "are": "is" if len(logs) == 1 else "are",
         "were": "was" if len(logs) == 1 else "were",
     }
     if number is not None:
-        fields |= {"number": number, "percent": 100 * number, "fit": fit_text(number)}
-        fields["used"] = counted(number, "log")
-        fields["rounded"] = float(f"{number:.2g}")
+        fields |= {"number": number, "percent": 100 * number, "used": counted(number, "log")}
+        fields |= {"rounded": float(f"{number:.2g}"), "size": abs(100 * number)}
+        fields["larger"] = "larger" if number > 0 else "smaller"
     return text.format(**fields)
 
 
@@ -167,15 +171,6 @@ def _contradicted(finding: Finding, _: Values) -> str:
         f"{' and '.join(f'{each.symbol} ({each.meaning})' for each in symbols)} would be "
         f"{_number(finding):.1f} standard errors below 0. Check what was told, its units and the "
         "gear ratio."
-    )
-
-
-def _known_apart(finding: Finding, _: Values) -> str:
-    share = _number(finding)
-    wanted = f"about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}"
-    return (
-        "The added masses contradict what was said to be known of "
-        f"{' and '.join(finding.parameters)}: they would have it {wanted}. One of the two is wrong."
     )
 
 
@@ -212,11 +207,6 @@ def _missing_term(finding: Finding, _: Values) -> str:
         f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
         f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
     )
-
-
-def _rests_on(finding: Finding, _: Values) -> str:
-    parts = [_RESTS_ON[name] for name in finding.parameters]
-    return f"All values rest on {_both(parts)}, which no log shows; a lag counts as delay."
 
 
 def _percent(share: float) -> str:
@@ -272,7 +262,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{number:.1f} standard uncertainties apart: check both, and the gear ratio."
     ),
     FindingKind.CONTRADICTED: _contradicted,
-    FindingKind.KNOWN_APART: _known_apart,
+    FindingKind.KNOWN_APART: (
+        "The added masses contradict what was said to be known of {combined}: they would have it "
+        "about {size:.2g} % {larger}. One of the two is wrong."
+    ),
     FindingKind.PRIOR_APART: (
         "The logs contradict what was known of {names}, by {number:.1f} standard errors: one of "
         "the two is wrong, and the values lie between them."
@@ -324,10 +317,13 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
         "differs from run to run: record more."
     ),
-    FindingKind.SCATTER: "Friction or gain differs from log to log: {names} by {percent:.2g} %.",
+    FindingKind.SCATTER: "Scatter from log to log: {names} by {percent:.2g} %.",
     FindingKind.CLOCK: (
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
         "or omega is. A wrong clock moves {names} by about twice that share: check both."
+    ),
+    FindingKind.LIKE_CLOCK: (
+        "These data cannot tell {names} from a clock that is {percent:+.2g} % off."
     ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} cannot be seen in the motion: its size is given."
@@ -342,7 +338,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISFIT: "They leave {number:.3g} times what encoder and noise explain.",
     FindingKind.NO_MISFIT: "Encoder and noise explain what they leave ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
-    FindingKind.RESTS_ON: _rests_on,
+    FindingKind.RESTS_ON: lambda finding, _: (
+        f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which no "
+        "log shows; a lag counts as delay, in small swings a spring as p3."
+    ),
     FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",
 }

@@ -43,6 +43,11 @@ def fit_text(fit: float) -> str:
     return f"{fit:.1f}" if fit > _FAR_OFF else f"less than {_FAR_OFF:.0f}"
 
 
+def times_text(times: float) -> str:
+    """Return how many times as large something is; decimals tell nothing from ten on."""
+    return f"{times:.1f}" if times < 10 else f"{times:.0f}"  # noqa: PLR2004 - two digits
+
+
 def counted(number: float, thing: str) -> str:
     """Return a number of things."""
     return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
@@ -77,7 +82,11 @@ def field_name(path: str) -> str:
 
 
 def field_unit(path: str) -> str:
-    """Return the unit of a field's values; nothing where it has none, or it depends."""
+    """Return the unit of a field or column; nothing where it has none, or it depends."""
+    if path == "deviation":
+        return "share of true"
+    if path.startswith(("fit_", "held_out_", "holdout_")):
+        return "%"
     _, dot, name = path.rpartition(".")
     return _UNITS.get(name, "") if dot else ""
 

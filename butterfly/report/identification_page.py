@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -16,39 +15,17 @@ from butterfly.identification.parameter import Parameter
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
-from butterfly.report.format import counted, fit_text
-from butterfly.report.identification_figures import (
-    correlation_map,
-    frequency_response_figure,
-    parameter_figure,
-    ranked_figure,
-)
+from butterfly.report.format import counted, fit_text, times_text
 from butterfly.report.inspection import STATES, conditions_text
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
     spectrum_figure,
     spectrum_series,
-    time_figure,
     time_series,
 )
-from butterfly.report.page import (
-    Fact,
-    Marked,
-    Page,
-    PageTable,
-    Section,
-    Whisker,
-    tabulated,
-    write_page,
-)
-from butterfly.report.parameter_table import (
-    HEADERS,
-    TITLE,
-    parameter_texts,
-    physical_rows,
-    physical_sentences,
-)
+from butterfly.report.page import Fact, Marked, Page, PageTable, Section, Whisker, tabulated
+from butterfly.report.parameter_table import parameter_texts, physical_sentences, physical_table
 from butterfly.report.residual import residual_sentences, residual_table
 
 _RESPONSE = (
@@ -59,32 +36,16 @@ _RESPONSE_UNASKED = (
     "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
     "of a sine, so there is nothing measured to set beside them."
 )
-_EXPLAINED = "what the sensors explain"
-_MANY = 10  # times, from which whole ones are told
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
-
-
-def write_report(
-    identification: Identification,
-    path: Path,
-    truth: LumpedParameters | None = None,
-    *,
-    figures: bool = False,
-) -> None:
-    """Write the report of an identification: one HTML file, and its numbers as JSON beside it.
-
-    Figures, if wanted, go beside it as PNG and SVG; truth is where it is known.
-    """
-    write_page(identification_page(identification, truth), path, figures=figures)
 
 
 def identification_page(
     identification: Identification, truth: LumpedParameters | None = None
 ) -> Page:
-    """Put together the report of an identification (see `write_report`)."""
-    data, residuals = identification.data, identification.residuals
+    """Put together the report of an identification, beside the truth where it is known."""
+    data, residuals, plots = identification.data, identification.residuals, identification.plot
     table = identification.estimate.table(truth)
-    runs, bands = identification.free_runs, [log.band for log in residuals.logs]
+    runs = identification.free_runs
     chosen = middle(identification.fit_of_logs)
     states = [health.condition for health in data.health]
     lost = int(np.sum(~np.isfinite(identification.fit_of_logs)))  # they have no FIT
@@ -92,12 +53,12 @@ def identification_page(
         Section(
             title="Frequency response",
             text=_RESPONSE if data.sines else _RESPONSE_UNASKED,
-            figures={"frequency-response": frequency_response_figure(identification)},
+            figures={"frequency-response": plots.frequency_response()},
         ),
         Section(
             title="Measured against simulated",
             text="The model runs free: it is told the input, and of the angle the start alone.",
-            series={"time": time_series(runs, bands)},
+            series={"time": time_series(runs, [log.band for log in residuals.logs])},
         ),
         Section(
             title="Residuals",
@@ -116,7 +77,7 @@ def identification_page(
             title="FIT log by log",
             text=f"Health of the {conditions_text(states)} A click on a point chooses its log."
             + (f" Not drawn: {counted(lost, 'log')} from which the model runs away." * (lost > 0)),
-            figures={"fit": ranked_figure(identification)},
+            figures={"fit": plots.fits()},
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
@@ -137,8 +98,8 @@ def identification_page(
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={
-            "parameters": partial(parameter_figure, table),
-            "time": partial(time_figure, runs[chosen], bands[chosen]),
+            "parameters": partial(plots.parameters, truth),
+            "time": plots.time,
             "left-over": partial(correlation_figure, residuals.logs[chosen]),
             "spectrum": partial(spectrum_figure, runs[chosen], residuals.logs[chosen]),
         },
@@ -150,11 +111,11 @@ def _facts(identification: Identification) -> list[Fact]:
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
     times = identification.residuals.times
-    residuals = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
+    residuals = [Fact("residuals", f"{times_text(times)} ×", "what the sensors explain")]
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
-        *([Fact("residuals", residuals, _EXPLAINED)] if math.isfinite(times) else []),
+        *(residuals if math.isfinite(times) else []),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
     ]
@@ -201,7 +162,7 @@ def _lead(parameters: Sequence[Parameter], data: DataSet, *, with_truth: bool) -
 
 
 def _correlations(identification: Identification) -> list[Section]:
-    drawn = correlation_map(identification.estimate)
+    drawn = identification.plot.correlations()
     if drawn is None:
         return []
     text = (
@@ -247,16 +208,22 @@ def _logs_table(identification: Identification) -> PageTable:
 
 def _physical(identification: Identification) -> list[Section]:
     found = identification.separated()
+    title, headers, rows = physical_table(found)
     text = "\n".join(physical_sentences(found))
-    rows = physical_rows(found)
     caption = (
         "What follows from the parameters, and what they are made of as far as what is known of "
         "motor and hand tells it."
     )
-    table = PageTable(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption)
+    table = PageTable(
+        name="physical",
+        headers=tuple(headers),
+        rows=[tuple(map(str, row)) for row in rows],
+        words=(0,),
+        caption=caption,
+    )
     if not (text or rows):
         return []
-    return [Section(title=TITLE, text=text, tables=(table,) if rows else ())]
+    return [Section(title=title, text=text, tables=(table,) if rows else ())]
 
 
 def _resonances_table(identification: Identification) -> PageTable:

@@ -20,12 +20,7 @@ from butterfly.report.page import Badge, Page, PageTable, Section
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
 
-STATES = {
-    Level.GOOD: "ok",
-    Level.NOTE: "note",
-    Level.CARE: "care",
-    Level.WARNING: "do not use",
-}
+STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """What may be done with a log, in a word or two."""
 
 _LOOKING = "Looking at logs"
@@ -40,7 +35,6 @@ _ADVICE = {
     Level.NOTE: "What was found needs nothing done.",
     Level.CARE: "Look at what was found before you trust what this log tells.",
 }
-_ON_BADGE = ("state", "findings")
 _TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
@@ -154,7 +148,7 @@ def inspection_page(log: Log, health: Health) -> Page:
 
     remarks, state = health.remarks, health.condition
     found = [f"{remark.text}." for remark in remarks]
-    rows = [row for row in health_rows(log, health) if row[0] not in _ON_BADGE]
+    rows = [row for row in health_rows(log, health) if row[0] not in {"state", "findings"}]
     table = PageTable(headers=(), rows=rows, words=(1,))
     return Page(
         name=Path(log.source).name or log.label,

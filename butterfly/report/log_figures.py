@@ -16,20 +16,11 @@ from plotly.graph_objects import Figure
 from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
 from butterfly.identification.diagnostics.sensor_errors import LEVELS, Curve
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.covariance import CONFIDENCE
+from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.logs.log import Log
-from butterfly.report.figures import (
-    GREY,
-    PALETTE,
-    SHADE,
-    add,
-    look,
-    panel,
-    panels,
-    seen_samples,
-)
-from butterfly.report.page import Series, packable
+from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
+from butterfly.report.page import Series
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 _STEP = 0.02  # s between drawn points
@@ -39,17 +30,15 @@ _MOST_SAMPLES = 2**20  # that a spectrum is taken of
 _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
+_SHADE = "rgba(128,128,128,0.22)"  # of a band
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
 
 
 def recorded_figure(log: Log) -> Figure:
     """Draw a log against time, a panel for each column and one for the sampling intervals."""
     way = log.added_mass.joint.way
-    titles = {
-        "input": "input in its own unit",
-        "angle": f"angle in {way}",
-        "velocity": f"velocity in {way}/s",
-    }
+    titles = {"input": "input in its own unit", "angle": f"angle in {way}"}
+    titles["velocity"] = f"velocity in {way}/s"
     curves = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2
     curves["interval in ms"] = (middles, 1e3 * np.diff(log.time))
@@ -81,7 +70,7 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
     edge = {"mode": "lines", "line": {"color": GREY, "width": 0}, "hoverinfo": "skip"}
     add(figure, 2, time, lower, showlegend=False, **edge)
     name = f"{100 * CONFIDENCE:.0f} % band of parameters and sensor"
-    add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=SHADE, **edge)
+    add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=_SHADE, **edge)
     thin = {"color": PALETTE[0], "width": 1}
     add(figure, 2, time, difference, name="difference", showlegend=False, line=thin, **lines)
     return figure
@@ -90,11 +79,8 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
 def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> Series:
     """Return `time_figure` of each run."""
     most = max(_MOST // len(runs), _LEAST)
-    logs = zip(runs, bands, strict=True)
-    return Series.of(
-        time_figure(runs[0], bands[0], most=_LEAST),
-        [[[packable(curve) for curve in _time_curves(*each, most)]] for each in logs],
-    )
+    curves = [[_time_curves(*each, most)] for each in zip(runs, bands, strict=True)]
+    return Series.of(time_figure(runs[0], bands[0], most=_LEAST), curves)
 
 
 def _time_curves(
@@ -133,10 +119,7 @@ def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
 
 def spectrum_series(runs: Sequence[FreeRun], residuals: Sequence[LogResiduals]) -> Series:
     """Return `spectrum_figure` of each run."""
-    curves = [
-        [[packable(curve, logarithmic=True) for curve in _spectra(*each)]]
-        for each in zip(runs, residuals, strict=True)
-    ]
+    curves = [[_spectra(*each)] for each in zip(runs, residuals, strict=True)]
     return Series.of(spectrum_figure(runs[0], residuals[0]), curves)
 
 
@@ -181,13 +164,7 @@ def correlation_figure(log: LogResiduals) -> Figure:
 
 def correlation_series(logs: Sequence[LogResiduals]) -> Series:
     """Return `correlation_figure` of each log."""
-    curves = [
-        [
-            [packable(line) for line in _band_and_curve(curve)]
-            for curve in (log.autocorrelation, log.cross_correlation)
-        ]
-        for log in logs
-    ]
+    curves = [[*map(_band_and_curve, (log.autocorrelation, log.cross_correlation))] for log in logs]
     return Series.of(correlation_figure(logs[0]), curves)
 
 
@@ -246,19 +223,10 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
                 continue
             band = prediction.bands[name]
             outline = np.concatenate([band.upper - about, (band.lower - about)[::-1]])
-            add(
-                figure,
-                row,
-                there_and_back,
-                outline.astype(np.float32),
-                name=f"95 %, {name}",
-                fill="toself",
-                fillcolor=colour,
-                opacity=opacity,
-                line={"width": 0, "color": colour},
-                hoverinfo="skip",
-                **common,
-            )
+            shade = {"fill": "toself", "fillcolor": colour, "opacity": opacity}
+            shade |= {"line": {"width": 0, "color": colour}, "hoverinfo": "skip", **common}
+            y = outline.astype(np.float32)
+            add(figure, row, there_and_back, y, name=f"95 %, {name}", **shade)
         for name, (angle, colour) in lines.items():
             style = {"line": {"width": 1, "color": colour}, **common}
             style["hovertemplate"] = f"%{{x:.2f}} s: %{{y:.4f}} {way}"

@@ -18,11 +18,7 @@ from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import finding_text, values_of
 
 
-def rests_on(
-    data: DataSet,
-    estimate: Estimate,
-    estimator: Estimator | None,
-) -> dict[str, Any]:
+def rests_on(data: DataSet, estimate: Estimate, estimator: Estimator | None) -> dict[str, Any]:
     """Return what every result says of the data and the estimate that it rests on."""
     return {
         "data": about_data(data),

@@ -33,6 +33,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     `truth` are parameters of the hand with what it carries, where they are known.
     """
     rounds = study.calibration.rounds
+    errors = [(name, degrees_said(error)) for name, error in study.errors.items()]
     sections = [
         Section(
             title="Amplitude per round",
@@ -47,10 +48,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             "and the orbit that was to be held. The invariant I = E − E* by the re-calibrated "
             "model decays as exp(−p₄γ∫θ̇² dt) predicts where the controller's model is right and "
             "no dither is added; dotted.",
-            figures={
-                "phase-plane": _phase_figure(study),
-                "invariant": _invariant_figure(study),
-            },
+            figures={"phase-plane": _phase_figure(study), "invariant": _invariant_figure(study)},
         ),
         Section(
             title="Parameters",
@@ -61,12 +59,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             title="Free-run prediction next to the orbit",
             text=f"Over {PERIODS} periods of a run that was used for nothing else, simulated from "
             "its first sample with the recorded input.",
-            tables=(
-                PageTable(
-                    headers=("model", "rms error in °"),
-                    rows=[(name, degrees_said(error)) for name, error in study.errors.items()],
-                ),
-            ),
+            tables=(PageTable(headers=("model", "rms error in °"), rows=errors),),
         ),
     ]
     if study.amplitudes:
@@ -158,17 +151,13 @@ def _facts(study: OrbitStudy) -> list[Fact]:
 
 def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
     return PageTable(
-        headers=("round", "amplitude in °", "error in °", "γ", "p₂/p₁", "p₃/p₁", "p₄/p₁", "T_c/p₁"),
+        headers=("round", "amplitude in °", "error in °", "γ", *_RATIOS.values()),
         rows=[
             (
                 str(number),
-                degrees_said(each.amplitude),
-                degrees_said(each.amplitude_error),
+                *map(degrees_said, (each.amplitude, each.amplitude_error)),
                 f"{each.gamma:.4g}",
-                *(
-                    f"{getattr(each.believed, name) / each.believed.p1:.5g}"
-                    for name in ("p2", "p3", "p4", "coulomb")
-                ),
+                *(f"{getattr(each.believed, name) / each.believed.p1:.5g}" for name in _RATIOS),
             )
             for number, each in enumerate(rounds)
         ],
@@ -181,8 +170,8 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
     found, generic = study.calibration.rounds[-1].recalibration, study.generic
     estimate, rows = found.estimate, []
     columns = (estimate.values, estimate.standard_errors, estimate.lower, estimate.upper)
-    for name, *numbers in zip(found.names, *(each.tolist() for each in columns), strict=True):
-        value, error, *limits = numbers
+    lines = np.column_stack(columns).tolist()
+    for name, (value, error, *limits) in zip(found.names, lines, strict=True):
         ratio = found.is_ratio(name)
         symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
         true = None if truth is None else getattr(truth, name) / (truth.p1 if ratio else 1.0)
@@ -201,16 +190,14 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
 
 
 def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
-    figure = panel("round", "amplitude in °", 320)
     counts = list(range(len(rounds)))
-    marker = {"color": PALETTE[0], "size": 9}
     reached = [math.degrees(each.amplitude) for each in rounds]
-    figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
+    marker = {"color": PALETTE[0], "size": 9}
     wanted = [math.degrees(rounds[-1].wanted)] * len(rounds)
     line = {"color": PALETTE[5], "dash": "dash"}
-    figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted")
-    figure.update_xaxes(dtick=1)
-    return figure
+    figure = panel("round", "amplitude in °", 320).update_xaxes(dtick=1)
+    figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
+    return figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted")
 
 
 def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[Samples], slice]]:
@@ -239,8 +226,7 @@ def _phase_figure(study: OrbitStudy) -> Figure:
     orbit = study.calibration.rounds[-1].orbit
     x, y = np.degrees(orbit.solution(np.linspace(0, orbit.period, 200)))
     dashed = {"color": PALETTE[5], "width": 2, "dash": "dash"}
-    figure.add_scatter(x=x, y=y, line=dashed, name="orbit")
-    return figure
+    return figure.add_scatter(x=x, y=y, line=dashed, name="orbit")
 
 
 def _invariant_figure(study: OrbitStudy) -> Figure:
@@ -263,8 +249,7 @@ def _invariant_figure(study: OrbitStudy) -> Figure:
 
 def _cross_figure(study: OrbitStudy) -> Figure:
     labels = [f"{math.degrees(each):.3g}°" for each in study.amplitudes]
-    figure = panel("used at", "calibrated at", 380)
-    figure.add_heatmap(
+    return panel("used at", "calibrated at", 380).add_heatmap(
         z=np.degrees(study.cross),
         x=labels,
         y=labels,
@@ -272,4 +257,3 @@ def _cross_figure(study: OrbitStudy) -> Figure:
         colorscale="Cividis",
         colorbar={"title": {"text": "°"}},
     )
-    return figure

@@ -53,11 +53,11 @@ class Whisker:
     @classmethod
     def of(cls, row: Parameter) -> Whisker:
         """Return a row of an estimate's table as a mark."""
-        limits = (
-            None if row.known or row.lower is None or row.upper is None else (row.lower, row.upper)
-        )
-        least, largest = row.least_left_out, row.largest_left_out
-        left_out = None if least is None or largest is None else (least, largest)
+        limits, left_out = None, None
+        if not (row.known or row.lower is None or row.upper is None):
+            limits = row.lower, row.upper
+        if row.least_left_out is not None and row.largest_left_out is not None:
+            left_out = row.least_left_out, row.largest_left_out
         return cls(value=row.value, limits=limits, left_out=left_out, true=row.true)
 
     @property
@@ -130,20 +130,22 @@ class Series:
     curves: list[list[list[dict[str, Any]]]]
 
     @classmethod
-    def of(cls, figure: Figure, curves: list[list[list[dict[str, Any]]]]) -> Series:
-        """Take the look of all from the figure of one."""
+    def of(cls, figure: Figure, curves: Sequence[Sequence[Sequence[NDArray[Any]]]]) -> Series:
+        """Take the look of all from the figure of one, whose axes are all logarithmic or none."""
         common = figure.to_dict()
         traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
         layout = {key: value for key, value in common["layout"].items() if key != "template"}
-        return cls(data=traces, layout=layout, curves=curves)
+        powers = layout.get("xaxis", {}).get("type") == "log"
+        packed = [
+            [[packable(curve, logarithmic=powers) for curve in group] for group in log]
+            for log in curves
+        ]
+        return cls(data=traces, layout=layout, curves=packed)
 
     @classmethod
     def of_figures(cls, figures: Sequence[Figure]) -> Series:
         """Take the points from the figure of each log."""
-        curves = [
-            [[packable(np.asarray(values)) for values in (trace.x, trace.y)] for trace in each.data]
-            for each in figures
-        ]
+        curves = [[[*map(np.asarray, (t.x, t.y))] for t in each.data] for each in figures]
         return cls.of(figures[0], curves)
 
 

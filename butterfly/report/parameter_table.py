@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import Parameter, or_nan, or_none
-from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
+from butterfly.identification.physical import Lack, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, with_error
-from butterfly.result import Answer, aligned
+from butterfly.result import Answer, TextTable, aligned
 from butterfly.verdict import Verdict
 
-TITLE = "Physical parameters and derived quantities"
-"""Of the table of physical ones."""
-
-HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
-"""Of the same."""
+_TITLE = "Physical parameters and derived quantities"
 
 
 def parameter_texts(row: Parameter) -> dict[str, str]:
@@ -55,9 +50,9 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
     }
 
 
-def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
-    """Return the rows of the table of physical parameters."""
-    return [
+def physical_table(parameters: PhysicalParameters) -> TextTable:
+    """Tabulate physical parameters."""
+    rows = [
         (
             f"{SYMBOLS[each.name].symbol}, {SYMBOLS[each.name].meaning}",
             with_error(each.value, each.standard_error),
@@ -68,6 +63,7 @@ def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
         )
         for each in parameters.found
     ]
+    return TextTable(_TITLE, ("", "value", "std error", "95 % interval", "told", "unit"), rows)
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
@@ -87,7 +83,14 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     """Say what is left open, and which measurement would tell."""
-    return [_SENTENCES[each.lack](each) for each in parameters.unseparated]
+    return [
+        _SENTENCES[each.lack].format(
+            names=" and ".join(each.names),
+            says="says" if len(each.names) == 1 else "say",
+            most=f" k_emf is {each.most.value:.3g} V s/rad at most." if each.most else "",
+        )
+        for each in parameters.unseparated
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -101,7 +104,7 @@ class Separated(Answer):
         """Tabulate what is known of the robot of some data."""
         numbers = physical_numbers(parameters)
         return cls(
-            title=f"{TITLE} of {name!r}",
+            title=f"{_TITLE} of {name!r}",
             summary=(*judged.lines, *physical_sentences(parameters)),
             content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
             judged=judged,
@@ -113,47 +116,42 @@ class Separated(Answer):
         return aligned(rows) if rows else []
 
 
-def _back_emf(left: Unseparated) -> str:
-    most = "" if left.most is None else f" k_emf is {left.most.value:.3g} V s/rad at most."
-    return (
-        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
-        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
-        f"SI units).{most}"
-    )
-
-
-_SENTENCES: dict[Lack, Callable[[Unseparated], str]] = {
-    Lack.MASS: lambda _: (
+_SENTENCES = {
+    Lack.MASS: (
         "Motion does not tell m_p from l_c (only p3 = m_p g l_c), nor J_p from m_p l_c² (only "
         "their sum in p1): weigh the hand (hand_mass)."
     ),
-    Lack.GRAVITY: lambda _: (
+    Lack.GRAVITY: (
         "Across no gravity motion does not tell l_c, nor J_p from m_p l_c², though the hand be "
         "weighed: log it with its axis level."
     ),
-    Lack.ROTOR: lambda _: (
+    Lack.ROTOR: (
         "Motion does not tell the hand's inertia from the rotor's N² J_r (only their sum p1): take "
         "J_r from the motor's data sheet (rotor_inertia)."
     ),
-    Lack.ROTOR_OF_SLIDE: lambda _: (
+    Lack.ROTOR_OF_SLIDE: (
         "Motion does not tell the mass that slides from the rotor's N² J_r (only their sum p1): "
         "weigh it (hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
     ),
-    Lack.GAIN: lambda _: (
+    Lack.GAIN: (
         "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill "
         "(resistance), or take k_t from the motor's data sheet (torque_constant)."
     ),
-    Lack.BACK_EMF: _back_emf,
-    Lack.GEAR: lambda _: (
+    Lack.BACK_EMF: (
+        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
+        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
+        "SI units).{most}"
+    ),
+    Lack.GEAR: (
         "Nothing of the motor says anything of a slide before it is known how many rad it turns "
         "per m (gear_ratio)."
     ),
-    Lack.COMMAND: lambda _: (
+    Lack.COMMAND: (
         "Motion does not tell what a unit of the command is. Say p4 if you know it: 1 where it is "
         "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
     ),
-    Lack.UNUSED: lambda left: (
-        f"{' and '.join(left.names)} {'says' if len(left.names) == 1 else 'say'} nothing here: the "
-        "command is a torque, and R and back EMF are hidden behind a current loop."
+    Lack.UNUSED: (
+        "{names} {says} nothing here: the command is a torque, and R and back EMF are hidden "
+        "behind a current loop."
     ),
 }

@@ -75,26 +75,22 @@ def draw(figure: Figure) -> Still:
         if key not in panels:
             panels[key] = _panel(still, layout, key)
         _DRAWN[trace.type](panels[key], trace)
-    for shape in layout.get("shapes", []):
-        if ("x", "y") in panels:
-            _limit(panels["x", "y"], shape)
-    for note in layout.get("annotations", []):
-        if note.get("xref", "x") == "x" and ("x", "y") in panels:
-            axes = panels["x", "y"]
-            axes.text(note["x"], note["y"], f" {_plain(note['text'])}", fontsize="x-small")
+    if (axes := panels.get(("x", "y"))) is not None:
+        for shape in layout.get("shapes", []):
+            _limit(axes, shape)
+        for note in layout.get("annotations", []):
+            if note.get("xref", "x") == "x":
+                axes.text(note["x"], note["y"], f" {_plain(note['text'])}", fontsize="x-small")
     _explain(list(panels.values()))
     return still
 
 
 def _limit(axes: Axes, shape: dict[str, Any]) -> None:
     """Draw a line across all of a panel, as plotly's add_hline and add_vline do."""
-    line = shape["line"]
-    style: dict[str, Any] = {"color": line["color"], "linewidth": line["width"], "zorder": 1}
-    style["linestyle"] = _DASHES.get(line.get("dash"), "-")
-    if shape["xref"].endswith("domain"):
-        axes.axhline(shape["y0"], **style)
-    else:
-        axes.axvline(shape["x0"], **style)
+    line, level = shape["line"], shape["xref"].endswith("domain")
+    draw, at = (axes.axhline, shape["y0"]) if level else (axes.axvline, shape["x0"])
+    dash = _DASHES.get(line.get("dash"), "-")
+    draw(at, color=line["color"], linewidth=line["width"], linestyle=dash, zorder=1)
 
 
 def _explain(panels: list[Axes]) -> None:
@@ -125,8 +121,7 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
             ticks.set_major_locator(MultipleLocator(axis["dtick"]))
         ticks.set_label_text(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
         if axis.get("ticktext"):
-            texts = [_lines(text) for text in axis["ticktext"]]
-            ticks.set_ticks(axis["tickvals"], texts, fontsize="x-small")
+            ticks.set_ticks(axis["tickvals"], [*map(_lines, axis["ticktext"])], fontsize="x-small")
         if axis.get("range"):
             axes.set(**{f"{name}lim": axis["range"]})
     if up.get("visible") is False:
@@ -160,9 +155,8 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
         return
     if trace.fill == "tonexty":
         before = axes.lines[-1]
-        shade: dict[str, Any] = {"color": GREY, "alpha": _SHADE, "linewidth": 0}
-        shade["label"] = _label(trace)
-        axes.fill_between(x, before.get_ydata(), y, zorder=1, **shade)
+        shade: dict[str, Any] = {"color": GREY, "alpha": _SHADE, "linewidth": 0, "zorder": 1}
+        axes.fill_between(x, before.get_ydata(), y, label=_label(trace), **shade)
         style["label"] = None
     if x.dtype.kind in "UO":
         x = np.array([_lines(label) for label in x])
@@ -177,25 +171,22 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
 
 def _bar(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     color = trace.marker.color if isinstance(trace.marker.color, str) else None
-    place = np.arange(len(trace.x)) + _BAR * len(axes.containers)
-    heights = np.asarray(trace.y, dtype=float)
-    axes.bar(place, heights, width=_BAR, color=color, label=_label(trace))
-    axes.set_xticks(
-        np.arange(len(trace.x)), [_lines(label) for label in trace.x], fontsize="x-small"
-    )
+    places, heights = np.arange(len(trace.x)), np.asarray(trace.y, dtype=float)
+    beside = places + _BAR * len(axes.containers)
+    axes.bar(beside, heights, width=_BAR, color=color, label=_label(trace))
+    axes.set_xticks(places, [*map(_lines, trace.x)], fontsize="x-small")
 
 
 def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     values = np.asarray(trace.z, dtype=float)
-    limits: dict[str, Any] = {"vmin": trace.zmin, "vmax": trace.zmax}
     diverging = trace.zmin is not None
-    scale = "RdBu" if diverging else "cividis"
-    shown = axes.imshow(values, origin="lower", aspect="auto", cmap=scale, **limits)
+    style: dict[str, Any] = {"origin": "lower", "aspect": "auto", "vmin": trace.zmin}
+    style |= {"vmax": trace.zmax, "cmap": "RdBu" if diverging else "cividis"}
+    shown = axes.imshow(values, **style)
     axes.grid(visible=False)
     for position, labels in ((axes.set_xticks, trace.x), (axes.set_yticks, trace.y)):
         if labels is not None:
-            texts = [_lines(label) for label in labels]
-            position(range(len(labels)), texts, fontsize="x-small")
+            position(range(len(labels)), [*map(_lines, labels)], fontsize="x-small")
     if trace.texttemplate:
         middle = (np.nanmin(values) + np.nanmax(values)) / 2
         for (row, column), value in np.ndenumerate(values):
@@ -205,8 +196,7 @@ def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
             axes.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
     if trace.showscale is False:
         return
-    title = trace.colorbar.title.text
-    axes.figure.colorbar(shown, ax=axes, label=_plain(title or ""))
+    axes.figure.colorbar(shown, ax=axes, label=_plain(trace.colorbar.title.text or ""))
 
 
 def _label(trace: Any) -> str | None:  # noqa: ANN401 - plotly's

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 from plotly.graph_objects import Figure
 
@@ -34,9 +34,8 @@ def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
     sections = []
     for number, name in enumerate(sets):
         own = [entry for entry in entries if entry.data == name]
-        figures = {f"fit-{number}": _leaderboard_figure(own)}
-        table = _leaderboard_table(own)
-        sections.append(Section(title=f"{name}: FIT in %", tables=(table,), figures=figures))
+        figures, tables = {f"fit-{number}": _leaderboard_figure(own)}, (_leaderboard_table(own),)
+        sections.append(Section(title=f"{name}: FIT in %", tables=tables, figures=figures))
     return Page(
         name="leaderboard",
         description=result.title,
@@ -52,17 +51,14 @@ def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
     names = ("p1", "p2", "p3", "p4", "coulomb")
     rows: list[tuple[str | Marked, ...]] = []
     for entry in entries:
-        values = ["–"] * len(names)
-        found, level = entry.estimate, Marked("–")
+        values, found, level = dict.fromkeys(names, "–"), entry.estimate, Marked("–")
         if found is not None:
             level = Marked(found.level.verdict, level=found.level)
             estimated = {*found.names, *found.fixed} - {*found.unestimated}
-            values = [
-                f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
-                for name in names
-            ]
+            for name in estimated & values.keys():
+                values[name] = f"{getattr(found.parameters, name):#.4g}"
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
-        rest = (f"{entry.seconds:.2f}", *values, entry.error or "–")
+        rest = (f"{entry.seconds:.2f}", *values.values(), entry.error or "–")
         rows.append((entry.method, level, *fits, *rest))
     last = len(_HEADERS) - 1
     shown = slice(None if any(entry.error for entry in entries) else last)
@@ -145,37 +141,44 @@ def _structures_figure(passed: Sequence[Structure]) -> Figure:
     return figure
 
 
-def fits_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw every column of FITs of a table, a point for each log."""
-    columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-    places = range(1, len(rows) + 1)
-    figure = panel("log, in the order of the table", "FIT in %")
-    for number, name in enumerate(columns):
-        colour, symbol = look(number)
-        marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
-        figure.add_scatter(
-            x=list(places),
-            y=[row[name] for row in rows],
-            text=[
-                escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
-            ],
-            name=name.removeprefix("FIT ").removesuffix(" in %"),
-            mode="markers",
-            marker=marker | {"size": 8 + 4 * (number % 2)},
-            hovertemplate="%{text}: %{y:.1f} %",
+@dataclass(frozen=True)
+class TablePlots:
+    """Figures of a table."""
+
+    result: Result
+
+    def fits(self) -> Figure:
+        """Draw every column of FITs, a point for each log."""
+        rows = self.result.rows()
+        columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
+        places = list(range(1, len(rows) + 1))
+        labels = [
+            escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
+        ]
+        figure = panel("log, in the order of the table", "FIT in %")
+        for number, name in enumerate(columns):
+            colour, symbol = look(number)
+            marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
+            figure.add_scatter(
+                x=places,
+                y=[row[name] for row in rows],
+                text=labels,
+                name=name.removeprefix("FIT ").removesuffix(" in %"),
+                mode="markers",
+                marker=marker | {"size": 8 + 4 * (number % 2)},
+                hovertemplate="%{text}: %{y:.1f} %",
+            )
+        return figure
+
+    def ranking(self, count: int = 12) -> Figure:
+        """Draw the mean of what is left of the standard errors, for the first candidates."""
+        rows = self.result.rows()[:count]
+        up = "standard errors after, over those now"
+        return panel("candidate, in the order of the table", up).add_bar(
+            x=[str(rank) for rank in range(1, len(rows) + 1)],
+            y=[row["mean"] for row in rows],
+            text=[f"{row['input']}, {row['added mass']}" for row in rows],
+            textposition="none",
+            hovertemplate="%{text}: %{y:.2f}<extra></extra>",
+            marker={"color": PALETTE[0]},
         )
-    return figure
-
-
-def ranking_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw the mean of what is left of the standard errors, for each candidate experiment."""
-    figure = panel("candidate, in the order of the table", "standard errors after, over those now")
-    figure.add_bar(
-        x=[str(rank) for rank in range(1, len(rows) + 1)],
-        y=[row["mean"] for row in rows],
-        text=[f"{row['input']}, {row['added mass']}" for row in rows],
-        textposition="none",
-        hovertemplate="%{text}: %{y:.2f}<extra></extra>",
-        marker={"color": PALETTE[0]},
-    )
-    return figure

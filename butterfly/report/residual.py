@@ -8,10 +8,7 @@ import numpy as np
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
-from butterfly.identification.diagnostics.residuals import (
-    LogResiduals,
-    Residuals,
-)
+from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
@@ -49,16 +46,14 @@ def residual_sentences(residuals: Residuals) -> list[str]:
 
 def residual_table(logs: Iterable[LogResiduals], picks: Sequence[int] = ()) -> PageTable:
     """Make a table with a row per log, each of which may choose a log by its number."""
-    rows = [_row(log) for log in logs]
+    rows = []
+    for log in logs:
+        shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
+        numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
+        times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
+        missing = f"{100 * log.share:.0f}" if log.share else "–"
+        rows.append((log.label, *numbers, times, _bands(log), missing))
     return PageTable(name="residuals", headers=HEADERS, rows=rows, caption=_CAPTION, picks=picks)
-
-
-def _row(log: LogResiduals) -> tuple[str, ...]:
-    shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
-    numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
-    times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
-    share = f"{100 * log.share:.0f}" if log.share else "–"
-    return (log.label, *numbers, times, _bands(log), share)
 
 
 def _bands(log: LogResiduals) -> str:

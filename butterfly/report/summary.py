@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
@@ -21,7 +20,7 @@ from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_notes, estimate_verdict
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
-from butterfly.report.parameter_table import HEADERS, TITLE, parameter_texts, physical_rows
+from butterfly.report.parameter_table import parameter_texts, physical_table
 from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
@@ -71,8 +70,8 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
     found = [TextTable(title, [*columns.values()], rows)]
     if estimate.agreement:
         found.append(agreement_table(estimate.agreement))
-    if derived := physical_rows(identification.separated()):
-        found.append(TextTable(TITLE, HEADERS, derived))
+    if (derived := physical_table(identification.separated())).rows:
+        found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
         found.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), resonances))

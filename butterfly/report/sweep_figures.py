@@ -14,6 +14,7 @@ from butterfly.experiment.sweep_tables import Estimates
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, panel, panels
 from butterfly.report.format import field_label
+from butterfly.result import cell_text
 
 _DISTINCT = 12  # values of a field, up to which each is drawn; beyond, they are put into bins
 _BINS = 8
@@ -60,7 +61,8 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
     """Return the values, or the middles of bins with equally many, and who belongs to each."""
     if values.dtype == object:
         kinds = list(dict.fromkeys(values.tolist()))
-        return [_wrapped(str(kind)) for kind in kinds], [values == kind for kind in kinds]
+        labels = [escape(str(kind)).replace(", ", "<br>") for kind in kinds]  # lists of settings
+        return labels, [values == kind for kind in kinds]
     distinct = np.unique(values)
     if distinct.size <= _DISTINCT:
         return distinct.tolist(), [values == value for value in distinct]
@@ -68,11 +70,6 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _BINS - 1)
     parts = [place == k for k in range(_BINS) if (place == k).any()]
     return [float(np.median(values[part])) for part in parts], parts
-
-
-def _wrapped(text: str) -> str:
-    """Break a list of settings into lines."""
-    return escape(text).replace(", ", "<br>")
 
 
 def spans_decades(values: NDArray[Any]) -> bool:
@@ -102,19 +99,14 @@ def _heat_map(group: Estimates, across: str, up: str) -> Figure:
     figure = panel(escape(field_label(across)), escape(field_label(up)))
     figure.add_heatmap(
         z=cells,
-        x=[short(value) for value in x],
-        y=[short(value) for value in y],
+        x=[*map(cell_text, x)],
+        y=[*map(cell_text, y)],
         colorscale="Cividis",
         texttemplate="%{z:.3g}" if len(x) <= _CELLS else None,
         colorbar={"title": {"text": "%"}},
     )
     figure.update_xaxes(type="category").update_yaxes(type="category")
     return figure
-
-
-def short(value: Any) -> str:  # noqa: ANN401 - a number or a text
-    """Write a value in a few characters."""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 class _Axis(NamedTuple):
@@ -157,12 +149,11 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
             name=name,
             hoverinfo="skip",
         )
+    beside = {"showarrow": False, "xanchor": "left", "xshift": 4}
     for step, axis in enumerate(axes):
         figure.add_vline(x=step, line={"color": GREY, "width": 1})
         for place, text in axis.marks.items():
-            figure.add_annotation(
-                x=step, y=place, text=escape(text), showarrow=False, xanchor="left", xshift=4
-            )
+            figure.add_annotation(x=step, y=place, text=escape(text), **beside)
     titles = [escape(axis.title).replace("\n", "<br>") for axis in axes]
     figure.update_xaxes(
         tickvals=steps.tolist(), ticktext=titles, showgrid=False, range=[-0.1, len(axes) - 0.6]
@@ -177,7 +168,7 @@ def _axis(title: str, values: NDArray[Any]) -> _Axis:
         kinds = list(dict.fromkeys(values.tolist()))
         span = max(len(kinds) - 1, 1)
         spots = {kind: number / span for number, kind in enumerate(kinds)}
-        marks = {spots[kind]: short(kind) for kind in kinds[:_TICKS]}
+        marks = {spots[kind]: cell_text(kind) for kind in kinds[:_TICKS]}
         return _Axis(title, np.array([spots[value] for value in values.tolist()]), marks)
     scaled = np.log(values) if spans_decades(values) else values
     finite = scaled[np.isfinite(scaled)]

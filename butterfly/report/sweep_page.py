@@ -15,8 +15,8 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
-from butterfly.report.sweep_figures import axis_figure, heat_maps, parallel_figure, short
-from butterfly.result import document
+from butterfly.report.sweep_figures import axis_figure, heat_maps, parallel_figure
+from butterfly.result import cell_text, document
 from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:
@@ -93,22 +93,16 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
 def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section]:
     """Show how estimates deviate by what was varied: all at once, one by one, in pairs."""
     sections = []
-    together = parallel_figure(deviating, fields)
-    if together is not None:
+    if (together := parallel_figure(deviating, fields)) is not None:
         text = "A line is an estimate, through what was varied and what came of it."
-        section = Section(title="All fields at once", text=text, figures={"together": together})
-        sections.append(section)
+        figures = {"together": together}
+        sections.append(Section(title="All fields at once", text=text, figures=figures))
     for number, field in enumerate(fields):
-        figure = axis_figure(deviating, field)
-        if figure is not None:
-            section = Section(
-                title=f"Against {field_name(field)}",
-                text="Median deviation, with the middle half of the runs.",
-                figures={f"axis-{number}": figure},
-            )
-            sections.append(section)
-    maps = heat_maps(deviating, fields)
-    if maps:
+        if (figure := axis_figure(deviating, field)) is not None:
+            title, figures = f"Against {field_name(field)}", {f"axis-{number}": figure}
+            text = "Median deviation, with the middle half of the runs."
+            sections.append(Section(title=title, text=text, figures=figures))
+    if maps := heat_maps(deviating, fields):
         text = "Median of the parameters' mean absolute deviation in %, over the other fields."
         sections.append(Section(title="Two fields at a time", text=text, figures=maps))
     return sections
@@ -178,7 +172,7 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTab
             worst["estimator"][k],
             f"{TERMS[str(worst['parameter'][k])].symbol} {100 * worst['deviation'][k]:+.3g}",
             f"{worst['fit_median'][k]:.1f}",
-            *(short(worst[field][k]) for field in fields),
+            *(cell_text(worst[field][k]) for field in fields),
         )
         for k in order[:count].tolist()
     ]
@@ -218,11 +212,15 @@ def _failures_table(runs: pa.Table) -> PageTable:
 
 def _orbits_table(runs: pa.Table) -> PageTable:
     held = [row for row in runs.to_pylist() if row.get("orbit_amplitude") is not None]
-    names = ("orbit_target", "orbit_amplitude", "orbit_error_generic", "orbit_error_recalibrated")
-    rows = []
-    for row in held[:_ORBITS]:
-        angles = [f"{math.degrees(row[name]):.4g}" for name in names]
-        rows.append((str(row["number"]), *angles, str(row["orbit_rounds"])))
+    angles = ("target", "amplitude", "error_generic", "error_recalibrated")
+    rows = [
+        (
+            str(row["number"]),
+            *(f"{math.degrees(row[f'orbit_{name}']):.4g}" for name in angles),
+            str(row["orbit_rounds"]),
+        )
+        for row in held[:_ORBITS]
+    ]
     headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
@@ -239,11 +237,8 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         counts, missed = table.verdicts.values(), table.unconverged
         verdicts = (f"{sum(each[v.verdict] for each in counts)} {v.verdict}" for v in VERDICTS)
         sentences.append(f"Verdicts on {count} estimates: {', '.join(verdicts)}.")
-        sentences.append(
-            f"{missed} of {count} estimates did not converge."
-            if missed
-            else "Every estimate converged."
-        )
+        some = f"{missed} of {count} estimates did not converge."
+        sentences.append(some if missed else "Every estimate converged.")
     size = np.abs(table.deviating["deviation"])
     if size.size:
         sentences.append(

@@ -32,10 +32,10 @@ from butterfly.report.residual import residual_table
 from butterfly.result import Result
 
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
-_LOOKS = {  # colours and dashes
-    "log": (PALETTE[0], "solid"),
-    "MuJoCo": (PALETTE[1], "dash"),
-    "grey box": (PALETTE[5], "dot"),
+_LINES = {
+    "log": {"color": PALETTE[0], "width": 1.4, "dash": "solid"},
+    "MuJoCo": {"color": PALETTE[1], "width": 1.4, "dash": "dash"},
+    "grey box": {"color": PALETTE[5], "width": 1.4, "dash": "dot"},
 }
 _STEP = 0.02  # s between drawn points
 _MOST = 4000  # points of a curve
@@ -53,12 +53,10 @@ def three_way_page(
     judged = {log.name: log for log in residuals.logs}
     own = [judged[each.log.name] for each in compared]
     chosen = middle([each.fits["grey box"] for each in compared])
-    sines = [each for each in compared if each.gains]
     of_log = {"time": _time_figure, "phase": _phase_figure, "residual": _residual_figure}
-    series = {
-        name: Series.of_figures([draw(each) for each in compared]) for name, draw in of_log.items()
-    }
+    series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
     sections = [
+        *_frequencies([each for each in compared if each.gains]),
         Section(
             title="Measured against simulated",
             text="From the first sample on with the recorded input alone; the phase plane is the "
@@ -75,14 +73,6 @@ def three_way_page(
         ),
         Section(title="Every log", tables=(_table(compared),)),
     ]
-    if sines:
-        frequencies = Section(
-            title="Amplitude and phase error per frequency",
-            text="Steady response of each simulator against the log's: large marks MuJoCo, "
-            "small ones the grey box, a colour for each added mass.",
-            figures={"frequency": _frequency_figure(sines)},
-        )
-        sections.insert(0, frequencies)
     return Page(
         name=data.name,
         description=data.description,
@@ -126,8 +116,7 @@ def _table(compared: Sequence[ThreeWay]) -> PageTable:
             for gain in each.gains.values()
         ] or ["–", "–"]
         fits = [f"{fit:.2f}" for fit in each.fits.values()]
-        apart = f"{each.difference:.2g}"
-        rows.append((each.log.label, *fits, *errors, apart))
+        rows.append((each.log.label, *fits, *errors, f"{each.difference:.2g}"))
     headers = (
         "log",
         *(f"{name}: FIT in %" for name in _SIMULATORS),
@@ -145,7 +134,10 @@ def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
     return figure
 
 
-def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:
+def _frequencies(sines: Sequence[ThreeWay]) -> list[Section]:
+    """Show how the simulators' steady responses differ from the logs', if there are any."""
+    if not sines:
+        return []
     omegas = [each.log.excitation.omega for each in sines if each.log.excitation]
     gains = {name: np.array([each.gains[name] for each in sines]) for name in _SIMULATORS}
     sizes = {name: 100 * (np.abs(gain) - 1) for name, gain in gains.items()}
@@ -154,7 +146,12 @@ def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:
     figure = panels("ω in rad/s", titles, 480, spacing=0.06)
     for row, values in enumerate((sizes, phases), start=1):
         _add_by_mass(figure, sines, omegas, values, row=row)
-    return figure
+    text = (
+        "Steady response of each simulator against the log's: large marks MuJoCo, small ones the "
+        "grey box, a colour for each added mass."
+    )
+    title = "Amplitude and phase error per frequency"
+    return [Section(title=title, text=text, figures={"frequency": figure})]
 
 
 def _add_by_mass(
@@ -200,9 +197,7 @@ def _time_figure(each: ThreeWay) -> Figure:
     figure = panels("time in s", titles, 460, shares=(0.62, 0.38))
     x = log.time[rows]
     for name, angle in columns.items():
-        colour, dash = _LOOKS[name]
-        line = {"color": colour, "width": 1.4, "dash": dash}
-        style = {"mode": "lines", "name": name, "line": line}
+        style = {"mode": "lines", "name": name, "line": _LINES[name]}
         add(figure, 1, x, angle[rows].astype(np.float32), **style)
         if name != "log":
             error = (angle - log.angle)[rows].astype(np.float32)
@@ -218,12 +213,10 @@ def _phase_figure(each: ThreeWay) -> Figure:
     figure = panel(f"angle in {way}", f"velocity in {way}/s")
     grid = np.linspace(time[late][0], time[-1], 600)
     for name, angle in _angles(each).items():
-        colour, dash = _LOOKS[name]
         smooth = np.convolve(np.interp(grid, time, angle), np.ones(5) / 5, mode="valid")
         velocity = np.gradient(smooth, grid[1] - grid[0])
-        line = {"color": colour, "width": 1.2, "dash": dash}
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)
-        figure.add_scatter(x=x, y=y, mode="lines", line=line, name=name)
+        figure.add_scatter(x=x, y=y, mode="lines", line=_LINES[name] | {"width": 1.2}, name=name)
     return figure
 
 
@@ -231,11 +224,8 @@ def _residual_figure(each: ThreeWay) -> Figure:
     """Draw the residual torque against angle and velocity."""
     residual, joint = each.residual, each.log.added_mass.joint
     figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
-    across = {
-        f"angle in {joint.way}": residual.angle,
-        f"velocity in {joint.way}/s": residual.velocity,
-    }
-    every = max(1, residual.torque.size // _DOTS)
+    way, every = joint.way, max(1, residual.torque.size // _DOTS)
+    across = {f"angle in {way}": residual.angle, f"velocity in {way}/s": residual.velocity}
     for column, (title, values) in enumerate(across.items(), start=1):
         marker = {"color": PALETTE[column - 1], "size": 3}
         x, y = (part[::every].astype(np.float32) for part in (values, residual.torque))

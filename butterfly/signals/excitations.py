@@ -18,44 +18,24 @@ _POINTS = 16  # in a period of the highest harmonic
 _BYTES_PER_POINT = 40  # a signal, its spectrum, and copies
 _CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
 _CLIP = 0.9  # share of the peak at which a round clips
+# Taps of shift registers by their length, up to a sequence of a million bits.
 _TAPS = {
-    2: (1,),
-    3: (2,),
-    4: (3,),
-    5: (3,),
-    6: (5,),
-    7: (6,),
-    8: (7, 6, 1),
-    9: (5,),
-    10: (7,),
-    11: (9,),
-    12: (11, 10, 4),
-    13: (12, 11, 8),
-    14: (13, 12, 2),
-    15: (14,),
-    16: (15, 13, 4),
-    17: (14,),
-    18: (11,),
-    19: (18, 17, 14),
-    20: (17,),
-}  # of shift registers by their length, up to a sequence of a million bits
+    2: (1,), 3: (2,), 4: (3,), 5: (3,), 6: (5,), 7: (6,), 8: (7, 6, 1), 9: (5,), 10: (7,),
+    11: (9,), 12: (11, 10, 4), 13: (12, 11, 8), 14: (13, 12, 2), 15: (14,), 16: (15, 13, 4),
+    17: (14,), 18: (11,), 19: (18, 17, 14), 20: (17,),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class SteppedSine:
-    """One sine after another, without a jump in phase.
-
-    Parameters
-    ----------
-    omegas, amplitudes
-        In rad/s and units of the input, one each for every step.
-    dwell
-        Length of each step in s; the last one goes on.
-    """
+    """One sine after another, without a jump in phase."""
 
     omegas: tuple[float, ...]
+    """In rad/s, one for each step."""
     amplitudes: tuple[float, ...]
+    """In units of the input, one for each step."""
     dwell: float
+    """Length of each step in s; the last one goes on."""
 
     def __post_init__(self) -> None:
         require_number("SteppedSine", positive=True, dwell=self.dwell)
@@ -99,24 +79,16 @@ def _phases_of_low_crest(
 
 @dataclass(frozen=True, kw_only=True)
 class Multisine:
-    """Equal sines at harmonics of one base frequency, phases chosen for a low crest factor.
-
-    Parameters
-    ----------
-    base
-        Base frequency in rad/s; the period is 2 pi/base.
-    harmonics
-        Which multiples of it are present.
-    peak
-        Largest absolute value, in units of the input.
-    seed
-        Of the random phases from which the optimisation starts.
-    """
+    """Equal sines at harmonics of one base frequency, phases chosen for a low crest factor."""
 
     base: float
+    """Base frequency in rad/s; the period is 2 pi/base."""
     harmonics: tuple[int, ...]
+    """Which multiples of it are present."""
     peak: float
+    """Largest absolute value, in units of the input."""
     seed: int = 0
+    """Of the random phases from which the optimisation starts."""
 
     def __post_init__(self) -> None:
         require_number("Multisine", positive=True, base=self.base, peak=self.peak)
@@ -143,32 +115,19 @@ class Multisine:
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp:
-    """A sine whose frequency rises, or falls, in proportion to time, and then stays.
-
-    Parameters
-    ----------
-    start, stop
-        Frequencies in rad/s at time 0, and from ``duration`` on.
-    duration
-        Of the sweep in s.
-    amplitude
-        In units of the input.
-    """
+    """A sine whose frequency rises, or falls, in proportion to time, and then stays."""
 
     start: float
+    """Frequency in rad/s at time 0."""
     stop: float
+    """Frequency in rad/s from ``duration`` on."""
     duration: float
+    """Of the sweep in s."""
     amplitude: float
+    """In units of the input."""
 
     def __post_init__(self) -> None:
-        require_number(
-            "Chirp",
-            positive=True,
-            start=self.start,
-            stop=self.stop,
-            duration=self.duration,
-            amplitude=self.amplitude,
-        )
+        require_number("Chirp", positive=True, **vars(self))
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
@@ -180,21 +139,14 @@ class Chirp:
 
 @dataclass(frozen=True, kw_only=True)
 class Prbs:
-    """A pseudo-random binary sequence of maximal length.
-
-    Parameters
-    ----------
-    amplitude
-        The input is plus or minus this.
-    bit
-        Shortest time between two switches in s.
-    register
-        Length of the shift register; the sequence repeats after 2^register - 1 bits.
-    """
+    """A pseudo-random binary sequence of maximal length."""
 
     amplitude: float
+    """The input is plus or minus this."""
     bit: float
+    """Shortest time between two switches in s."""
     register: int = 10
+    """Length of the shift register; the sequence repeats after 2^register - 1 bits."""
 
     def __post_init__(self) -> None:
         require_number("Prbs", positive=True, amplitude=self.amplitude, bit=self.bit)
@@ -229,15 +181,10 @@ def _maximal_sequence(register: int) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeDecay:
-    """No input: let go at an angle.
-
-    Parameters
-    ----------
-    angle
-        In rad.
-    """
+    """No input: let go at an angle."""
 
     angle: float
+    """In rad."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.angle) and self.angle != 0):
@@ -250,16 +197,12 @@ class FreeDecay:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Any input, as a table that is held from each instant to the next; 0 before the first.
-
-    Parameters
-    ----------
-    time, values
-        Instants in s, increasing, and the input from each on.
-    """
+    """Any input, as a table that is held from each instant to the next; 0 before the first."""
 
     time: tuple[float, ...]
+    """Instants in s, increasing."""
     values: tuple[float, ...]
+    """The input from each instant on."""
 
     def __post_init__(self) -> None:
         if not self.time or len(self.time) != len(self.values):

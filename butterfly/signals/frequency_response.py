@@ -48,12 +48,7 @@ MIN_COHERENCE = 0.5
 
 
 def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
-    """Return the (n,) mask of the last whole periods of a log (see `steady_span`)."""
-    return np.asarray(log.time > log.time[-1] - steady_span(log, omega, seconds))
-
-
-def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> float:
-    """Return the length in s of the last whole periods of a log.
+    """Return the (n,) mask of the last whole periods of a log.
 
     Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
 
@@ -70,8 +65,8 @@ def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> floa
             f"{available:.3g} s",
             f"at least {MIN_PERIODS} periods of {period:.3g} s",
         )
-    longest = math.floor(min(seconds, available) / period)
-    return max(longest, MIN_PERIODS) * period
+    count = max(math.floor(min(seconds, available) / period), MIN_PERIODS)
+    return np.asarray(log.time > log.time[-1] - count * period)
 
 
 def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
@@ -234,6 +229,6 @@ def measured_response(
     for k in range(omegas.size):
         rows = which == k
         gains.append(np.vdot(inputs[rows], angles[rows]) / np.vdot(inputs[rows], inputs[rows]))
-    from butterfly.model.control_bridge import frequency_response_data  # noqa: PLC0415 - slow
+    import control  # noqa: PLC0415 - slow
 
-    return frequency_response_data(omegas, gains)
+    return control.frd(gains, omegas, inputs=["command"], outputs=["angle"], name="measured")

@@ -17,24 +17,6 @@ from butterfly.compiled import compiled
 _BLOCK = 1024  # samples that stay in the fastest cache
 
 
-def interpolate(grid: Samples, angle: Samples, velocity: Samples, instants: Samples) -> Samples:
-    """Return the (m,) angles at increasing instants.
-
-    From (n,) angles in rad and velocities in rad/s on an increasing grid in s. Beyond the grid the
-    outermost polynomials go on.
-    """
-    result = np.empty(instants.size)
-    _interpolate(grid, angle, velocity, instants, result)
-    return result
-
-
-def squared_distance(
-    grid: Samples, angle: Samples, velocity: Samples, instants: Samples, values: Samples
-) -> float:
-    """Return the sum of the squared differences of `interpolate` to (m,) values."""
-    return float(_squared_distance(grid, angle, velocity, instants, values))
-
-
 def averages(
     grid: Samples, instants: Samples, values: Samples
 ) -> tuple[NDArray[np.int64], Samples, Samples]:
@@ -68,7 +50,13 @@ def _cubic(grid, angle, velocity, cell):
 
 
 @compiled
-def _interpolate(grid, angle, velocity, instants, result):
+def interpolate(grid, angle, velocity, instants):
+    """Return the (m,) angles at increasing instants.
+
+    From (n,) angles in rad and velocities in rad/s on an increasing grid in s. Beyond the grid the
+    outermost polynomials go on.
+    """
+    result = np.empty(instants.size)
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
         c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)
@@ -76,10 +64,12 @@ def _interpolate(grid, angle, velocity, instants, result):
             s = (instants[k] - grid[cell]) * rate
             result[k] = c0 + s * (c1 + s * (c2 + s * c3))
             k += 1
+    return result
 
 
 @compiled
-def _squared_distance(grid, angle, velocity, instants, values):
+def squared_distance(grid, angle, velocity, instants, values):
+    """Return the sum of the squared differences of `interpolate` to (m,) values."""
     k, last, total = 0, grid.size - 2, 0.0
     for cell in range(grid.size - 1):
         c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -59,16 +59,6 @@ class SineFit:
         """Return the (n,) values of mean, sine and harmonics on the rows of `sine_basis`."""
         waves = np.column_stack([self.phasors.real, -self.phasors.imag]).ravel()
         return np.asarray(np.append(self.offset, waves) @ basis)
-
-    def scaled(self, factor: float) -> SineFit:
-        """Return the fit of the signal times a factor."""
-        return replace(
-            self,
-            offset=factor * self.offset,
-            phasors=factor * self.phasors,
-            covariance=factor**2 * self.covariance,
-            residual_rms=abs(factor) * self.residual_rms,
-        )
 
     def _error_along(self, direction: complex) -> float:
         unit = np.array([direction.real, direction.imag])

@@ -13,7 +13,7 @@ from butterfly.files import replacing, shipped
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.reading import read_entry
-from butterfly.model.linear import HeldSystem, frequency_response
+from butterfly.model.linear import HeldSystem, Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.method import scripted_amplitude
@@ -90,7 +90,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
         },
         8: {
             "curve_omega_rad_per_s": curve,
-            "linearisation_gain": np.abs(frequency_response(linear, curve)),
+            "linearisation_gain": np.abs(Linearisation.of(linear).response(curve)),
             "held_linearisation_gain": np.abs(held.response(curve)),
             "omega_rad_per_s": omega,
             "gain_without_noise": gains(list(clean.values())),

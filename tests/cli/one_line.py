@@ -1,4 +1,4 @@
-"""How a command says that its input is bad, and that it is done."""
+"""How a command says that its input is bad, that it is done, and that its tables fit."""
 
 
 def done(result):
@@ -16,3 +16,12 @@ def assert_one_line_error(result, *parts):
     assert "Traceback" not in err
     for part in parts:
         assert str(part) in err
+
+
+def assert_tables_fit(out):
+    """Each line of a table fits 80 columns, whatever the sentences around it."""
+    lines = out.splitlines()
+    tables = [line for line in lines if line.startswith("  ")]
+    assert tables
+    assert [line for line in tables if len(line) > 80] == []
+    assert not any(line.endswith(" ") for line in lines)

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.cli import output
-from butterfly.cli.output import show_progress, show_table, tell_no_more
-from butterfly.cli.sweeps import matching, show_rows, shown_text
+from butterfly.cli.output import show_progress, show_table
+from butterfly.cli.results import matching, show_rows, shown_text
 from butterfly.experiment.sweep import run_sweep
-from tests.cli.fitting import assert_tables_fit
+from tests.cli.one_line import assert_tables_fit
 from tests.experiment.setting import HereEngine, small_plan
 
 NUMBERS = st.floats(-1e6, 1e6).map(lambda value: f"{value:.6g}")
@@ -186,7 +186,7 @@ def test_work_that_was_left_tells_no_more(capsys):
     left = iter(show_progress([1, 2], "Fitting"))
     next(left)
     time.sleep(0.05)
-    tell_no_more()
+    del left
     time.sleep(0.03)
     assert "Fitting: 0 of 2 done" in capsys.readouterr().err
     time.sleep(0.06)

@@ -7,8 +7,7 @@ import pytest
 import yaml
 
 from butterfly.cli.output import ExitCode
-from tests.cli.fitting import assert_tables_fit
-from tests.cli.one_line import done
+from tests.cli.one_line import assert_tables_fit, done
 from tests.verdicts import follow_nothing, impossible_data
 
 REPORTED = {"validate", "select", "design"}

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from butterfly.cli.output import ExitCode
-from butterfly.cli.sweeps import without_formulas
+from butterfly.cli.results import without_formulas
 from tests.experiment.setting import written
 
 

@@ -16,7 +16,6 @@ from butterfly.logs.reading import read_entry
 from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
-from butterfly.report.identification_page import write_report
 from tests.experiment.setting import changed, written
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
@@ -126,7 +125,7 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(short, tmp_path
     (identification,) = performed.identifications.values()
     _assert_found(identification, truth, 5e-3)
     assert identification.fit.worst > 99
-    write_report(identification, tmp_path / "report.html", truth)
+    identification.report(tmp_path / "report.html", truth=truth)
 
 
 def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):

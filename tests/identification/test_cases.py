@@ -80,6 +80,10 @@ def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
         _identified(cases / "torque-steps-one-level")
     assert "do not determine p1 and coulomb separately" in str(refused.value)
     assert not re.search("degrees|counts|delay", str(refused.value))
+    told = re.search(r"p1 \+ (\S+) coulomb is (\S+), p1 at most that", str(refused.value))
+    truth, torque = 8.6e-4, 0.05 - 2.1e-3  # N m left over at that level, and the slope of both
+    assert float(told[1]) == pytest.approx(truth / torque, rel=0.01)
+    assert float(told[2]) == pytest.approx(truth / torque * 0.05, rel=0.01)
 
 
 @pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])

@@ -8,7 +8,7 @@ from butterfly.identification.derived_quantities import WAYS, implied
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
-from butterfly.model.linear import frequency_response, resonance_frequency
+from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import (
     NO_ADDED_MASS,
     AddedMass,
@@ -17,17 +17,14 @@ from butterfly.model.parameters import (
     JointKind,
     LumpedParameters,
     VoltageDrive,
-    lump,
 )
 from butterfly.model.prior import Prior
+from butterfly.plant.robot import Robot
 from tests.identification.simulated import estimate_of
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
-TRUTH = lump(
-    HAND,
-    VoltageDrive(resistance=2.0, torque_constant=0.05, back_emf_constant=0.05),
-    Friction(viscous=2e-4),
-)
+DRIVE = VoltageDrive(resistance=2.0, torque_constant=0.05, back_emf_constant=0.05)
+TRUTH = Robot(hand=HAND, drive=DRIVE, friction=Friction(viscous=2e-4)).lumped
 NAMES = ("p1", "p2", "p3", "p4")
 VALUES = np.array([getattr(TRUTH, name) for name in NAMES])
 MOTOR = {
@@ -173,9 +170,7 @@ def test_what_is_left_open_is_named_with_its_remedy():
 
 def test_a_centre_of_mass_beside_its_line_and_a_tilted_axis_are_taken_into_account():
     hand = Hand(mass=0.1, com_distance=0.05, com_offset=0.02, inertia=0.003, tilt=0.4)
-    lumped = lump(
-        hand, VoltageDrive(resistance=2, torque_constant=1, back_emf_constant=0), Friction()
-    )
+    lumped = Robot(hand=hand, drive=DRIVE, friction=Friction()).lumped
     names = (*NAMES, "p3_offset", "tilt")
     values = np.array([getattr(lumped, name) for name in names])
     estimate = estimate_of(values, np.diag((1e-3 * values) ** 2), names=names)
@@ -208,7 +203,8 @@ def test_the_speed_per_volt_is_the_gain_from_input_to_velocity_at_low_frequency(
     values = np.array([0.6, 0.1, 0.0, 2.0])
     found = _of_logs({}, values, np.diag([1e-4, 1e-6, 0, 1e-4]), carrier=SLIDE)
     omega = 1e-6
-    response = frequency_response(LumpedParameters(**dict(zip(NAMES, values, strict=True))), omega)
+    parameters = LumpedParameters(**dict(zip(NAMES, values, strict=True)))
+    response = Linearisation.of(parameters).response(omega)
     assert found["speed_gain"].value == pytest.approx(abs(1j * omega * response), rel=1e-6)
     assert found["speed_gain"].unit == "m/s/V"
     assert "resonance" not in {each.name for each in found.found}

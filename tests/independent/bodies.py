@@ -44,6 +44,7 @@ class Body:
     gravity: float = GRAVITY  # m/s^2, on the masses
     reach: float = 1.0  # what is as large a motion as 1 rad is: 1, or in m for a slide
     slides: bool = False
+    load: float = 0.0  # m, growth of Coulomb friction with the added weight
 
     def carrying(self, mass: Mass) -> Joint:
         """Return the joint with a mass."""
@@ -51,6 +52,7 @@ class Body:
         return self.joint._replace(
             inertia=self.joint.inertia + inertia,
             gravity=self.joint.gravity + mass.mass * self.gravity * mass.arm,
+            coulomb=self.joint.coulomb + self.load * mass.mass * self.gravity,
         )
 
     def pace_of(self, mass: Mass) -> float:
@@ -172,6 +174,13 @@ def dry(rng, body: Body, sizes) -> Body:
     return body.having(
         coulomb=float(min(sizes) * rng.uniform(0.0, MOST_FRICTION)), drag=float(drag)
     )
+
+
+def with_gain(rng, body, sizes):
+    """Choose p4 such that inputs lie between 0.05 and 5, as far as they can."""
+    least, most = max(sizes) / 5.0, min(sizes) / 0.05
+    gain = math.sqrt(least * most) if least > most else log_uniform(rng, least, most)
+    return body.having(gain=float(gain))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.logs.log import Log, Sine
-from butterfly.model.parameters import AddedMass
+from butterfly.logs.log import Log
 from tests.independent.bodies import (
     GRAVITY,
     Bench,
@@ -23,10 +22,12 @@ from tests.independent.bodies import (
     damped,
     moves,
     record,
+    with_gain,
 )
 from tests.independent.drives import chirp, log_uniform, multisine
 from tests.independent.integrator import Joint
-from tests.independent.kinds import driven, sines, with_gain
+from tests.independent.kinds import driven, sines
+from tests.independent.robots import log_of
 
 _WIDEST = 1.0  # rad, beyond which a robot is drawn again
 _ATTEMPTS = 1000
@@ -43,17 +44,7 @@ class BenchRobot:
     @property
     def logs(self) -> list[Log]:
         """What identification may see."""
-        return [
-            Log(
-                time=each.time,
-                input=each.input,
-                angle=each.angle,
-                added_mass=AddedMass(mass=each.mass.mass, arm=each.mass.arm),
-                excitation=Sine(omega=each.omega, amplitude=each.amplitude) if each.omega else None,
-                name=f"log {k}",
-            )
-            for k, each in enumerate(self.recordings)
-        ]
+        return [log_of(each, f"log {k}") for k, each in enumerate(self.recordings)]
 
 
 def draw(row: str, number: int, seed: int = 1) -> BenchRobot:

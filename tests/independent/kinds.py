@@ -23,6 +23,7 @@ from tests.independent.bodies import (
     moves,
     record,
     slide,
+    with_gain,
 )
 from tests.independent.drives import chirp, log_uniform, multisine, stairs, steps, still
 from tests.independent.integrator import Law
@@ -125,13 +126,6 @@ def _told(kind, number, seed, drawn):
 
 
 # What several kinds have in common
-
-
-def with_gain(rng, body, sizes):
-    """Choose p4 such that inputs lie between 0.05 and 5, as far as they can."""
-    least, most = max(sizes) / 5.0, min(sizes) / 0.05
-    gain = math.sqrt(least * most) if least > most else log_uniform(rng, least, most)
-    return body.having(gain=float(gain))
 
 
 def _known_gain(rng, body, sizes, number):

@@ -6,25 +6,31 @@ inputs (sums of sines, chirps, free decays), half of the robots with drag.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Log, Sine
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from tests.independent.bodies import (
+    MOST_FRICTION,
+    Body,
+    Encoder,
+    Mass,
+    Recording,
+    Run,
+    moves,
+    with_gain,
+)
 from tests.independent.drives import chirp, clock, log_uniform, multisine
 from tests.independent.integrator import Joint, motion
 
 FAMILIES = "ABC"
 
 _WIDEST = {"A": 1.0, "B": 1.0, "C": 2.0}  # rad, beyond which a robot is drawn again
-_LEAST_MOTION = 1e-3  # rad rms in the second half of a driven log, and three steps of the encoder
 _SLOWEST = 1.5  # rad/s, of a sine: a log of 40 s then holds ten periods
-_MOST_FRICTION = 0.3  # Coulomb torque over the drive's amplitude, in every log
 _ATTEMPTS = 1000
 
 
@@ -51,92 +57,86 @@ class RandomRobot:
         return sorted({log.added_mass for log in self.logs})
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Run:
-    """A drive in N m, as a function of (n,) stamps in s, of a hand let go at ``start`` rad."""
-
-    added: AddedMass
-    torque: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    size: float  # amplitude in N m
-    omega: float | None = None
-    start: float = 0.0
-
-
 def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobot:
     """Return a robot that these numbers alone determine; ``repeat`` changes its noise only."""
     stream = [seed, FAMILIES.index(family), number]
     rng, noise = np.random.default_rng(stream), np.random.default_rng([*stream, repeat])
     for _ in range(_ATTEMPTS):
-        truth, masses = _hand(rng)
-        truth, runs = (_other_inputs if family == "C" else _sines)(family, truth, masses, rng)
-        truth, runs = _in_volts(truth, runs, rng)
+        body, runs = (_other_inputs if family == "C" else _sines)(family, _hand(rng), rng)
+        body = with_gain(rng, body, [run.size for run in runs])
         ticks = rng.uniform(1e-3, 5e-3), rng.uniform(0.0, 0.5)
         duration = rng.uniform(40.0, 60.0) if family != "C" else rng.uniform(15.0, 30.0)
-        encoder = 2.0 * np.pi / 2 ** int(rng.integers(12, 17)), rng.uniform(0.0, 1e-3)
+        count = 2.0 * np.pi / 2 ** int(rng.integers(12, 17))
+        encoder = Encoder(count=count, spread=rng.uniform(0.0, 1e-3), zero=0.0)
         zero = rng.uniform(-0.5, 0.5)
-        clean = [_clean(truth, run, clock(rng, duration, *ticks)) for run in runs]
-        if all(_accepted(log, _WIDEST[family], encoder[0]) for log in clean):
-            logs = tuple(_seen(log, zero, *encoder, noise) for log in clean)
+        clean = [_clean(body, run, clock(rng, duration, *ticks)) for run in runs]
+        if all(moves(body, log, encoder, _WIDEST[family]) for log in clean):
+            logs = tuple(log_of(_seen(log, replace(encoder, zero=zero), noise)) for log in clean)
             named = {"family": family, "seed": seed, "number": number, "repeat": repeat}
-            return RandomRobot(**named, truth=truth, zero=zero, logs=logs)
+            return RandomRobot(**named, truth=_truth(body), zero=zero, logs=logs)
     raise RuntimeError(f"no robot {family}{number} of seed {seed} moves as it should")
 
 
+def log_of(each: Recording, name: str = "") -> Log:
+    """Return a recording as identification may see it."""
+    return Log(
+        time=each.time,
+        input=each.input,
+        angle=each.angle,
+        added_mass=AddedMass(mass=each.mass.mass, arm=each.mass.arm),
+        excitation=Sine(omega=each.omega, amplitude=each.amplitude) if each.omega else None,
+        name=name,
+    )
+
+
+def _truth(body):
+    joint = body.joint
+    terms = {"load": body.load, "bias": joint.bias, "stribeck": joint.excess}
+    terms |= {"stribeck_velocity": joint.excess_velocity} if joint.excess else {}
+    return LumpedParameters(**body.truth(), **terms)
+
+
 def _hand(rng):
-    """Draw p1, p2, p3 and the delay, and what the hand carries: nothing, and two masses."""
-    p1 = log_uniform(rng, 1e-3, 1e-2)
-    p3 = p1 * log_uniform(rng, 0.5, 9.0) ** 2
+    """Draw inertia, damping, gravity and delay, and what the hand carries: nothing, two masses."""
+    inertia = log_uniform(rng, 1e-3, 1e-2)
+    gravity = inertia * log_uniform(rng, 0.5, 9.0) ** 2
     arm = rng.uniform(0.08, 0.2)
     shares = rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2)
-    masses = [NO_ADDED_MASS, *(AddedMass(mass=p1 * share / arm**2, arm=arm) for share in shares)]
-    middle = masses[1]
-    stiff = (p1 + middle.inertia) * (p3 + middle.gravity_moment)
-    p2 = 2.0 * log_uniform(rng, 0.005, 0.1) * math.sqrt(stiff)
-    delay = rng.uniform(0.0, 0.01)
-    return LumpedParameters(p1=p1, p2=p2, p3=p3, p4=1.0, delay=delay), masses
+    joint = Joint(inertia=inertia, viscous=0.0, gravity=gravity, gain=1.0)
+    masses = (Mass(), *(Mass(inertia * share / arm**2, arm) for share in shares))
+    body = Body(joint=joint, masses=masses, pace=1.0)
+    middle = body.carrying(masses[1])
+    damping = 2.0 * log_uniform(rng, 0.005, 0.1) * math.sqrt(middle.inertia * middle.gravity)
+    return body.having(viscous=damping, delay=rng.uniform(0.0, 0.01))
 
 
-def _resonance(truth, added):
-    return math.sqrt((truth.p3 + added.gravity_moment) / (truth.p1 + added.inertia))
-
-
-def _drive(truth, added, omega, swing):
-    """Amplitude in N m that swings the hand by ``swing`` rad, by describing functions."""
-    inertia, gravity = truth.p1 + added.inertia, truth.p3 + added.gravity_moment
-    speed = omega * swing
-    in_phase = (gravity * (1.0 - swing**2 / 8.0) - inertia * omega**2) * swing
-    dry = truth.coulomb + truth.load * added.weight
-    braking = truth.p2 * speed + 8 / (3 * np.pi) * truth.drag * speed**2 + 4 / np.pi * dry
-    return math.hypot(in_phase, braking)
-
-
-def _sines(family, truth, masses, rng):
+def _sines(family, body, rng):
     """Sines on both sides of the resonance of each mass."""
     aims = []
-    for added in masses:
-        resonance = _resonance(truth, added)
+    for mass in body.masses:
+        loaded = body.carrying(mass)
+        resonance = math.sqrt(loaded.gravity / loaded.inertia)
         count = int(rng.integers(4, 7))
         below, above = count // 2, count - count // 2
         tones = [*rng.uniform(0.5, 0.95, below), *rng.uniform(1.05, 2.0, above)]
         slowest = max(1.0, _SLOWEST / (0.5 * resonance))  # a hand next to balance is driven above
         omegas = resonance * slowest * np.array(tones)
-        aims += [(added, omega, rng.uniform(0.1, 0.5)) for omega in omegas]
-    drives = [_drive(truth, *aim) for aim in aims]
-    drive = float(np.median(drives))
-    share = rng.uniform(0.0, _MOST_FRICTION)
-    dry = min(share * np.quantile(drives, 0.25), _MOST_FRICTION * min(drives))
-    truth = replace(truth, coulomb=float(dry))
+        aims += [(mass, omega, rng.uniform(0.1, 0.5)) for omega in omegas]
+    drives = [body.torque_of(*aim) for aim in aims]
+    share = rng.uniform(0.0, MOST_FRICTION)
+    dry = min(share * np.quantile(drives, 0.25), MOST_FRICTION * min(drives))
+    body = body.having(coulomb=float(dry))
     if family == "B":
         speed = float(np.median([omega * swing for _, omega, swing in aims]))
-        truth = replace(truth, **_other_terms(truth, masses, drive, speed, rng))
-    return truth, [_sine(truth, *aim) for aim in aims]
+        body = _with_other_terms(body, float(np.median(drives)), speed, rng)
+    return body, [_sine(body, *aim) for aim in aims]
 
 
-def _sine(truth, added, omega, swing):
-    size = _drive(truth, added, omega, swing)
-    rest = math.asin(truth.bias / (truth.p3 + added.gravity_moment))
-    return _Run(
-        added=added,
+def _sine(body, mass, omega, swing):
+    size, loaded = body.torque_of(mass, omega, swing), body.carrying(mass)
+    rest = math.asin(loaded.bias / loaded.gravity)
+    return Run(
+        mass=mass,
         torque=lambda time: size * np.sin(omega * time),
         size=size,
         omega=omega,
@@ -144,92 +144,57 @@ def _sine(truth, added, omega, swing):
     )
 
 
-def _other_terms(truth, masses, drive, speed, rng):
+def _with_other_terms(body, drive, speed, rng):
     """Draw at least one of what B has besides."""
+    joint, heaviest = body.joint, body.masses[-1].mass * body.gravity
     sizes = {
-        "stribeck": rng.uniform(0.1, 0.6) * max(truth.coulomb, 0.02 * drive),
-        "drag": rng.uniform(0.1, 1.0) * truth.p2 / speed,
-        "load": rng.uniform(0.1, 1.0) * truth.coulomb / masses[-1].weight,
-        "bias": rng.choice([-1, 1]) * rng.uniform(0.01, 0.1) * min(truth.p3, drive),
+        "excess": rng.uniform(0.1, 0.6) * max(joint.coulomb, 0.02 * drive),
+        "drag": rng.uniform(0.1, 1.0) * joint.viscous / speed,
+        "load": rng.uniform(0.1, 1.0) * joint.coulomb / heaviest,
+        "bias": rng.choice([-1, 1]) * rng.uniform(0.01, 0.1) * min(joint.gravity, drive),
     }
-    slow = log_uniform(rng, 0.02, 0.3)
+    slow = float(log_uniform(rng, 0.02, 0.3))
     order = rng.permutation(list(sizes))
     chosen = order[: int(rng.integers(1, len(sizes) + 1))]
-    settings = {"stribeck_velocity": float(slow)} if "stribeck" in chosen else {}
-    return {str(name): float(sizes[name]) for name in chosen} | settings
+    found = {str(name): float(sizes[name]) for name in chosen}
+    body = replace(body, load=found.pop("load", 0.0))
+    return body.having(**found, excess_velocity=slow)
 
 
-def _other_inputs(_, truth, masses, rng):
+def _other_inputs(_, body, rng):
     """Sums of sines, chirps and free decays; at least one log of each mass is driven."""
-    resonances = {added: max(_resonance(truth, added), 1.0) for added in masses}
-    sizes = {
-        added: _drive(truth, added, 0.6 * resonances[added], rng.uniform(0.15, 0.4))
-        for added in masses
-    }
-    truth = replace(truth, coulomb=min(sizes.values()) * rng.uniform(0.0, _MOST_FRICTION))
+    paces = [body.pace_of(mass) for mass in body.masses]
+    sizes = [
+        body.torque_of(mass, 0.6 * pace, rng.uniform(0.15, 0.4))
+        for mass, pace in zip(body.masses, paces, strict=True)
+    ]
+    body = body.having(coulomb=min(sizes) * rng.uniform(0.0, MOST_FRICTION))
     if rng.integers(2):
-        truth = replace(truth, drag=rng.uniform(0.1, 1.0) * truth.p2 / rng.uniform(0.5, 2.0))
-    driven = [[_multisine], [_chirp], [_multisine, _chirp]][int(rng.integers(3))]
-    kinds = [*driven, *[_decay] * int(rng.integers(2))]
+        drag = rng.uniform(0.1, 1.0) * body.joint.viscous / rng.uniform(0.5, 2.0)
+        body = body.having(drag=drag)
+    driven = [[multisine], [chirp], [multisine, chirp]][int(rng.integers(3))]
+    kinds = [*driven, *[None] * int(rng.integers(2))]
     runs = []
-    for added in masses:
+    for mass, pace, least in zip(body.masses, paces, sizes, strict=True):
         for k in range(max(len(kinds), int(rng.integers(2, 5)))):
-            size = sizes[added] + 4 / np.pi * truth.coulomb
-            runs.append(kinds[k % len(kinds)](added, resonances[added], size, rng))
-    return truth, runs
+            make, size = kinds[k % len(kinds)], least + 4 / np.pi * body.joint.coulomb
+            if make is None:  # a free decay
+                run = {"torque": np.zeros_like, "size": size, "start": rng.uniform(0.4, 1.2)}
+            else:
+                run = dict(zip(("torque", "size"), make(pace, size, rng), strict=True))
+            runs.append(Run(mass=mass, **run))
+    return body, runs
 
 
-def _multisine(added, resonance, size, rng):
-    torque, most = multisine(resonance, size, rng)
-    return _Run(added=added, torque=torque, size=most)
+def _clean(body, run, stamps):
+    """Return what an encoder without noise or steps, its zero at 0, would see."""
+    gain = body.joint.gain
+    inputs = run.torque(stamps) / gain
+    angle, _ = motion(body.carrying(run.mass), stamps, inputs, run.start)
+    sine = {"omega": run.omega, "amplitude": run.size / gain} if run.omega else {}
+    return Recording(time=stamps, input=inputs, angle=angle, mass=run.mass, **sine)
 
 
-def _chirp(added, resonance, size, rng):
-    torque, most = chirp(resonance, size, rng)
-    return _Run(added=added, torque=torque, size=most)
-
-
-def _decay(added, _, size, rng):
-    return _Run(added=added, torque=np.zeros_like, size=size, start=rng.uniform(0.4, 1.2))
-
-
-def _in_volts(truth, runs, rng):
-    """Choose p4 such that all amplitudes lie between 0.05 and 5 V, as far as they can."""
-    sizes = np.array([run.size for run in runs])
-    least, most = sizes.max() / 5.0, sizes.min() / 0.05
-    if least > most:
-        return replace(truth, p4=float(math.sqrt(least * most))), runs
-    return replace(truth, p4=float(log_uniform(rng, least, most))), runs
-
-
-def _clean(truth, run, stamps):
-    """Log of what an encoder without noise or steps, its zero at 0, would see."""
-    added = run.added
-    joint = Joint(
-        inertia=truth.p1 + added.inertia,
-        viscous=truth.p2,
-        gravity=truth.p3 + added.gravity_moment,
-        gain=truth.p4,
-        coulomb=truth.coulomb + truth.load * added.weight,
-        drag=truth.drag,
-        bias=truth.bias,
-        excess=truth.stribeck,
-        excess_velocity=truth.stribeck_velocity,
-        delay=truth.delay,
-    )
-    inputs = run.torque(stamps) / truth.p4
-    angle, _ = motion(joint, stamps, inputs, run.start)
-    sine = Sine(omega=run.omega, amplitude=run.size / truth.p4) if run.omega else None
-    return Log(time=stamps, input=inputs, angle=angle, added_mass=added, excitation=sine)
-
-
-def _accepted(log, widest, count):
-    """Whether a hand swings, and not too wide; a decay comes to rest."""
-    moving = log.angle[log.angle.size // 2 :] if np.ptp(log.input) else log.angle
-    still = max(_LEAST_MOTION, 3.0 * count)
-    return bool(np.abs(log.angle).max() < widest and np.std(moving) > still)
-
-
-def _seen(log, zero, count, spread, noise):
-    angle = zero + log.angle + spread * noise.standard_normal(log.angle.size)
-    return replace(log, angle=count * np.rint(angle / count))
+def _seen(log, encoder, noise):
+    angle = encoder.zero + log.angle + encoder.spread * noise.standard_normal(log.angle.size)
+    return replace(log, angle=encoder.count * np.rint(angle / encoder.count))

@@ -9,6 +9,8 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.identify import identify
+from butterfly.identification.inference.agreement import Condition
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from tests.independent import defects
@@ -36,6 +38,24 @@ def test_a_term_that_a_bench_has_is_found_unasked(method, row, term, size):
                 pytest.approx(truth, rel=0.03)
             )
     assert getattr(found.parameters, term) > 0
+
+
+def test_friction_is_chosen_once_more_where_a_rarer_term_was_missing():
+    """Without the masses' inertia Stribeck friction looked like the drag, p2 44 % off."""
+    robot = defects.draw("own inertia", 0, 1117)
+    found = METHODS["harmonic-balance"](DataSet.of(robot.logs)).parameters
+    for name in ("p1", "p2", "coulomb", "drag"):
+        assert getattr(found, name) == pytest.approx(robot.truth[name], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("row", "cause"), [("falling friction", "as it warms up"), ("control", "")]
+)
+def test_what_steady_responses_do_not_show_is_named_by_free_runs(row, cause):
+    found = identify(DataSet.of(defects.draw(row, 0, 1117).logs), METHODS["harmonic-balance"])
+    followed = [(each.parameter, each.condition) for each in found.estimate.agreement]
+    assert followed[:1] == ([("p2", Condition.TIME)] if cause else [])
+    assert cause in found.judged.lines[1]
 
 
 def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bias():

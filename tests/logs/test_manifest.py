@@ -19,7 +19,7 @@ from butterfly.logs.manifest import (
     read_manifest,
     write_manifest,
 )
-from butterfly.logs.manifest_draft import manifest_from_names
+from butterfly.logs.manifest_draft import draft
 from butterfly.logs.mat import write_mat
 from butterfly.logs.reading import read_entry
 from butterfly.model.parameters import AddedMass
@@ -35,7 +35,7 @@ def test_the_commanded_sine_is_in_every_real_log(real):
 
 def test_an_entry_becomes_a_log_with_its_properties(tmp_path, sine_log):
     write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
-    manifest = manifest_from_names(tmp_path, HOW)
+    manifest = draft(tmp_path, HOW)
     log = read_entry(manifest, manifest.logs[0])
     assert (log.added_mass.mass, log.added_mass.arm) == (0.052, 0.104)
     assert log.input_kind is InputKind.TORQUE
@@ -45,7 +45,7 @@ def test_an_entry_becomes_a_log_with_its_properties(tmp_path, sine_log):
 
 def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path, sine_log):
     write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
-    usual = manifest_from_names(tmp_path, HOW)
+    usual = draft(tmp_path, HOW)
     backwards = usual.model_copy(update={"sign": -1})
     write_manifest(backwards, tmp_path / "manifest.yaml")
     assert read_manifest(tmp_path / "manifest.yaml").sign == -1

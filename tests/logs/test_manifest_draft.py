@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest_draft import manifest_from_names, manifest_of_files, manifest_of_log
+from butterfly.logs.manifest_draft import draft, has_thesis_names
 from tests.logs.test_formats import write_log
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
@@ -18,7 +18,7 @@ def test_file_names_tell_mass_frequency_and_amplitude(tmp_path):
     (tmp_path / "sub/Data_120_5__3_5__0015.mat").touch()
     (tmp_path / "Data_52__10__004.mat").touch()
     (tmp_path / "notes.txt").touch()
-    manifest = manifest_from_names(tmp_path, HOW)
+    manifest = draft(tmp_path, HOW)
     first, second = manifest.logs
     assert (first.added_mass, first.omega, first.amplitude) == (0.052, 10.0, 0.04)
     assert second.file == "sub/Data_120_5__3_5__0015.mat"
@@ -26,19 +26,20 @@ def test_file_names_tell_mass_frequency_and_amplitude(tmp_path):
 
 
 def test_the_shipped_manifest_is_what_the_file_names_say(logs_folder, real_manifest):
-    generated = manifest_from_names(logs_folder, HOW)
+    generated = draft(logs_folder, HOW)
     assert len(generated.logs) == 41
     assert real_manifest.logs == generated.logs
 
 
 def test_a_folder_without_logs_or_with_other_names_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
-        manifest_from_names(tmp_path / "nowhere", HOW)
+        has_thesis_names(tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"no .*\.mat, .*file"):
-        manifest_from_names(tmp_path, HOW)
+        draft(tmp_path, HOW)
     (tmp_path / "run7.mat").touch()
+    (tmp_path / "Data_52__10__004.mat").touch()
     with pytest.raises(InputError, match="got run7"):
-        manifest_from_names(tmp_path, HOW)
+        draft(tmp_path, HOW)
 
 
 @given(grams=st.decimals(0, 500, places=1), omega=st.decimals(1, 30, places=2))
@@ -46,7 +47,7 @@ def test_any_name_of_the_pattern_is_read_back(tmp_path_factory, grams, omega):
     folder = tmp_path_factory.mktemp("names")
     stem = f"Data_{grams}__{omega}".replace(".", "_")
     (folder / f"{stem}__001.mat").touch()
-    (entry,) = manifest_from_names(folder, HOW).logs
+    (entry,) = draft(folder, HOW).logs
     assert entry.added_mass == pytest.approx(float(grams) / 1e3)
     assert entry.omega == pytest.approx(float(omega))
     assert entry.amplitude == 0.01
@@ -55,12 +56,12 @@ def test_any_name_of_the_pattern_is_read_back(tmp_path_factory, grams, omega):
 def test_numbers_in_names_are_written_in_the_units_that_are_told(tmp_path):
     (tmp_path / "Data_120_5__6__0015.mat").touch()
     units = {"mass": "g", "omega": "rpm"}
-    manifest = manifest_from_names(tmp_path, HOW | {"units": units})
+    manifest = draft(tmp_path, HOW | {"units": units})
     (entry,) = manifest.logs
     assert (entry.added_mass, entry.omega) == (120.5, pytest.approx(6 * 60 / (2 * math.pi)))
     assert manifest.added_mass(entry).mass == pytest.approx(0.1205)
     assert manifest.excitation(entry).omega == pytest.approx(6.0)
-    alone = manifest_of_log(tmp_path / "Data_120_5__6__0015.mat", HOW | {"units": units})
+    alone = draft(tmp_path / "Data_120_5__6__0015.mat", HOW | {"units": units})
     assert alone.logs == manifest.logs
 
 
@@ -69,11 +70,9 @@ def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log)
         write_log(sine_log.take(np.arange(20)), tmp_path / name)
     (tmp_path / "notes.txt").write_text("Tuesday, bench 2\n")
     (tmp_path / "scales.txt").write_text("52 53 54\n" * 15)
-    manifest = manifest_of_files(tmp_path, HOW | {"columns": {"time": 0}})
+    manifest = draft(tmp_path, HOW | {"columns": {"time": 0}})
     assert [entry.file for entry in manifest.logs] == ["b.mat", "c.dat", "sub/a.csv"]
     assert manifest.columns == {"time": 0}
-    with pytest.raises(InputError, match="no such folder"):
-        manifest_of_files(tmp_path / "nowhere", HOW)
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"no .*file with a table"):
-        manifest_of_files(tmp_path / "empty", HOW)
+        draft(tmp_path / "empty", HOW)

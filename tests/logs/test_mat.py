@@ -1,15 +1,21 @@
+import struct
 import sys
+import zlib
+from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
+from scipy.sparse import csc_matrix
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
-from butterfly.logs.mat import read_mat
+from butterfly.logs.mat import MatlabObject, _load, read_mat
 from butterfly.logs.units import Units
+from tests.fuzz.files import CONTENTS, mat_escapes
 
 KIND = {"input_kind": InputKind.TORQUE}
 MATRIX = np.random.default_rng(0).standard_normal((20, 4))
@@ -162,3 +168,135 @@ def test_a_struct_of_many_signals_is_read_whatever_the_version(tmp_path):
     _claim73(path)
     names = {"time": "data.s0", "input": "data.s1", "angle": "data.s399"}
     assert read_mat(path, names).angle[0] == RAMP[0] + 399
+
+
+HOSTILE = Path(__file__).parents[1] / "data/hostile"
+LEVEL5 = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+SOUND = {
+    **CONTENTS,
+    "text": {"s": "hello", "b": np.array([True, False])},
+    "sparse": {"D": csc_matrix(np.eye(3))},
+    "empty": {"D": np.zeros((0, 4)), "c": np.array([], dtype=object)},
+}
+
+
+def _same(found, scipys):
+    if isinstance(found, dict):
+        return all(_same(found[name], scipys[0, 0][name]) for name in scipys.dtype.names)
+    return isinstance(found, str) or (found.shape, found.tolist()) == (
+        scipys.shape,
+        scipys.tolist(),
+    )
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("name", SOUND)
+def test_what_is_whole_is_read_as_scipy_reads_it(name, packed, tmp_path):
+    path = tmp_path / "sound.mat"
+    savemat(path, SOUND[name], do_compression=packed)
+    found, names = _load(path, [])
+    assert names == [*SOUND[name]]
+    assert all(_same(found[each], loadmat(path)[each]) for each in names)
+
+
+def test_files_of_the_other_order_of_bytes_are_read(tmp_path):
+    matrix = np.arange(48.0).reshape(16, 3)
+    data = matrix.T.astype(">f8").tobytes()
+    body = struct.pack(">IIII", 6, 8, 6, 0) + struct.pack(">IIii", 5, 8, 16, 3)
+    body += struct.pack(">HHc3x", 1, 1, b"D") + struct.pack(">II", 9, len(data)) + data
+    path = tmp_path / "big.mat"
+    path.write_bytes(LEVEL5[:-2] + b"MI" + struct.pack(">II", 14, len(body)) + body)
+    np.testing.assert_array_equal(read_mat(path).angle, matrix[:, 2])
+
+
+def test_a_flipped_bit_that_ended_the_process_is_refused():
+    with pytest.raises(InputError, match=r"unreadable \(numbers of type 8\).*a whole .mat file"):
+        read_mat(HOSTILE / "segfault_one_bit.mat")
+
+
+def test_packed_data_are_not_unpacked_without_end(tmp_path, monkeypatch):
+    monkeypatch.setattr("butterfly.files._FREE", 1 << 20)
+    packed = zlib.compress(bytes(1 << 22))
+    with pytest.raises(InputError, match="more than 1,048,576 bytes"):
+        _read(struct.pack("<II", 15, len(packed)) + packed, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("packed", [False, True])
+def test_no_bit_of_a_small_file_ends_in_anything_but_a_log_or_a_line(packed, tmp_path):
+    """Every bit, in this process: a crash would end all tests."""
+    savemat(tmp_path / "small.mat", {"D": np.arange(12.0).reshape(3, 4)}, do_compression=packed)
+    sound = (tmp_path / "small.mat").read_bytes()
+    for number in range(8 * 124, 8 * len(sound)):
+        flipped = bytearray(sound)
+        flipped[number // 8] ^= 1 << number % 8
+        assert not mat_escapes(bytes(flipped), tmp_path / "flipped.mat"), number
+
+
+def _element(kind, data, *, size=None):
+    told = len(data) if size is None else size
+    return struct.pack("<II", kind, told) + data + bytes(-len(data) % 8)
+
+
+def _numbers(kind, *values):
+    return _element(kind, struct.pack(f"<{len(values)}i", *values))
+
+
+def _array(array_class, shape, *parts, flags=0, count=2):
+    flagged = _numbers(6, *[array_class | flags, 0, 0][:count])
+    body = flagged + _numbers(5, *shape) + _element(1, b"D") + b"".join(parts)
+    return _element(14, body)
+
+
+def _read(array, folder):
+    path = folder / "made.mat"
+    path.write_bytes(LEVEL5 + array)
+    return _load(path, [])[0]["D"]
+
+
+def _struct(length, names, *values):
+    return _array(2, (1, 1), _numbers(5, length), _element(1, names), *values)
+
+
+DOUBLES = _element(9, bytes(16))
+NUMBER = _array(6, (1, 1), _element(9, bytes(8)))
+DAMAGED = {
+    "a number too few": (_array(6, (3, 1), DOUBLES), "16 bytes of numbers where 3 should be"),
+    "a number too many": (_array(6, (1, 1), DOUBLES), "16 bytes of numbers where 1 should be"),
+    "no imaginary part": (_array(6, (2, 1), DOUBLES, flags=0x0800), "0 bytes where a tag"),
+    "one dimension": (_array(6, (2,), DOUBLES), "a shape of 1 numbers"),
+    "33 dimensions": (_array(6, (1,) * 33, _element(9, bytes(8))), "a shape of 33 numbers"),
+    "fewer than no rows": (_array(6, (-1, 2), b""), "-1 the least"),
+    "one flag": (_array(6, (2, 1), DOUBLES, count=1), "4 bytes of flags"),
+    "three flags": (_array(6, (2, 1), DOUBLES, count=3), "12 bytes of flags"),
+    "class 19": (_array(19, (1, 1), NUMBER), "an array of class 19"),
+    "a field that is a number": (_struct(4, b"a\0\0\0", DOUBLES), "an array within of type 9"),
+    "a struct without a name's length": (_struct(0, b"", NUMBER), "0 bytes of names of 0"),
+    "names cut off": (_struct(4, b"a\0\0\0b", NUMBER, NUMBER), "5 bytes of names of 4"),
+    "a struct without its values": (_struct(4, b"a\0\0\0", b""), "0 bytes where a tag"),
+    "an element that runs out": (_element(14, b"", size=64), "an element of 64 bytes of which 0"),
+    "a short one of five bytes": (struct.pack("<HHI", 14, 5, 0), "5 bytes of which 4"),
+    "no array": (_element(9, bytes(8)), "a variable of type 9"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_every_tag_must_fit_what_it_is_part_of(name, tmp_path):
+    array, message = DAMAGED[name]
+    with pytest.raises(InputError, match=rf"unreadable \(.*{message}"):
+        _read(array, tmp_path)
+
+
+def test_short_elements_empty_fields_and_objects_are_read_as_what_they_are(tmp_path):
+    assert _read(_array(6, (2, 1), _element(2, b"ab")), tmp_path).tolist() == [[97], [98]]
+    assert _read(_struct(4, b"a\0\0\0", _element(14, b"")), tmp_path)["a"].size == 0
+    assert isinstance(_read(_array(16, (1, 1), NUMBER), tmp_path), MatlabObject)
+
+
+@pytest.mark.parametrize(("depth", "fits"), [(32, True), (33, False)])
+def test_structs_are_within_each_other_to_a_depth(depth, fits, tmp_path):
+    array = NUMBER
+    for _ in range(depth):
+        array = _struct(4, b"a\0\0\0", array)
+    with nullcontext() if fits else pytest.raises(InputError, match="more than 32 deep"):
+        _read(array, tmp_path)

@@ -141,12 +141,16 @@ def with_a_length_that_is_none(handler, name):
         (with_a_length_that_is_none, "transfer: got invalid literal"),
     ],
 )
-def test_a_broken_transfer_leaves_nothing_and_the_next_call_goes_on(tmp_path, spoil, said):
+def test_a_broken_transfer_leaves_nothing_and_the_next_call_goes_on(
+    tmp_path, spoil, said, monkeypatch
+):
+    if "no answer" in said:
+        monkeypatch.setattr("butterfly.logs.thesis_logs._TIMEOUT", 1.5)
     with (
         served(lambda handler, name: name == LAST and spoil(handler, name)) as address,
         pytest.raises(InputError, match=re.escape(f"{address}/{LAST}: {said}")),
     ):
-        fetch(tmp_path, address, timeout=1.5 if "no answer" in said else 30.0)
+        fetch(tmp_path, address)
     assert files_of(tmp_path) == CONTENTS.keys() - {LAST}
     asked = []
     with served(asked=asked) as address:
@@ -195,7 +199,7 @@ def test_a_file_with_other_content_is_refused_before_anything_is_fetched(tmp_pat
 
 def test_a_folder_without_a_log_or_none_at_all_is_named(tmp_path, published):
     (published / LAST).unlink()
-    with pytest.raises(InputError, match=f"{LAST}: path: got No such file"):
+    with pytest.raises(InputError, match=f"{LAST}: path: got no such file"):
         fetch(tmp_path / "own", str(published))
     for source in (str(tmp_path / "nowhere"), "ftp://127.0.0.1/logs"):
         with pytest.raises(InputError, match=rf"--from: got {source}; expected an existing folder"):

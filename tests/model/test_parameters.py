@@ -13,26 +13,24 @@ from butterfly.model.parameters import (
     LumpedParameters,
     TorqueDrive,
     VoltageDrive,
-    lump,
-    unlump,
 )
+from butterfly.plant.robot import Robot
 
 positive = st.floats(1e-4, 10)
 
 
 def test_the_thesis_synthetic_hand_lumps_to_its_published_parameters():
     hand = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
-    lumped = lump(hand, TorqueDrive(gain=10), Friction(viscous=0.001))
-    assert lumped == LumpedParameters(
+    robot = Robot(hand=hand, drive=TorqueDrive(gain=10), friction=Friction(viscous=0.001))
+    assert robot.lumped == LumpedParameters(
         p1=pytest.approx(0.00325), p2=0.001, p3=pytest.approx(0.04905), p4=10
     )
 
 
 def test_back_emf_adds_to_the_damping_as_in_6():
     drive = VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.04)
-    lumped = lump(
-        Hand(mass=1, com_distance=0, inertia=1), drive, Friction(viscous=2e-4, coulomb=3e-4)
-    )
+    hand, friction = Hand(mass=1, com_distance=0, inertia=1), Friction(viscous=2e-4, coulomb=3e-4)
+    lumped = Robot(hand=hand, drive=drive, friction=friction).lumped
     assert lumped.p2 == pytest.approx(2e-4 + 0.04 * 0.05 / 2)
     assert lumped.p4 == pytest.approx(0.05 / 2)
     assert lumped.coulomb == 3e-4
@@ -71,14 +69,14 @@ def test_impossible_values_are_refused_by_name(bad):
 def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb, aside, share):
     wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb, p3_offset=aside)
     least = (math.hypot(p3, aside) / 9.81) ** 2 / p1
-    found = lump(*unlump(wanted, mass=max(share * least, 1e-3)))
+    found = Robot.of_lumped(wanted, mass=max(share * least, 1e-3)).lumped
     assert vars(found) == pytest.approx(vars(wanted), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("mass", [0.0, -1.0, 0.01, math.nan])
 def test_a_hand_too_light_for_its_parameters_is_refused(mass):
-    with pytest.raises(InputError, match="mass: got"):
-        unlump(LumpedParameters(p1=0.001, p2=0, p3=0.5, p4=1), mass)
+    with pytest.raises(InputError, match=r"mass .*: got"):
+        Robot.of_lumped(LumpedParameters(p1=0.001, p2=0, p3=0.5, p4=1), mass)
 
 
 def test_a_disc_has_an_inertia_of_its_own_and_no_more_moment():

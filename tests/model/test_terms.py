@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from butterfly.model.kernel import Constants, rates
+from butterfly.model.kernel.equation import Constants, rates
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from butterfly.model.linear import frequency_response
+from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import Friction, Hand
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
@@ -70,7 +70,7 @@ def test_the_frequency_response_has_the_armature_s_lag():
         fit_sine(log.time[rows], x[rows], 9.0).fundamental for x in (log.angle, log.input)
     )
     hold = np.exp(-0.5j * 9 * 1e-3)
-    exact = complex(frequency_response(light.lumped, 9.0))
+    exact = complex(Linearisation.of(light.lumped).response(9.0))
     assert angle / (voltage * hold) == pytest.approx(exact, rel=1e-4)
 
 

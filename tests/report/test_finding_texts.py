@@ -30,6 +30,7 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "-0.31 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
+    FindingKind.LIKE_CLOCK: (0.00213, "+0.21 % off"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
@@ -146,6 +147,11 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
             f"{_TIMES}; it misses something that looks like none of the terms on offer.",
         ),
         ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; it misses drag or load, 61 % of what is left."),
+        (
+            [FOLLOWED, MISFIT, Finding(FindingKind.SCATTER, ("p2", "coulomb"), number=0.213)],
+            (),
+            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %.",
+        ),
         (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),

@@ -17,7 +17,7 @@ PURE = {
         ("plant.friction.coulomb", "friction coulomb, N m"),
         ("plant.encoder.noise", "encoder noise, rad"),
         ("added_masses.1.mass", "added masses 1 mass, kg"),
-        ("fit_median", "fit median"),
+        ("fit_median", "fit median, %"),
     ],
 )
 def test_a_field_is_named_without_its_root_and_with_its_unit(path, label):

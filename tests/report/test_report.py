@@ -21,14 +21,8 @@ from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
 from butterfly.report.figures import seen_samples
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.identification_figures import (
-    correlation_map,
-    frequency_response_figure,
-    parameter_figure,
-    ranked_figure,
-    swings_between,
-)
-from butterfly.report.identification_page import identification_page, write_report
+from butterfly.report.identification_figures import swings_between
+from butterfly.report.identification_page import identification_page
 from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
     correlation_figure,
@@ -61,7 +55,7 @@ def simulated():
 def page(simulated, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     result, truth = simulated
-    write_report(result, path, truth)
+    result.report(path, truth=truth)
     return path
 
 
@@ -137,7 +131,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
 ):
     result, truth = simulated
     linear = identify(result.data, Linear(), against={"truth": truth})
-    write_report(linear, tmp_path / "r.html")
+    linear.report(tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     row = re.search(r"<tr>\s*<td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]
     cells = re.findall(r"<td>(.*?)</td>", row)
@@ -147,7 +141,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
 
 def test_the_lines_of_the_frequency_response_are_the_model_at_the_measured_swing(simulated):
     result, _ = simulated
-    figure = frequency_response_figure(result)
+    figure = result.plot.frequency_response()
     lines = [trace for trace in figure.data if trace.mode == "lines"]
     assert len(lines) == 2 * len(result.data.masses)
     for mass, gain, phase in zip(result.data.masses, lines[::2], lines[1::2], strict=True):
@@ -169,7 +163,7 @@ def test_without_coulomb_friction_those_lines_are_the_state_space_s(simulated):
     smooth = dataclasses.replace(estimate, values=values)
     small = tuple(_with_swing(point, 1e-6) for point in result.data.points)
     data = dataclasses.replace(result.data, points=small)
-    figure = frequency_response_figure(dataclasses.replace(result, logs=data, estimate=smooth))
+    figure = dataclasses.replace(result, logs=data, estimate=smooth).plot.frequency_response()
     lines = [trace for trace in figure.data if trace.mode == "lines"]
     for mass, gain in zip(data.masses, lines[::2], strict=True):
         system = linearised(smooth.parameters, mass, pade_order=0)["angle", "command"]
@@ -177,8 +171,9 @@ def test_without_coulomb_friction_those_lines_are_the_state_space_s(simulated):
 
 
 def _with_swing(point, amplitude):
-    angle = point.angle.scaled(amplitude / point.amplitude)
-    return dataclasses.replace(point, angle=angle, input=point.input * amplitude / point.amplitude)
+    factor = amplitude / point.amplitude
+    angle = dataclasses.replace(point.angle, phasors=factor * point.angle.phasors)
+    return dataclasses.replace(point, angle=angle, input=factor * point.input)
 
 
 def test_several_swings_at_one_frequency_count_as_their_geometric_mean(simulated):
@@ -246,22 +241,23 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
 
 
 def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
-    estimate = simulated[0].estimate
-    shown = np.array(correlation_map(estimate).data[0].z)[::-1]
+    result = simulated[0]
+    estimate = result.estimate
+    shown = np.array(result.plot.correlations().data[0].z)[::-1]
     np.testing.assert_allclose(np.diag(shown), 1.0)
     expected = estimate.covariance[0, 2] / np.sqrt(
         estimate.covariance[0, 0] * estimate.covariance[2, 2]
     )
     assert shown[0, 2] == pytest.approx(expected)
     unknown = dataclasses.replace(estimate, covariance=np.full_like(estimate.covariance, np.nan))
-    assert correlation_map(unknown) is None
+    assert dataclasses.replace(result, estimate=unknown).plot.correlations() is None
 
 
 def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
     result = simulated[0]
     points = [
         (x, y, log)
-        for trace in ranked_figure(result).data
+        for trace in result.plot.fits().data
         for x, y, log in zip(trace.x, trace.y, trace.customdata, strict=True)
     ]
     points.sort()
@@ -294,7 +290,7 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
         dataclasses.replace(log, excitation=None, source="<b>x.csv") for log in result.data.logs
     ]
     data = dataclasses.replace(result.data, logs=tuple(logs))
-    figure = ranked_figure(dataclasses.replace(result, logs=data))
+    figure = dataclasses.replace(result, logs=data).plot.fits()
     texts = [text for trace in figure.data for text in trace.text]
     assert {text.partition(", ")[2] for text in texts} == {"&lt;b&gt;x.csv"}
 
@@ -306,9 +302,10 @@ def test_a_value_of_0_inside_its_interval_may_be_0():
 
 
 def test_the_forest_plot_has_every_parameter(simulated):
-    rows = simulated[0].estimate.table(simulated[1])
-    estimates = [trace.x[0] for trace in parameter_figure(rows).data if trace.name == "estimate"]
-    assert estimates == [row.value for row in rows]
+    result, truth = simulated
+    drawn = result.plot.parameters(truth).data
+    estimates = [trace.x[0] for trace in drawn if trace.name == "estimate"]
+    assert estimates == [row.value for row in result.estimate.table(truth)]
 
 
 def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):

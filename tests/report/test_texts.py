@@ -66,17 +66,8 @@ def test_a_page_runs_no_text(tmp_path):
 
 
 def _page(kind, verdict):
-    lead = Section(title="Lead")
-    return Page(
-        name="n",
-        description="",
-        kind=kind,
-        summary=["Said."],
-        lead=lead,
-        sections=[],
-        verdict=verdict,
-        numbers={},
-    )
+    about = {"name": "n", "description": "", "kind": kind, "numbers": {}, "verdict": verdict}
+    return Page(**about, summary=["Said."], lead=Section(title="Lead"), sections=[])
 
 
 def test_the_answer_stands_first_be_it_a_verdict_or_words():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample, Sine
 from butterfly.model.control_bridge import linearised
-from butterfly.model.linear import frequency_response
+from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.frequency_response import (
     measured_response,
@@ -53,7 +53,7 @@ def test_a_held_input_s_half_sample_of_delay_is_taken_out(sine_log, step):
         velocity=None,
         intersample=Intersample.ZERO_ORDER_HOLD,
     )
-    exact = complex(frequency_response(SYSTEM, 5.0))
+    exact = complex(Linearisation.of(SYSTEM).response(5.0))
     assert response_point(log).gain == pytest.approx(exact, rel=0.3 * (5 * step) ** 2 + 1e-5)
 
 

@@ -9,7 +9,7 @@ from scipy import signal
 from butterfly.errors import InputError
 from butterfly.identification.estimators import Linear
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.linear import frequency_response, resonance_frequency
+from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.frequency_response import response_point
 from butterfly.thesis.tables import complex_fit
@@ -34,7 +34,7 @@ RUNS = 300
 
 
 def _points(mass, rng=None, noise=NOISE, omegas=OMEGAS):
-    exact = frequency_response(THESIS.with_added_mass(mass), omegas) * AMPLITUDE
+    exact = Linearisation.of(THESIS.with_added_mass(mass)).response(omegas) * AMPLITUDE
     error = (
         np.zeros((2, omegas.size)) if rng is None else noise * rng.standard_normal((2, omegas.size))
     )
@@ -71,9 +71,9 @@ def test_exact_gains_give_the_exact_resonance(mass):
     for estimate in (three_point(*_gains(points)), parabola(*_gains(points)), of_responses(points)):
         assert estimate.omega == pytest.approx(true, rel=1e-8)
     # Between the right two points, the corrected two-point form with the known peak is exact.
-    peak = abs(complex(frequency_response(THESIS.with_added_mass(mass), true)))
+    peak = abs(complex(Linearisation.of(THESIS.with_added_mass(mass)).response(true)))
     near = np.array([true - 0.1, true + 0.07])
-    gain = np.abs(frequency_response(THESIS.with_added_mass(mass), near))
+    gain = np.abs(Linearisation.of(THESIS.with_added_mass(mass)).response(near))
     assert two_largest(near, gain, peak).omega == pytest.approx(true, rel=1e-9)
 
 
@@ -118,7 +118,8 @@ def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
 
     def responses(values):
         p = LumpedParameters(**dict(zip(("p1", "p2", "p3", "p4"), values, strict=True)))
-        parts = [frequency_response(p.with_added_mass(m), OMEGAS) * AMPLITUDE for m in MASSES]
+        loaded = [p.with_added_mass(m) for m in MASSES]
+        parts = [Linearisation.of(each).response(OMEGAS) * AMPLITUDE for each in loaded]
         flat = np.concatenate(parts)
         return np.concatenate([flat.real, flat.imag])
 

@@ -46,6 +46,7 @@ class FindingKind(StrEnum):
     FEW_LOGS = "few-logs"  # how many there are, in blocks of which the scatter was taken
     SCATTER = "scatter"  # standard deviation from log to log, over the value
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
+    LIKE_CLOCK = "like-clock"  # the same, of a clock that a term looks like
     SIGN_UNKNOWN = "sign-unknown"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     NOT_ESTIMATED = "not-estimated"

@@ -21,15 +21,12 @@ from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.term_choice import candidates, stribeck_velocities
+from butterfly.identification.levels import DRAWS, ROUNDING, SHOWS
 from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import first_counted
-
-_ALLOWED = 7e-4  # misfit over rms swing that counts for nothing: no free run is more exact
-_DRAWN = 24  # sets of sensor errors
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 
 class Derivatives(NamedTuple):
@@ -141,7 +138,7 @@ class LinearisedRun:
         """What counts for nothing, in rad: a share of the motion about its straight line."""
         time, angle = (each[self.counted] for each in (self.run.log.time, self.run.log.angle))
         line = np.column_stack([np.ones(time.size), time - time.mean()])
-        return _ALLOWED * rms(angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0])
+        return SHOWS * rms(angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0])
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
@@ -157,7 +154,7 @@ class LinearisedRun:
         sensor = SensorErrors.of(measured, angle[self.counted])
         if sensor.white:
             return sensor, np.empty((self.whole.size, 0))
-        drawn = (sensor.draw(angle, random, unsure=self.unsure) for _ in range(_DRAWN))
+        drawn = (sensor.draw(angle, random, unsure=self.unsure) for _ in range(DRAWS))
         return sensor, _less(self.own, np.column_stack([*map(self.simulation.averaged, drawn)]))
 
 
@@ -170,7 +167,7 @@ def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
     size = np.sqrt(np.diag(normal))
     size[size == 0] = 1.0
     powers, axes = np.linalg.eigh(normal / np.outer(size, size))
-    told = powers > _INDEPENDENT**2 * powers.max(initial=0.0)
+    told = powers > ROUNDING * powers.max(initial=0.0)
     return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
 
 
@@ -197,9 +194,9 @@ def rms(values: Samples) -> float:
 def _orthonormal(columns: Samples) -> Samples:
     """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
     sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5
+    felt = sizes > ROUNDING * columns.shape[0] ** 0.5
     left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])
+    return np.asarray(left[:, singular > ROUNDING * singular.max(initial=0.0)])
 
 
 def _less(directions: Sequence[Samples], errors: Samples) -> Samples:

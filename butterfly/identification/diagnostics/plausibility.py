@@ -12,17 +12,15 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import apart
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.consistency import CLEARLY_APART
-from butterfly.identification.inference.covariance import CONFIDENCE
+from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
 from butterfly.identification.physical import physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 
-LEAST_FIT = 50.0
+LEAST_FIT = 100 * (1 - LOST)
 """Median FIT in per cent below which parameters say nothing of the robot."""
 
-_CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 
@@ -42,14 +40,12 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     if not least > 0:
         judged.append(Finding(FindingKind.NO_INERTIA, ("p1",), number=least))
     rows = _rows(estimate)
-    negative = [
-        name for name, value, error in rows if TERMS[name].lower == 0 and value < -_CLEARLY * error
-    ]
+    negative = [name for name, value, error in rows if TERMS[name].lower == 0 and value < -error]
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
     if negative:
         judged.append(Finding(FindingKind.NEGATIVE, tuple(negative)))
-    if any(n == "delay" and value < -max(_CLEARLY * e, _EARLY) for n, value, e in rows):
+    if any(n == "delay" and value < -max(e, _EARLY) for n, value, e in rows):
         judged.append(Finding(FindingKind.EARLY, ("delay",)))
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
         judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",)))
@@ -69,7 +65,7 @@ def _drives(estimate: Estimate, mass: AddedMass) -> bool:
     level = estimate.parameters.with_added_mass(mass).level(0.0)
     # Of a sum no degrees of freedom are known; it has hardly fewer than the least of its parts.
     freedom = np.inf if estimate.freedom is None else estimate.freedom[weights != 0].min()
-    return bool(level < -_CLEARLY * stdtrit(freedom, 0.5 + CONFIDENCE / 2) * error)
+    return bool(level < -stdtrit(freedom, 0.5 + CONFIDENCE / 2) * error)
 
 
 def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
@@ -109,12 +105,10 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     found = [
         Finding(FindingKind.TOLD_APART, (name,), number=far)
         for name, far in sources.items()
-        if far > CLEARLY_APART
+        if far > CLEARLY
     ]
     physical = physical_parameters(estimate, data.known, data.input_kind, carrier)
-    below = {
-        each.name: each.below_zero for each in physical.found if each.below_zero > CLEARLY_APART
-    }
+    below = {each.name: each.below_zero for each in physical.found if each.below_zero > CLEARLY}
     if below:
         found.append(Finding(FindingKind.CONTRADICTED, tuple(below), number=max(below.values())))
     return found

@@ -20,7 +20,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import independent_cells_of
+from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.linearised_run import (
@@ -39,11 +39,17 @@ from butterfly.identification.diagnostics.sensor_errors import (
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.covariance import SPREADS
+from butterfly.identification.inference.agreement import (
+    Conditions,
+    Contrast,
+    contrasts_of,
+    from_log_to_log,
+)
 from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
+from butterfly.identification.levels import SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds
@@ -151,6 +157,9 @@ class Residuals:
 
     logs: tuple[LogResiduals, ...]  # one for each log of the data set
     missing: MissingTerms = MissingTerms()
+    agreement: tuple[
+        Contrast, ...
+    ] = ()  # what follows a condition, where sensors do not explain it
 
     @property
     def outside(self) -> int:
@@ -245,15 +254,16 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         _judged(each, np.column_stack([rest, errors]), sensor)
         for each, rest, errors, (sensor, _) in zip(logs, left, drawn, pairs, strict=True)
     ]
-    missing = MissingTerms()
-    if model.lacking and sum(each.outside for each in judged) > _BY_CHANCE * len(every):
+    missing, beyond = MissingTerms(), sum(each.outside for each in judged) > _BY_CHANCE * len(every)
+    agreement = _contrasts(estimate, logs, left) if beyond else ()
+    if model.lacking and beyond:
         missing, shares = _missing_terms(estimate, logs, directions, model.lacking)
         both = zip(judged, shares, strict=True)
         judged = [replace(each, share=float(share)) for each, share in both]
     rest = iter(judged)
     pairs_of_logs = zip(data.logs, every, strict=True)
     whole = (_bare(log) if each is None else next(rest) for log, each in pairs_of_logs)
-    return Residuals(logs=tuple(whole), missing=missing)
+    return Residuals(logs=tuple(whole), missing=missing, agreement=agreement)
 
 
 def _bare(log: Log) -> LogResiduals:
@@ -286,6 +296,33 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
         cross_correlation=Curve.of(lag, crossed, count, allowed),
         band=ErrorBand(time=each.simulation.middles(), reach=reach),
     )
+
+
+def _contrasts(
+    estimate: Estimate, logs: Sequence[LinearisedRun], left: Sequence[Samples]
+) -> tuple[Contrast, ...]:
+    """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log."""
+    names, known = estimate.names, logs[0].known.shape[1]
+    cells = cells_of(len(logs), known)
+    every = [
+        each.unit * np.column_stack([each.known, own]) for each, own in zip(logs, left, strict=True)
+    ]
+    parts = [part for own in every for part in np.array_split(own, cells)]
+    rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
+    more = known - len(names)
+    equations = CellEquations(
+        names=(*names, *(f"own {k}" for k in range(more))),
+        values=np.append(estimate.values, np.zeros(more)),
+        lower=np.append(lower_bounds(names), np.full(more, -np.inf)),
+        on_bound=np.append(
+            [name in estimate.on_bound for name in names], np.zeros(more, dtype=bool)
+        ),
+        rows=rows,
+        residuals=residuals,
+        log=np.repeat(np.arange(len(logs)), cells),
+    )
+    found = contrasts_of(equations, Conditions.of([each.run.log for each in logs], cells))
+    return tuple(sorted((*found, *from_log_to_log(equations)), key=lambda each: -each.share))
 
 
 def _missing_terms(

@@ -15,11 +15,10 @@ import numpy as np
 from scipy import fft
 
 from butterfly.arrays import Samples
+from butterfly.identification.levels import PRECISE
 
 LEVELS = (0.95, 0.99)
 """Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
-
-_REGULAR = 0.1  # of a step, by which half of all gaps may miss a whole number of steps of a grid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +79,7 @@ def encoder_step(readings: Samples) -> float:
     if gaps.size < 3:  # noqa: PLR2004 - of fewer nothing can be told
         return 0.0
     step = float(np.median(gaps[gaps < 1.5 * np.percentile(gaps, 5)]))
-    return step if np.median(np.abs(gaps / step - np.rint(gaps / step))) < _REGULAR else 0.0
+    return step if np.median(np.abs(gaps / step - np.rint(gaps / step))) < PRECISE else 0.0
 
 
 def _errors(angle: Samples, noise: Samples, step: float) -> Samples:

@@ -33,7 +33,7 @@ from butterfly.identification.diagnostics.unit_errors import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.inference.agreement import Condition
-from butterfly.identification.inference.identifiability import PRECISE
+from butterfly.identification.levels import PRECISE
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned

@@ -15,22 +15,16 @@ import numpy as np
 from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
-from butterfly.errors import ButterflyError, InputError
+from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.inference.identifiability import PRECISE
+from butterfly.identification.levels import CONFIDENCE, MATTERS, PRECISE, SHOWS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
-_NAMED = 4  # logs that a sentence names
-_SAME = 0.03  # relative difference that counts as none between units
-_DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
-_TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
-_LEVEL = 0.05  # of a false alarm of the clock
-_LEAST = 5e-4  # of the frequency: p1 is a thousandth off, and what moves it is named from there
-_HEAVIEST = 10.0  # kg
-_STEEL = 7850.0  # kg/m^3
+_DETUNED = MATTERS / 2  # relative difference of an omega, by whose square inertia changes
+_HEAVIEST = 10.0  # kg that a bench moves
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 
@@ -170,12 +164,6 @@ def with_unit_errors(error: ButterflyError, errors: Sequence[Finding]) -> Butter
     return type(error)(f"{error}. {said}")
 
 
-def listed(names: Sequence[str]) -> str:
-    """Name a few logs, and count the others."""
-    rest = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")
-
-
 def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     """Tell why the inputs of sines are not at the frequencies that the manifest gives them."""
     sines = [log for log in logs if log.excitation is not None]
@@ -184,14 +172,14 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     ratios, shares = _ratios(sines, "input")
     if np.median(shares) < _SINE:
         ratios, shares = _ratios(sines, "angle")
-        right = (shares > _SINE) & (np.abs(ratios - 1) < _SAME)
+        right = (shares > _SINE) & (np.abs(ratios - 1) < PRECISE)
         return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
     wrong = np.abs(ratios - 1) > _DETUNED
     common = float(np.median(ratios))
     if abs(common - 1) <= _DETUNED:
         return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
     for error, unit in TABLE.items():
-        if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < _SAME):
+        if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < PRECISE):
             return [unit_error(error, unit.factor)]
     same = np.all(np.abs(ratios / common - 1) < _DETUNED)
     return [_of_omega(common, *sines)] if same else []
@@ -212,9 +200,7 @@ def unit_errors_of_omega(
     near = [
         (log, point.detuning)
         for log, point in zip(logs, points, strict=True)
-        if point is not None
-        and abs(point.detuning) > _DETUNED
-        and abs(point.detuning) * point.omega * (log.time[-1] - log.time[0]) > _TURNED
+        if point is not None and abs(point.detuning) > _DETUNED
     ]
     if not near:
         return []
@@ -233,7 +219,7 @@ def judge_clock(points: Sequence[ResponsePoint]) -> list[Finding]:
         return []
     share = float(apart.mean())
     error = float(apart.std(ddof=1)) / math.sqrt(apart.size)
-    if not abs(share) > max(stdtrit(apart.size - 1, 1 - _LEVEL / 2) * error, _LEAST):
+    if not abs(share) > max(stdtrit(apart.size - 1, 0.5 + CONFIDENCE / 2) * error, SHOWS / 2):
         return []
     return [Finding(FindingKind.CLOCK, ("p1",), number=share)]
 
@@ -247,13 +233,9 @@ def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
     """Tell whether a mass is too heavy for its place, as a thousand times its own would be.
 
     In grams all masses, and with them all parameters but the delay, are a thousand times too large,
-    which the motion does not tell. A ball of steel that reaches halfway to the pivot is too large.
+    which the motion does not tell.
     """
-    heavy = any(
-        mass.mass > min(_HEAVIEST, _STEEL * 4 / 3 * math.pi * (mass.arm / 2) ** 3)
-        for mass in masses
-        if mass.arm > 0
-    )
+    heavy = any(mass.mass > _HEAVIEST for mass in masses)
     return [unit_error(UnitError.GRAMS, 1e-3)] if heavy else []
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.blocks import FEW, cells_of, independent_cells_of
+from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.gauss_newton import (
@@ -39,6 +39,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
+from butterfly.identification.levels import FEW
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import FINEST, Simulation

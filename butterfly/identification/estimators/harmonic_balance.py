@@ -45,7 +45,7 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.agreement import Conditions, disagreements_of
+from butterfly.identification.inference.agreement import Conditions, contrasts_of
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
@@ -180,6 +180,7 @@ class HarmonicBalance(Estimator):
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always, alias = fit.phasors.names, like_a_clock(points)
         plain: tuple[HarmonicBalanceTerms, HarmonicBalanceFit, SteadyModel] | None = None
+        again = False
         while True:
             chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
             fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
@@ -187,12 +188,14 @@ class HarmonicBalance(Estimator):
                 chosen = chosen.without(idle)
                 fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
             lacking = fit.lacking((*always, *alias), conditions) if self.terms is None else None
-            if lacking is None:
+            if lacking is not None:
+                plain, always = plain or (chosen, fit, robot), (*always, lacking)
+            elif again or plain is None:
                 break
-            plain = plain or (chosen, fit, robot)
-            always = (*always, lacking)
+            else:  # the others were chosen by a motion that lacked it
+                again = True
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
-        if plain and disagreements_of(fit.solved, conditions)[0]:  # it is no such term
+        if plain and contrasts_of(fit.solved, conditions):  # it is no such term
             chosen, fit, robot = plain
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(

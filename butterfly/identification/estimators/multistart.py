@@ -18,8 +18,8 @@ from butterfly.identification.estimators.free_run_residuals import FreeRunResidu
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
-from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.inference.term_choice import candidates
+from butterfly.identification.levels import SPREADS
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered

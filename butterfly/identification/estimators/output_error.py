@@ -19,7 +19,6 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.identification.blocks import FEW
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import like_a_clock
@@ -35,7 +34,7 @@ from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.weighed_logs import weighed
-from butterfly.identification.inference.agreement import disagreements_of
+from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.term_choice import (
@@ -44,6 +43,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
+from butterfly.identification.levels import FEW
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
@@ -183,7 +183,7 @@ class OutputError(Estimator):
             absent = {*TRIED} - {name for name, _ in problem.keys}
             lacking = wide.without(absent).lacking(problem, end.point)
             if lacking is None:
-                if plain and disagreements_of(problem.solved(end), problem.conditions)[0]:
+                if plain and contrasts_of(problem.solved(end), problem.conditions):
                     problem, end, rivals, choice = plain  # it is no such term
                 said = (*said, *choice.findings)
                 break
@@ -201,16 +201,16 @@ class OutputError(Estimator):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        if clock := _of_clock(problem, solved):
+            share = float(solved.values[solved.names.index("mass_inertia")]) / 2
+            said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
         return infer(
             reference.whole(solved),
             unweighted=reference.whole(cells),
             method="output error",
             driven=driven,
             conditions=problem.conditions,
-            rivals=[
-                reference.grown(each, solved.names[: each.size])
-                for each in (*rivals, *_of_clock(problem, solved))
-            ],
+            rivals=[reference.grown(each, solved.names[: each.size]) for each in (*rivals, *clock)],
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),

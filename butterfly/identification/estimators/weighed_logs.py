@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import (
@@ -18,6 +17,7 @@ from butterfly.identification.estimators.gauss_newton import (
     bounded_step,
 )
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
+from butterfly.identification.levels import FEW
 from butterfly.model.prior import Penalty
 
 _WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say

@@ -27,23 +27,18 @@ import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples
-from butterfly.identification.blocks import FEW
 from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 
-_LEVEL = 0.05  # of a false alarm, over all contrasts (Holm, Scand. J. Statist. 6, 1979)
-_RARELY = 1e-3  # the same of what differs from log to log: none of 50 robots of A and B by chance
 _SHARES = (0.02, 0.05)  # of the squared errors, of sines and of transients: below, nothing is named
-_MOVES = 0.01  # of p1 or p4, by which a smaller share counts
-_MOVES_STEADY = 1e-3  # the same where steady responses say it, whose errors are known
 # of the largest torque, that a contrast of steady responses explains: less is what the steps of an
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
-_UNSEEN = 1e-6  # share of a direction that the parameters leave, below which it is one of them
-_LEAST_MASSES = 3  # of which one can be weighed wrong: to call two the same explains everything
-_LEAST_GROUP = 6  # logs of either sign of the input, fewer of which differ by chance
+_LEAST_GROUP = 2 * FEW  # logs of either sign of the input, fewer of which differ by chance
 
 
 class Condition(StrEnum):
@@ -53,6 +48,7 @@ class Condition(StrEnum):
     COMMAND = "command"
     SWING = "swing"
     FREQUENCY = "frequency"
+    SPEED = "speed"
     TIME = "time"
     DIRECTION = "direction"
     WEIGHED = "weighed"
@@ -66,10 +62,9 @@ _LIMITS: dict[Condition, tuple[float, ...]] = {
 }
 """Where conditions would disturb no more, if that is not at 0."""
 
-_SCATTERS = {"coulomb": 0.05, "p2": 0.05, "p4": 0.01}  # least share that differs from log to log
+_SCATTERS = ("coulomb", "p2", "p4")
 _OF_TORQUES = ("p1", "p3", "p4")
 _FRICTION = {"p2", "coulomb"}
-_FOLLOWING = tuple(name for name in PARAMETERS if name != "delay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +101,7 @@ class Conditions:
     """Under which conditions the logs of k cells were recorded."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, time since the start in s, sign of the input
+    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     sines: bool  # whether all are sines
@@ -119,8 +114,9 @@ class Conditions:
         times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
         of_logs = {
             Condition.MASS: [log.added_mass.inertia for log in logs],
-            Condition.COMMAND: [_of_command(log) for log in logs],
+            Condition.COMMAND: [_inverse(float(np.sqrt(np.mean(log.input**2)))) for log in logs],
             Condition.FREQUENCY: [_omega_squared(log) for log in logs],
+            Condition.SPEED: [_inverse(log.rms_speed) for log in logs],
             Condition.DIRECTION: [_direction(log) for log in logs],
         }
         values = {
@@ -162,39 +158,71 @@ class _Tried(NamedTuple):
         return moved
 
 
+class _Accepted(NamedTuple):
+    """A contrast that is no chance and matters."""
+
+    contrast: Contrast
+    tried: _Tried
+    ends: list[tuple[float, Samples]]  # where the condition would disturb no more, (n,) values
+
+
+class Rival(NamedTuple):
+    """What would hold at the limit of a condition that a parameter follows."""
+
+    values: Samples  # (n,)
+    reach: Samples  # (n,) half-widths of their intervals, by what that leaves of the residuals
+
+
 def disagreements_of(
     equations: CellEquations, conditions: Conditions
-) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
+) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
     """Return the contrasts that are no chance and matter, the best first, and their rivals.
 
-    A rival is what would hold at the limit of its condition: (n,) values each. Of masses that are
-    weighed wrong, none is the wrong one for certain (see `weighed_within`).
+    Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
     """
+    accepted = _accepted(equations, conditions)
+    rivals = (
+        Rival(end, _reach(equations, each, limit, end))
+        for _, each, ends in accepted
+        for limit, end in ends
+    )
+    return _contrasts(equations, conditions, accepted), tuple(rivals)
+
+
+def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Contrast, ...]:
+    """Return the contrasts that are no chance and matter, the best first."""
+    return _contrasts(equations, conditions, _accepted(equations, conditions))
+
+
+def _contrasts(
+    equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
+) -> tuple[Contrast, ...]:
+    if accepted or not conditions.steady:  # others have `scatter` to weigh logs, or free runs
+        return tuple(contrast for contrast, *_ in accepted)
+    return from_log_to_log(equations)
+
+
+def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, conditions, each))]
     tried.sort(key=lambda each: each.chance)
-    accepted: list[tuple[Contrast, list[Samples]]] = []
+    accepted = []
     for passed, each in enumerate(tried):
-        chance = each.chance * (len(tried) - passed)
-        if not chance < _LEVEL:
+        chance = each.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
+        if not chance < 1 - CONFIDENCE:
             break
         limits = _LIMITS.get(each.condition, (0.0,))
         place = 0 if not limits else equations.names.index(each.parameter)
-        rivals = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
-        if _matters(equations, each, rivals or [each.at_mean], conditions):
-            accepted.append((_contrast(each, place, chance), rivals))
-    if not accepted:
-        accepted = [(each, []) for each in _from_log_to_log(equations, conditions)]
-    accepted.sort(key=lambda each: -each[0].share)
-    return (
-        tuple(contrast for contrast, _ in accepted),
-        tuple(rival for _, rivals in accepted for rival in rivals),
-    )
+        ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
+        if _matters(equations, each, ends or [each.at_mean], conditions):
+            pairs = list(zip(limits, ends, strict=True))
+            accepted.append(_Accepted(_contrast(each, place, chance), each, pairs))
+    return sorted(accepted, key=lambda each: -each.contrast.share)
 
 
 def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
     """Whether friction follows a condition, as it does where a term of it is missing."""
-    found, _ = disagreements_of(equations, conditions)
+    found = contrasts_of(equations, conditions)
     return any(each.parameter in _FRICTION for each in found)
 
 
@@ -216,7 +244,7 @@ def lacking_term(
         if found and equations.values[place] + found.gamma > equations.lower[place]:
             tried.append(found)
     best = min(tried, key=lambda each: each.chance, default=None)
-    if best is None or not best.chance * len(names) < _LEVEL:
+    if best is None or not best.chance * len(names) < 1 - CONFIDENCE:
         return None
     matters = _matters(equations, best, [best.at_mean], conditions, _OF_TORQUES)
     return best.parameter if matters else None
@@ -236,7 +264,9 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            held = name not in _FOLLOWING or equations.on_bound[place]
+            # a gap is crossed in a time that falls with the speed; a delay follows nothing else
+            follows = name in PARAMETERS and (name == "delay") is (condition is Condition.SPEED)
+            held = not follows or equations.on_bound[place]
             if held or not (np.ptp(x) > 0 and weight.sum() > 0):
                 continue
             mean = float(weight @ x / weight.sum())
@@ -248,7 +278,8 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tr
     """Yield each added mass as weighed wrong, where there are enough of them."""
     names, masses = equations.names, conditions.masses
     effects = {mass.inertia_and_moment for mass in masses}
-    if len(effects) < _LEAST_MASSES or not {"p1", "p3"} <= {*names}:
+    # to call one of two the same as the other explains everything
+    if len(effects) < FEW or not {"p1", "p3"} <= {*names}:
         return
     for mass in sorted({mass for mass in masses if mass.mass}):
         x = np.array([float(masses[number] == mass) for number in equations.log])
@@ -269,7 +300,7 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
     apart = asked.direction - follow
     parts = np.einsum("kn,kmn,km->k", apart, equations.curvature, apart)
     information = float(parts.sum())
-    if not information > _UNSEEN * float(np.sum(asked.direction * pulls)):
+    if not information > ROUNDING * float(np.sum(asked.direction * pulls)):
         return None
     scores = np.einsum("kn,kn->k", apart, equations.gradient)
     gamma, cost = -float(scores.sum()) / information, float(equations.cost.sum())
@@ -293,18 +324,44 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
     )
 
 
-def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterator[Contrast]:
-    """Yield the friction or gain that differs from log to log, by steady responses (F test).
+def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
+    """(n,) half-widths of (n,) values that hold at the limit of a condition, with its slope.
 
-    One log more is one value more, which explains by chance what the share is adjusted for; other
-    residuals have few rows beside so many values, or `scatter` to weigh them.
+    The slope is a value more, about that limit.
     """
+    unit = np.array([name == each.parameter for name in equations.names])
+    slope = np.einsum("kmn,kn->km", equations.rows, np.outer(each.x - limit, unit))
+    left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
+    whole = replace(
+        equations,
+        names=(*equations.names, "slope"),
+        values=np.append(values, each.gamma),
+        lower=np.append(equations.lower, -np.inf),
+        on_bound=np.append(equations.on_bound, [False]),
+        rows=np.concatenate([equations.rows, slope[:, :, None]], axis=2),
+        residuals=left,
+        prior=None if equations.prior is None else equations.prior.padded(1),
+    ).independent
+    covariance, freedom = cluster_covariance(whole.rows, whole.residuals, whole.prior)
+    return np.asarray(half_widths(covariance, freedom)[:-1])
+
+
+def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
+    """Return the friction or gain that differs from log to log (F test), the best first.
+
+    One log more is one value more, which explains by chance what the share is adjusted for.
+    """
+    found = _from_log_to_log(equations.of_logs)
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
     (curvature, _), cost = equations.total, float(equations.cost.sum())
     rows = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - len(equations.names)
     more = equations.log.size - 1
-    if not conditions.steady or rows - more < 1 or not cost > 0:
+    if rows - more < 1 or not cost > 0:
         return
-    for name, least in _SCATTERS.items():
+    for name in _SCATTERS:
         if name not in equations.names or equations.on_bound[equations.names.index(name)]:
             continue
         place = equations.names.index(name)
@@ -312,11 +369,11 @@ def _from_log_to_log(equations: CellEquations, conditions: Conditions) -> Iterat
         own = np.diag(pulls[:, place]) - pulls @ np.linalg.pinv(curvature, hermitian=True) @ pulls.T
         change = -np.linalg.pinv(own, hermitian=True) @ equations.gradient[:, place]
         explained = -float(change @ equations.gradient[:, place])
-        left = max((cost - explained) / (rows - more), _UNSEEN * cost)
+        left = max((cost - explained) / (rows - more), ROUNDING * cost)
         chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
         share = 1 - left / (cost / rows)
-        if chance < _RARELY and scatter > least and _is_seen(equations, share):
+        if chance < ACCUSED and scatter > MATTERS and _is_seen(equations, share):
             values = equations.values[place] + change
             yield Contrast(
                 parameter=name,
@@ -335,7 +392,7 @@ def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
     information = parts.sum()
     shares = parts / information
     freedom = 1 / float(np.sum(shares**2)) - 1
-    errors = (scores + parts * gamma) / np.maximum(1 - shares, _UNSEEN)
+    errors = (scores + parts * gamma) / np.maximum(1 - shares, ROUNDING)
     size = float(np.sqrt(np.sum(errors**2)))
     if not freedom > 0 or not size > 0:
         return 1.0
@@ -352,11 +409,11 @@ def _matters(
     """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
     kept = np.isin(equations.names, of) & (equations.values != 0)
     moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
-    if not each.of_logs < _LEVEL:
+    if not each.of_logs < 1 - CONFIDENCE:
         return False
     if conditions.steady:
-        return bool(moved > _MOVES_STEADY and _is_seen(equations, each.share))
-    return bool(each.share > _SHARES[not conditions.sines] or moved > _MOVES)
+        return bool(moved > SHOWS and _is_seen(equations, each.share))
+    return bool(each.share > _SHARES[not conditions.sines] or moved > MATTERS)
 
 
 def _is_seen(equations: CellEquations, share: float) -> bool:
@@ -385,9 +442,8 @@ def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
     )
 
 
-def _of_command(log: Log) -> float:
-    """1 over the rms input, 0 of a log that nothing drives."""
-    size = float(np.sqrt(np.mean(log.input**2)))
+def _inverse(size: float) -> float:
+    """1 over a size, 0 of none: of a log that nothing drives, or that rests."""
     return 1 / size if size else 0.0
 
 

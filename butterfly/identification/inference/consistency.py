@@ -13,17 +13,10 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
+from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
-
-CLEARLY_APART = 3.0
-"""Standard errors between what was known and what the logs, or another source, say."""
-
-_RARE = 0.9985  # one-sided level of a contradiction, as that many standard errors have it
-_CONTRADICTS = 0.01  # share of what is known, less than which is no contradiction
-_TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing of the parameter
-
 
 _OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -114,10 +107,10 @@ def disagreements(
     for k in np.flatnonzero(prior.active).tolist():
         own = prior.variance / prior.weight[k]
         variance = float(covariance[k, k] + own - 2 * prior.variance * normal[k])
-        if variance < _TELLS * own:
-            continue
+        if variance < MATTERS**2 * own:
+            continue  # the logs say nothing of the parameter
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
-        if apart > CLEARLY_APART:
+        if apart > CLEARLY:
             findings.append(Finding(FindingKind.PRIOR_APART, (names[k],), number=apart))
     return findings
 
@@ -149,7 +142,7 @@ def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]
     step = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
     covariance, freedom = cluster_covariance(whole, residuals + whole @ step)
     share, error = float(step[-1]), float(np.sqrt(covariance[-1, -1]))
-    sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
-    if abs(share) <= max(sure * error, _CONTRADICTS):
+    sure = float(stdtrit(freedom[-1], 1 - ACCUSED / 2))
+    if abs(share) <= max(sure * error, MATTERS):
         return []
     return [Finding(FindingKind.KNOWN_APART, fixed, number=share)]

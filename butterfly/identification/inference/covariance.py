@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
+from butterfly.identification.levels import CONFIDENCE, ROUNDING, SPREADS
 from butterfly.model.prior import Penalty
-
-CONFIDENCE = 0.95
-"""Level of all intervals."""
-
-SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
-"""Half width of an interval, in standard deviations of a normal distribution."""
-
-_LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
 
 def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
@@ -56,7 +49,8 @@ def cluster_covariance(
     normal = np.linalg.inv(flat.T @ flat + np.diag(weight))
     residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
     eigenvalues, axes = np.linalg.eigh(residual_maker)
-    roots = np.maximum(eigenvalues, _LEAST_EIGENVALUE) ** -0.5
+    # a cluster that alone determines a parameter leaves no residual
+    roots = np.maximum(eigenvalues, ROUNDING) ** -0.5
     inverse_root = np.einsum("nij,nj,nkj->nik", axes, roots, axes)
     influence = inverse_root @ rows @ normal
     scores = np.einsum("nip,ni->np", influence, residuals)
@@ -116,6 +110,13 @@ def widened(
     return covariance
 
 
+def half_widths(covariance: Samples, freedom: Samples) -> Samples:
+    """(n,) of Student's intervals at `CONFIDENCE`."""
+    return np.asarray(
+        stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance)), dtype=float
+    )
+
+
 def honest_limits(
     values: Samples,
     covariance: Samples,
@@ -129,7 +130,7 @@ def honest_limits(
     the model is wrong in a way that depends on what was left out. Of rivals, fits that predict as
     well, any may be the right one, so that the limits hold what is as far from each.
     """
-    reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance))
+    reach = half_widths(covariance, freedom)
     likely, partial = np.array([values, *rivals]), np.array([values, *left_out])
     lower = np.minimum(likely.min(axis=0) - reach, partial.min(axis=0))
     upper = np.maximum(likely.max(axis=0) + reach, partial.max(axis=0))

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.levels import CLEARLY, FEW, PRECISE, ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
+from butterfly.model.terms import TERMS
 
-WEAK_CONDITION = 1e3
-"""Above this condition number of the scaled regression one combination is poorly known."""
+SINGULAR_CONDITION = 1 / ROUNDING
+"""Above this condition number, a scaled regression is singular for every practical purpose."""
 
-SINGULAR_CONDITION = 1e7
-"""Above this one, the regression is singular for every practical purpose."""
-
-_INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
-
-PRECISE = 0.10
-"""Share of a value, within which it counts as known."""
-
-_FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
+WEAK_CONDITION = SINGULAR_CONDITION**0.5
+"""Above this one, half way to that in digits, one combination is poorly known."""
 
 OTHER_LOGS = (
     "add logs of other motion, faster and slower, wider and less wide, or with another known mass"
@@ -42,15 +36,20 @@ class Conditioning:
 
     number: float  # condition number with the columns scaled to one length
     weakest: tuple[str, ...]  # parameters of the combination that the data tell least about
+    sum: str = ""  # what they do tell of two such
 
     @classmethod
     def of(
-        cls, rows: Samples, names: tuple[str, ...], known: NDArray[np.bool_] | None = None
+        cls,
+        rows: Samples,
+        names: tuple[str, ...],
+        known: NDArray[np.bool_] | None = None,
+        about: tuple[Samples, Samples] | None = None,
     ) -> Conditioning:
         """Judge the (m, n) rows of a regression on the n parameters ``names``.
 
         What is known of some of them, by a mask, counts as much as the rows, however well it is
-        known.
+        known. ``about``: (n,) values, and the (m,) residuals there, tell what two are together.
         """
         size = np.linalg.norm(rows, axis=0)
         size[size == 0] = 1.0  # a column without effect makes the regression singular
@@ -58,10 +57,21 @@ class Conditioning:
         if known is not None:
             scaled = np.concatenate([scaled, np.eye(len(names))[known]])
         _, singular, right = np.linalg.svd(scaled, full_matrices=False)
-        share = np.abs(right[-1]) / np.abs(right[-1]).max()
-        weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
+        # those that take more than an equal part in the direction
+        taking = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
         number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
-        return cls(number=number, weakest=weakest)
+        found = cls(number=number, weakest=tuple(names[k] for k in taking))
+        if about is None or taking.size != 2:  # noqa: PLR2004 - which are a sum
+            return found
+        values = (
+            about[0] - np.linalg.lstsq(rows / size, about[1], rcond=1 / WEAK_CONDITION)[0] / size
+        )
+        (first, second), (one, other) = found.weakest, right[-1][taking] / size[taking]
+        share = float(-one / other)
+        whole = float(values[taking[0]] + share * values[taking[1]])
+        text = f"{first} {'+' if share > 0 else '-'} {abs(share):.3g} {second} is {whole:.4g}"
+        most = f", {first} at most that" if share > 0 and not TERMS[second].lower < 0 else ""
+        return replace(found, sum=f"{text}{most}")
 
     def refuse_singular(self) -> None:
         """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
@@ -72,9 +82,10 @@ class Conditioning:
     def refusal(self) -> IdentifiabilityError:
         """The error that says what the data do not tell."""
         apart = " separately" if len(self.weakest) > 1 else ""
+        told = f", but {self.sum}" if self.sum else ""
         return IdentifiabilityError(
             f"these logs do not determine {' and '.join(self.weakest)}{apart} (condition number "
-            f"{self.number:.1e}): {OTHER_LOGS}"
+            f"{self.number:.1e}){told}: {OTHER_LOGS}"
         )
 
     @property
@@ -88,7 +99,8 @@ class Conditioning:
 def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
     """Return how well each of (n,) parameters is known: precise, rough, or not-from-zero."""
     zero = (lower <= 0) & (upper >= 0)
-    precise = _FOR_CERTAIN * (upper - lower) / 2 <= PRECISE * np.abs(values)
+    # what is said without "probably" must hold: half-widths as if they were standard errors
+    precise = CLEARLY * (upper - lower) / 2 <= PRECISE * np.abs(values)
     return [
         "not-from-zero" if at_zero else "precise" if well else "rough"
         for at_zero, well in zip(zero, precise, strict=True)

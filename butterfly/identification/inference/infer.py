@@ -22,7 +22,12 @@ from butterfly.identification.inference.consistency import (
     moved_by_givens,
     scale_apart,
 )
-from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
+from butterfly.identification.inference.covariance import (
+    cluster_covariance,
+    half_widths,
+    honest_limits,
+    robust,
+)
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     of_few_logs,
@@ -30,14 +35,13 @@ from butterfly.identification.inference.identifiability import (
     refuse_without_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
+from butterfly.identification.levels import LOST, PRECISE
 from butterfly.identification.normal_equations import pulled_below
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
 _NOTHING = np.finfo(float).tiny ** 0.5
-_OUTWEIGHED = 0.5  # R from which on a value is in doubt: it is 0.35 at most on good logs
-_SETTLED = 0.1  # of its half-width, by which a value may still move: 0.5 % of it, in quadrature
 
 
 def infer(
@@ -78,7 +82,7 @@ def infer(
     conditioning = Conditioning.of(flat, equations.names, active)
     conditioning.refuse_singular()
     about = unweighted or equations
-    contrasts, limits_of_conditions = (
+    contrasts, of_conditions = (
         ((), ()) if conditions is None else disagreements_of(about, conditions)
     )
     shift = equations.values - about.values
@@ -100,16 +104,19 @@ def infer(
     own = slice(shared)
     names, values = equations.names[own], equations.values[own]
     scatter = covariance[own, own]
-    others = [*rivals, *((each + shift)[own] for each in limits_of_conditions)]
     partial = {key: each[own] for key, each in left_out.items()}
-    limits = honest_limits(values, scatter, freedom[own], partial.values(), others)
+    limits = honest_limits(values, scatter, freedom[own], partial.values(), rivals)
+    most = half_widths(scatter, freedom[own])
+    for rival in of_conditions:
+        end, reach = (rival.values + shift)[own], np.minimum(rival.reach[own], most)
+        limits = np.minimum(limits[0], end - reach), np.maximum(limits[1], end + reach)
     if torques:
         limits = outweighed(misfit_over_value(equations)[own], values, limits, names)
     lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
     ending, moved = equations.ending, equations.unsettled
-    if moved is not None and (np.abs(moved[own]) <= _SETTLED * (limits[1] - limits[0]) / 2).all():
+    if moved is not None and (np.abs(moved[own]) <= PRECISE * (limits[1] - limits[0]) / 2).all():
         ending = Ending.CONVERGED
     logs = equations.of_logs
     return Estimate(
@@ -213,5 +220,5 @@ def outweighed(
     """
     claims = precision(values, *limits)
     doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
-    reach = np.where(np.array(doubted) & (misfit > _OUTWEIGHED), misfit * np.abs(values), 0.0)
+    reach = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
     return np.minimum(limits[0], values - reach), np.maximum(limits[1], values + reach)

@@ -31,6 +31,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
+from butterfly.identification.levels import CLEARLY, LOST, MATTERS
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
 
@@ -39,12 +40,7 @@ FRICTION = frozenset({row.name for row in DISSIPATIVE} & GROWING)
 
 _USUAL = (0.003, 0.1, 0.02)
 """Misfit in shares of the motion, scatter of friction and of the gain that would surprise nobody:
-standard deviations of their priors, the first on top of three times the noise."""
-
-_OVER_NOISE = 3.0  # times the noise, on top of the first of these
-_EVIDENT = 10.8  # likelihood ratio of a size that is no chance: that of one in two thousand
-_FINEST = 0.01  # of a value, below which nothing is said: 1 of 89 sound robots then is accused
-_BEGINS = (0.5, 0.02)  # standard deviations of the priors; at 0 the likelihood is flat
+standard deviations of their priors, the first on top of what noise may reach."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +149,8 @@ class Likelihood:
         return [
             Finding(FindingKind.SCATTER, tuple(own), number=float(found.sizes[k]))
             for k, own in enumerate(groups, start=1)
-            if found.sizes[k] > _FINEST and self.value(self._best(without=k)) - whole > _EVIDENT
+            # twice the logarithm of a likelihood ratio is a squared normal deviate
+            if found.sizes[k] > MATTERS and self.value(self._best(without=k)) - whole > CLEARLY**2
         ]
 
     def value(self, sizes: Samples) -> float:
@@ -189,15 +186,16 @@ class Likelihood:
     def _best(self, without: int | None = None) -> Samples:
         """Return the (3,) likeliest sizes; one may be left out."""
         usual = np.array(_USUAL)
-        usual[0] += _OVER_NOISE * self._logs.noise_level
+        usual[0] += CLEARLY * self._logs.noise_level
         usual[np.arange(usual.size) == without] = 0.0
 
         def cost(shares: Samples) -> tuple[float, Samples]:
             value, slopes = self.expanded(shares * usual)
             return value + float(shares @ shares), slopes * usual + 2 * shares
 
-        begins = (np.full(usual.size, each) for each in _BEGINS)
         bounds = [(0.0, None)] * usual.size
+        # from much and from next to nothing: at 0 the likelihood is flat
+        begins = (np.full(usual.size, each) for each in (LOST, MATTERS))
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
         return np.asarray(min(ends, key=lambda end: end.fun).x * usual)
 

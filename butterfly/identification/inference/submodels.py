@@ -21,7 +21,6 @@ from butterfly.identification.inference.agreement import Conditions
 from butterfly.model.terms import COMPANIONS
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
-_LEAST_FOLDS = 2  # parts of the data: one to predict, one to fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +62,7 @@ class Submodels:
         """
         parts = np.unique(self.folds)
         errors = np.empty((len(kept), self.folds.size))
-        lost = np.full(len(kept), parts.size < _LEAST_FOLDS)
+        lost = np.full(len(kept), parts.size == 1)
         curvature, gradient = self.equations.total
         for part in parts:
             mine = self.folds == part

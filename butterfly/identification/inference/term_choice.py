@@ -23,6 +23,7 @@ from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.agreement import Conditions, friction_disagrees
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMPANIONS
@@ -36,13 +37,7 @@ RARER = ("spring", "mass_inertia", "dead_zone", "compression")
 NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
 
-_SPEEDS = 10  # Stribeck velocities that are tried
-_SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
-_LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
-
-SLACK_OF_STRETCHES = 2.5
-"""Standard errors where stretches of time are predicted, whose errors are alike: of 36
-re-calibrations one keeps a term that is not there."""
+_SPEEDS = (0.03, 0.5, 10)  # least and largest Stribeck velocity over the largest speed; how many
 
 SCANNED = "stribeck"
 """The term whose velocity is tried."""
@@ -97,11 +92,11 @@ def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) 
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
-    if len(effects) < _LEAST_FOLDS:
+    if len(effects) < FEW:
         lost |= {"load", "mass_inertia"}
     if known.weightless(carried) or any(mass.own_inertia for mass in carried):
         lost.add("mass_inertia")
-    if known.weightless(carried) or ("p3" in known.parameters and len(effects) < _LEAST_FOLDS):
+    if known.weightless(carried) or ("p3" in known.parameters and len(effects) < FEW):
         lost.add("p3_offset")
     return tuple(name for name in names if name not in lost)
 
@@ -120,7 +115,7 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
         return []
     if "stribeck_velocity" in known.fixed:
         return [known.fixed["stribeck_velocity"]]
-    return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
+    return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
 
 
 def submodels_of(
@@ -137,7 +132,7 @@ def submodels_of(
     cells = equations.independent
     few = cells.log.size > np.unique(cells.log).size
     folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
-    slack = SLACK_OF_STRETCHES if few else 1.0
+    slack = CLEARLY if few else 1.0
     return Submodels(
         equations=cells,
         folds=folds,
@@ -150,7 +145,7 @@ def submodels_of(
 def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
     """Return the number of each log's part; where there are too few parts, each log is one."""
     different = list(dict.fromkeys(parts))
-    if len(different) < _LEAST_FOLDS:
+    if len(different) < FEW:
         return np.arange(len(parts))
     return np.array([different.index(part) for part in parts])
 
@@ -233,7 +228,9 @@ def _all_trials(
     about = fits[0].equations
     places = [about.names.index(name) for name in always]
     known = None if about.prior is None else about.prior.active[places]
-    raise Conditioning.of(about.rows[:, :, places].reshape(-1, len(places)), always, known).refusal
+    rows = about.rows[:, :, places].reshape(-1, len(places))
+    there = about.values[places], about.residuals.ravel()
+    raise Conditioning.of(rows, always, known, there).refusal
 
 
 def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:

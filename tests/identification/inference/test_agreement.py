@@ -68,7 +68,7 @@ def test_a_parameter_that_follows_a_condition_is_named_with_what_a_fit_with_it_f
     wider = np.concatenate([rows, more], axis=2).reshape(-1, 4)
     scale = np.append(UNITS, UNITS[2])
     anew = np.linalg.lstsq(wider * scale, target.ravel(), rcond=None)[0] * scale
-    np.testing.assert_allclose(rivals[0], anew[:3], rtol=1e-6)  # at the limit, where x is 0
+    np.testing.assert_allclose(rivals[0].values, anew[:3], rtol=1e-6)  # at the limit, where x is 0
     assert best.first == pytest.approx(anew[2] + anew[3] * x.min(), rel=1e-6)
     assert best.last == pytest.approx(anew[2] + anew[3] * x.max(), rel=1e-6)
     left, least = (
@@ -87,6 +87,26 @@ def test_intervals_hold_what_would_be_at_the_limit():
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
     again = [Contrast.from_dict(vars(each)) for each in found.agreement]
     assert again == list(found.agreement)
+
+
+def test_a_rival_is_as_uncertain_as_what_it_leaves_of_the_residuals_makes_it():
+    """Errors are independent, so that least squares with the slope as a value tells how far."""
+    rows, target, equations = _problem(2, _following(COMMAND, 0.002))
+    _, (rival, *_) = disagreements_of(equations, _conditions())
+    wider = np.concatenate([rows, (rows[..., 2] * COMMAND[:, None])[..., None]], axis=2)
+    flat = wider.reshape(-1, 4) * np.append(UNITS, UNITS[2])
+    left = target.ravel() - flat @ np.linalg.lstsq(flat, target.ravel(), rcond=None)[0]
+    errors = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)) * np.mean(left**2))[:3] * UNITS
+    np.testing.assert_allclose(rival.reach / errors, 2.4, rtol=0.5)  # Student's, of twelve logs
+    found = infer(equations, method="any", masses=MASSES, conditions=_conditions())
+    plain = infer(equations, method="any", masses=MASSES)
+    place = NAMES.index("p4")
+    most = (plain.upper - plain.lower)[place] / 2
+    assert rival.reach[place] < most / 2
+    ends = rival.values[place] + rival.reach[place] * np.array([-1, 1])
+    hull = [plain.lower[place], plain.upper[place], *ends]
+    assert found.lower[place] == pytest.approx(min(hull), rel=1e-9)
+    assert found.upper[place] == pytest.approx(max(hull), rel=1e-9)
 
 
 def test_conditions_that_agree_are_hardly_ever_accused():
