@@ -112,9 +112,7 @@ class _Mistake:
     def logs_of(self, data: DataSet) -> tuple[Log, ...]:
         """Return the logs of a data set as they are without the mistake."""
         numbers = self.logs or range(len(data.logs))
-        return tuple(
-            self._undone(log) if k in numbers else log for k, log in enumerate(data.logs)
-        )
+        return tuple(self._undone(log) if k in numbers else log for k, log in enumerate(data.logs))
 
     def _undone(self, log: Log) -> Log:
         if self.place is not None:
