@@ -7,3 +7,17 @@ from numpy.typing import NDArray
 
 Samples = NDArray[np.float64]
 """Numbers; docstrings give their shape."""
+
+
+def unit_columns(rows: Samples) -> tuple[Samples, Samples]:
+    """Return (m, n) rows, their columns scaled to length 1, and (n,) lengths: 1 of no length."""
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0] = 1.0
+    return rows / size, size
+
+
+def unit_diagonal(matrix: Samples) -> tuple[Samples, Samples]:
+    """Return an (n, n) matrix of squares scaled to a diagonal of 1, and (n,) roots: 1 of none."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    size[size == 0] = 1.0
+    return matrix / np.outer(size, size), size

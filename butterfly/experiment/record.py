@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated, Any, Self, cast
 
@@ -95,16 +95,11 @@ class EstimateRecord:
         """How the estimation ended."""
         return Ending.REFUSED if self.estimate is None else self.estimate.ending
 
-    @property
-    def level(self) -> Level:
-        """How much speaks against the values."""
-        return Level.WARNING if self.estimate is None else self.estimate.level
-
     @computed_field  # type: ignore[prop-decorator]
     @property
     def verdict(self) -> str:
         """What may be done with the values: good, use with care, or do not use."""
-        return self.level.verdict
+        return (Level.WARNING if self.estimate is None else self.estimate.level).verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,17 +180,12 @@ class RunRecord(_Signed):
         return sum(each.ending is Ending.STOPPED for each in self.estimates)
 
     @property
-    def level(self) -> Level | None:
+    def verdict(self) -> str | None:
         """The worst verdict on its estimates, the orbit's among them; None if it has none."""
-        found = [each.level for each in self.estimates if each.estimate is not None]
+        found = [each.estimate.level for each in self.estimates if each.estimate is not None]
         if self.orbit is not None and self.orbit.verdict is not None:
             found.append(Level.of_verdict(self.orbit.verdict))
-        return Level.worst(found) if found else None
-
-    @property
-    def verdict(self) -> str | None:
-        """The same in words."""
-        return None if self.level is None else self.level.verdict
+        return Level.worst(found).verdict if found else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,11 +213,6 @@ class Task(SweepRun):
 
     content: dict[str, Any]  # the experiment without its sweep; digests stand for tables of files
 
-    @property
-    def run(self) -> SweepRun:
-        """What the record of the sweep keeps of it."""
-        return SweepRun(**{each.name: getattr(self, each.name) for each in fields(SweepRun)})
-
     def failed(self, error: str) -> Outcome:
         """Return the outcome if nothing came back."""
         record = RunRecord(
@@ -252,7 +237,7 @@ class SweepRecord(_Signed):
     worst: int  # how many of the worst runs the report lists
     fields: tuple[str, ...]  # paths of those that vary
     versions: dict[str, str]  # of what it was planned with
-    runs: tuple[SweepRun, ...]  # in order
+    runs: tuple[SweepRun, ...]  # in order; of tasks only what is one's place is kept
     beside: dict[str, str] | None = None  # digests of its one run's logs and reports; None of more
     tables: dict[str, str] = field(default_factory=dict)  # digests of the tables, by name
     digest: str = ""  # as a run's

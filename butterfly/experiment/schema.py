@@ -269,14 +269,10 @@ class Experiment(StrictModel):
         return terms
 
     @model_validator(mode="after")
-    def _some_input(self) -> Experiment:
+    def _possible(self) -> Experiment:
         believed = self.control is not None and self.control.believed is not None
         if not (self.excitations or self.signals or believed):
             raise ValueError("at least one of the keys excitations, signals and control.believed")
-        return self
-
-    @model_validator(mode="after")
-    def _possible(self) -> Experiment:
         Prior.of(self.known)
         self.plant.clock.count(self.duration)
         for added in self.added_masses:

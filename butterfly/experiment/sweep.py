@@ -172,7 +172,7 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
         worst=plan.experiment.report.worst,
         fields=plan.fields,
         versions=versions(),
-        runs=tuple(task.run for task in plan.tasks),
+        runs=plan.tasks,
     )
 
 

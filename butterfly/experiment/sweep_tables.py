@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -239,12 +240,10 @@ class Estimates:
     @property
     def verdicts(self) -> dict[str, dict[str, int]]:
         """Number of estimates of each verdict, by estimator."""
-        found: dict[str, list[str]] = {each: [] for each in self.estimators}
-        for (_, estimator), verdict in self.by_estimate("verdict").items():
-            found[estimator].append(verdict)
+        found = Counter((name, said) for (_, name), said in self.by_estimate("verdict").items())
         return {
-            estimator: {each.verdict: verdicts.count(each.verdict) for each in VERDICTS}
-            for estimator, verdicts in found.items()
+            name: {each.verdict: found[name, each.verdict] for each in VERDICTS}
+            for name in self.estimators
         }
 
     @property

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.levels import ROUNDING, SHOWS
 from butterfly.identification.quantities import Formula, Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
@@ -22,9 +23,6 @@ from butterfly.model.prior import Known, Prior
 
 BEST_SPEED = "speed at which friction is known best"
 """Where errors of p2 and T_c, which logs at one speed cannot tell apart, undo each other."""
-
-_ROUNDING = 1e-3  # relative; by which exact numbers may differ
-_NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that is none
 
 
 class Symbol(NamedTuple):
@@ -233,7 +231,7 @@ def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
         "p3": max((mass.gravity_moment for mass in doubtful), default=0.0),
     }
     softened = {
-        name: Known(value=known.fixed[name], uncertainty=_NEXT_TO_EXACT * size)
+        name: Known(value=known.fixed[name], uncertainty=ROUNDING * size)
         for name, size in largest.items()
         if name in known.fixed and size
     }
@@ -295,7 +293,7 @@ def apart(
 def _both(name: str, given: Known, follows: Known) -> Known:
     """Return what two sources say together."""
     if given.fixed and follows.fixed:
-        if not math.isclose(given.value, follows.value, rel_tol=_ROUNDING):
+        if not math.isclose(given.value, follows.value, rel_tol=SHOWS):
             expected = f"{follows.value:.5g}, which follows from the others, or an uncertainty"
             raise InputError("known", name, f"{given.value:g}", expected)
         return given

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
@@ -174,9 +174,8 @@ def honest_covariance(estimate: Estimate) -> Samples:
 
 def covariance_root(covariance: Samples) -> Samples:
     """(n, n) matrix that gives rows of independent standard normal numbers a covariance."""
-    spread = np.sqrt(np.diag(covariance))
-    spread[spread == 0] = 1.0  # of what does not vary
-    eigenvalues, axes = np.linalg.eigh(covariance / np.outer(spread, spread))
+    correlation, spread = unit_diagonal(covariance)
+    eigenvalues, axes = np.linalg.eigh(correlation)
     return np.asarray(np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * axes.T * spread)
 
 

@@ -8,11 +8,13 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
-from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE
 from butterfly.identification.parameter import Parameter, or_none, unit_of
@@ -24,6 +26,9 @@ from butterfly.verdict import Level
 
 OF_VERDICT = ("p1", "p4")
 """Parameters that set the scale, by which values are judged."""
+
+_FINDINGS = TypeAdapter(tuple[Finding, ...])
+_CONTRASTS = TypeAdapter(tuple[Contrast, ...])
 
 Truth: TypeAlias = LumpedParameters | Mapping[str, float]
 """True values, where they are known."""
@@ -187,14 +192,14 @@ class Estimate:
             upper=_array(limits[1]),
             left_out=left_out,
             rivals=tuple(_array(each) for each in content.get("rivals", ())),
-            agreement=tuple(map(Contrast.from_dict, content.get("agreement", ()))),
+            agreement=_CONTRASTS.validate_python(content.get("agreement", ())),
             freedom=None if freedom is None else _array(freedom),
             condition=float(_array(content["condition"])),
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
             # an older program found what is none now: whether it is precise, follows well enough
-            findings=tuple(
-                Finding.from_dict(each) for each in content["findings"] if each["kind"] in KINDS
+            findings=_FINDINGS.validate_python(
+                [each for each in content["findings"] if each["kind"] in KINDS]
             ),
             fixed={str(name): float(value) for name, value in content["held"].items()},
             known=Prior.of(content.get("known", {})),

@@ -15,12 +15,13 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.segments import Segments, is_segmented, simulation_of
 from butterfly.identification.simulation import Simulation, grid_step
+from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
-_WINDOW = 0.0625  # s to either side, as wide as the velocity's in `test_functions`
+_WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -33,5 +33,11 @@ FEW = 3
 DRAWS = round(1 / (1 - CONFIDENCE))
 """Random draws, of which one is outside an interval."""
 
-ROUNDING = float(np.finfo(float).eps) ** 0.5
+MOST = 60
+"""Rounds of an iteration, after which it counts as one that did not settle."""
+
+WEIGHED = 0.2
+"""Share of a variance, and of what it weighs, that scatter hardly tells better."""
+
+ROUNDING: float = float(np.finfo(float).eps) ** 0.5
 """Share below which a difference is none: half the digits are left to conditioning."""

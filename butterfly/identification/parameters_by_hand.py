@@ -25,7 +25,6 @@ from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
-_TOO_FAST = 3.0  # times the fastest that samples can show
 _GRID = 41  # values of p4 tried before the best is sought
 
 
@@ -108,7 +107,7 @@ def best_gain(
         expected = "a value: no log is a sine, which would tell the best one"
         raise InputError(source, "p4", "nothing", expected)
     fastest, seen = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
-    if fastest > _TOO_FAST * seen:
+    if fastest > seen:
         expected = f"at most the {seen:.3g} rad/s that samples show, or p4 too"
         raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
     unit = replace(parameters, p4=1.0)

@@ -24,13 +24,11 @@ from butterfly.identification.derived_quantities import (
     with_gear,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.levels import SPREADS
+from butterfly.identification.levels import MATTERS, SPREADS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior
-
-_BETTER = 0.99  # of a told uncertainty; what is known no better than that was not learnt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +121,7 @@ def physical_parameters(
         reach = SPREADS * wide.find(formula).uncertainty
         if name in derived and (not math.isfinite(value.value) or reach >= abs(value.value)):
             continue
-        if before is None or value.uncertainty < _BETTER * before.uncertainty:
+        if before is None or value.uncertainty < (1 - MATTERS) * before.uncertainty:
             found.append(
                 PhysicalParameter(
                     name=name,

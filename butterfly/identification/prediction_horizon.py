@@ -13,6 +13,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.spectrum import uniform_grid
@@ -20,7 +21,6 @@ from butterfly.signals.spectrum import uniform_grid
 GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""
 
-_STEP = 0.01  # s, along the motion
 _EVERY = 5  # steps from one beginning to the next
 _PREFERRED = np.array(
     [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0]
@@ -53,12 +53,12 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     angle = log.angle - zero
     if np.cos(angle).min() >= 0:  # gravity pulls back wherever the hand is
         return math.inf
-    grid = uniform_grid(log.time, _STEP)
+    grid = uniform_grid(log.time, LONGEST_STEP)
     falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
     damping = max(loaded.p2, 0.0) / loaded.p1
     slowest = math.sqrt(loaded.p1 / loaded.p3)
     steps = _soonest(falling, damping, slowest)
-    return steps * _STEP if steps else math.inf
+    return steps * LONGEST_STEP if steps else math.inf
 
 
 def _soonest(falling: Samples, damping: float, slowest: float) -> int:
@@ -73,9 +73,9 @@ def _soonest(falling: Samples, damping: float, slowest: float) -> int:
     for count in range(1, falling.size):
         begins = begins[begins + count < falling.size]
         angle, velocity = angle[:, : begins.size], velocity[:, : begins.size]
-        velocity += _STEP * (falling[begins + count] * angle - damping * velocity)
-        angle += _STEP * velocity
-        sizes = np.abs(angle) / [[1.0], [max(count * _STEP, slowest)]]
+        velocity += LONGEST_STEP * (falling[begins + count] * angle - damping * velocity)
+        angle += LONGEST_STEP * velocity
+        sizes = np.abs(angle) / [[1.0], [max(count * LONGEST_STEP, slowest)]]
         if sizes.max(initial=0.0) > GROWTH:
             return count
     return 0

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.levels import ROUNDING
 from butterfly.model.prior import Known
 
 Formula = Callable[[Mapping[str, Any]], Any]
 """What follows from quantities, by their names; it takes complex numbers as well."""
 
-_STEP = 1e-20  # imaginary: a derivative without cancellation
+_STEP = ROUNDING**2  # imaginary: a derivative without cancellation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

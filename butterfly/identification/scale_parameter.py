@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.equations import CellEquations
-from butterfly.identification.normal_equations import scaled_least_squares
+from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS

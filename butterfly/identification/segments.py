@@ -17,15 +17,13 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import edges_of
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.parameters import LumpedParameters
 
-_ROUNDS = 12  # steps to a start at most
 _HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
-_EXACT = 1e-9  # rad, rms error below which nothing is left to settle
-_FELT = 1e-3  # of the strongest direction, below which a change of the start is not felt
 _SHORTER = 0.25  # of a step that went too far
 _START = ("zero", "velocity")
 
@@ -131,7 +129,7 @@ class _About(NamedTuple):
     def settled(self) -> bool:
         """Whether no other start makes the errors much smaller."""
         share = float(self.explained @ self.explained) / self.errors.size
-        return share <= max(_SETTLED * self.cost, _EXACT**2)
+        return share <= max(_SETTLED * self.cost, ROUNDING**2)
 
 
 class _Segment:
@@ -169,8 +167,8 @@ class _Segment:
             begin = self.simulation.log.initial_state
             at = self._about(_START, parameters, zero, begin)
         reach = 1.0
-        for tries in range(_ROUNDS):
-            if at.settled or (tries > _HOPEFUL and at.cost > self._spread):
+        for tries in range(MOST):
+            if at.settled or reach < ROUNDING or (tries > _HOPEFUL and at.cost > self._spread):
                 break
             there = InitialState(*(np.array(begin) + reach * at.step).tolist())
             tried = self._about(_START, parameters, zero, there)
@@ -198,7 +196,7 @@ class _Segment:
             nowhere = np.zeros((errors.size, 0))
             return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))
         left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
-        felt = sizes > _FELT * sizes[0]
+        felt = sizes > SHOWS * sizes[0]
         explained = left[:, felt].T @ errors
         step = np.zeros(len(_START))
         step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))

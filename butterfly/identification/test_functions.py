@@ -37,7 +37,8 @@ SPACING = 0.5
 
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
-_VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
+VELOCITY_SHARE = 0.25
+"""Half-width of the velocity's window over that of the test functions."""
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
@@ -302,7 +303,7 @@ class ResidualTorque:
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
-    reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    reach = max(round(VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
     return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 

@@ -15,14 +15,8 @@ from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.units import AS_IS, Units
 
-FORMATS = {
-    ".mat": "mat",
-    ".csv": "csv",
-    ".parquet": "parquet",
-    ".tsv": "csv",
-    ".txt": "csv",
-    ".dat": "csv",
-}
+FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
+FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
 """The module that reads files of an ending; imported when it is used, as each is slow."""
 
 OFTEN_TEXTS = {".txt", ".dat"}

@@ -276,13 +276,26 @@ class Log:
 
     @cached_property
     def rms_speed(self) -> float:
-        """Rms velocity in rad/s."""
-        return rms_speed(self.time, self.angle)
+        """Rms velocity in rad/s, over spans that are long against noise."""
+        every = min(max(1, round(_SPAN / self.mean_step)), self.time.size // 2)
+        return float(np.std(np.diff(self.angle[::every]) / np.diff(self.time[::every])))
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """How it begins, at rest or in motion (see `initial_state`)."""
-        return initial_state(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
+        """How it begins: a piece of a longer recording in motion, as its first samples say.
+
+        These are followed by the cubic that fits them best. A whole log begins at rest at its first
+        sample, unless they say otherwise (see `_moves`).
+        """
+        time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
+        if not self.rms_speed > 0:
+            return rest
+        span = _REACH * min(float(np.std(angle)), _WIDE) / self.rms_speed
+        count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
+        time, angle = time[:count], angle[:count]
+        if self.lead is None and not _moves(time, angle, self.rms_speed):
+            return rest
+        return _fitted(time, angle, 3)[0]
 
     @cached_property
     def roughness(self) -> float:
@@ -308,30 +321,6 @@ class Log:
         if self.excitation is None:
             return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
-
-
-def rms_speed(time: Samples, angle: Samples) -> float:
-    """Return the rms velocity in rad/s of (n,) angles, over spans that are long against noise."""
-    step = (time[-1] - time[0]) / (time.size - 1)
-    every = min(max(1, round(_SPAN / step)), time.size // 2)
-    return float(np.std(np.diff(angle[::every]) / np.diff(time[::every])))
-
-
-def initial_state(time: Samples, angle: Samples, speed: float, *, cut: bool) -> InitialState:
-    """Return how a log of (n,) increasing stamps in s and angles in rad begins.
-
-    A piece of a longer recording (``cut``) begins in motion: angle and velocity are those of the
-    cubic that fits its first samples best. A whole log begins at rest at its first sample, unless
-    these say otherwise (see `_moves`). ``speed`` is the rms velocity in rad/s.
-    """
-    rest = InitialState(float(angle[0]), 0.0)
-    if not speed > 0:
-        return rest
-    span = _REACH * min(float(np.std(angle)), _WIDE) / speed
-    count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
-    if not cut and not _moves(time[:count], angle[:count], speed):
-        return rest
-    return _fitted(time[:count], angle[:count], 3)[0]
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:

@@ -109,13 +109,9 @@ class LogEntry(StrictModel):
         return value
 
     @model_validator(mode="after")
-    def _a_whole_sine(self) -> LogEntry:
+    def _a_whole_sine_and_a_piece(self) -> LogEntry:
         if (self.omega is None) != (self.amplitude is None):
             raise ValueError("omega and amplitude together, or neither")
-        return self
-
-    @model_validator(mode="after")
-    def _a_piece(self) -> LogEntry:
         if self.split and (self.part, self.begin, self.end) != (None, None, None):
             raise ValueError("split, or from, to and part, not both")
         if self.begin is not None and self.end is not None and not self.begin < self.end:
@@ -186,15 +182,11 @@ class Manifest(StrictModel):
     """The files."""
 
     @model_validator(mode="after")
-    def _arms_where_needed(self) -> Manifest:
+    def _arms_and_zeros_of_masses(self) -> Manifest:
         if self.joint is JointKind.HINGE and self.arm is None:
             for entry in self.logs:
                 if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
-        return self
-
-    @model_validator(mode="after")
-    def _zeros_of_masses(self) -> Manifest:
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
         for each in self.zeros:
             if rounded(each.added_mass) not in carried:
@@ -225,11 +217,9 @@ class Manifest(StrictModel):
 
     def piece(self, begin: float | None, end: float | None) -> Manifest:
         """Return the manifest of what lies between two instants in s of its single, whole log."""
-        ends = {"from": begin, "to": end}
-        given = {name: value for name, value in ends.items() if value is not None}
-        if not given:
+        if begin is None and end is None:
             return self
-        name, value = next(iter(given.items()))
+        name, value = ("to", end) if begin is None else ("from", begin)
         (entry, *others) = self.logs
         if others or self.split or (entry.begin, entry.end) != (None, None):
             expected = "a whole log by itself, of which a piece is meant (else in a manifest)"

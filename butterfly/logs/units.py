@@ -24,17 +24,8 @@ _RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": _TURN / 60}
 
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "input": {
-        "V": 1.0,
-        "mV": 1e-3,
-        "A": 1.0,
-        "mA": 1e-3,
-        "Nm": 1.0,
-        "mNm": 1e-3,
-        "Ncm": 1e-2,
-        "N": 1.0,
-        "mN": 1e-3,
-    },
+    "input": {"V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3}
+    | {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "N": 1.0, "mN": 1e-3},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "turns": _TURN, **_LENGTHS},
     "velocity": {**_RATES, "turns/s": _TURN, "m/s": 1.0, "mm/s": 1e-3},
     "omega": {**_RATES, "Hz": _TURN},

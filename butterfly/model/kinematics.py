@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import dawsn, j1
 
-_Array = NDArray[np.float64]
+from butterfly.arrays import Samples
 
 
 class Settings(Protocol):
@@ -86,7 +86,7 @@ class Term:
     potential: Callable[[Any, float], Any] | None = None
     # Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and the
     # `Motion` that holds weight and settings
-    describing: Callable[[_Array, _Array, Motion], Any] | None = None
+    describing: Callable[[Samples, Samples, Motion], Any] | None = None
     # Whether it holds the joint at rest: a friction level times the sign of the velocity
     dry: bool = False
     of_gain: bool = False  # Whether what enters the equation is p4 times the parameter
@@ -102,7 +102,7 @@ class Term:
     offered: frozenset[str] = frozenset()
 
 
-def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:
+def gravity_describing_function(amplitude: ArrayLike) -> Samples:
     """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
 
     That of ``sin(N th)`` is N times that of N a.

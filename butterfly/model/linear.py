@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.model.energy import stiffness
 from butterfly.model.kinematics import Motion
@@ -65,17 +66,17 @@ class Linearisation:
             delay=p.delay,
         )
 
-    def lag(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def lag(self, omega: Samples) -> NDArray[np.complex128]:
         """Return 1/(1 + j w L/R) at frequencies in rad/s."""
         if self.time_constant == 0:
             return np.ones(omega.shape, dtype=np.complex128)
         return np.asarray(1 / (1 + 1j * omega * self.time_constant))
 
-    def drive(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def drive(self, omega: Samples) -> NDArray[np.complex128]:
         """Torque at standstill over input: gain, delay, and the armature's lag."""
         return np.asarray(self.gain * np.exp(-1j * omega * self.delay) * self.lag(omega))
 
-    def brake(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def brake(self, omega: Samples) -> NDArray[np.complex128]:
         """Torque over angle of viscous friction, and of the back EMF behind the armature's lag."""
         return np.asarray(1j * omega * (self.damping + self.back_emf * self.lag(omega)))
 
@@ -161,9 +162,9 @@ class DelayStates:
     """x' = a x + b u, y = c x + feedthrough u, where y is u later."""
 
     # a, b, c: (n, n), (n,) and (n,)
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    c: NDArray[np.float64]
+    a: Samples
+    b: Samples
+    c: Samples
     feedthrough: float  # 1 or -1: every frequency comes through at its size
 
     @classmethod

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.model.kinematics import (
     Motion,
     Term,
@@ -104,7 +105,7 @@ class DriveTerms:
             inputs = inputs - np.clip(inputs, -self.dead_zone, self.dead_zone)
         return inputs / (1 + self.compression * abs(inputs)) if self.compression else inputs
 
-    def slopes(self, inputs: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    def slopes(self, inputs: Samples) -> dict[str, Samples]:
         """Return the (n,) derivatives of what is delivered of (n,) commands by each term."""
         left = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
         weaker = (1 + self.compression * abs(left)) ** 2
@@ -117,7 +118,7 @@ class DriveTerms:
         sines = np.asarray(np.outer(np.abs(commands), _COSINE), dtype=np.float64)
         unit = np.exp(1j * np.angle(commands))
 
-        def fundamental(values: NDArray[np.float64]) -> NDArray[np.complex128]:
+        def fundamental(values: Samples) -> NDArray[np.complex128]:
             return np.asarray(unit * 2 * (values * _COSINE).mean(axis=1))
 
         slopes = {name: fundamental(each) for name, each in self.slopes(sines).items()}
@@ -272,6 +273,6 @@ def offered(estimator: str) -> tuple[str, ...]:
     return tuple(row.name for row in _ROWS if estimator in row.offered)
 
 
-def lower_bounds(names: Iterable[str]) -> NDArray[np.float64]:
+def lower_bounds(names: Iterable[str]) -> Samples:
     """(n,) least values that n parameters can have; none for a name that is not in the table."""
     return np.array([TERMS[name].lower if name in TERMS else -np.inf for name in names])

@@ -19,13 +19,7 @@ from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.orbit.controller import (
-    Dithered,
-    EnergyShaping,
-    Target,
-    VelocityEstimator,
-    gain_for,
-)
+from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
 from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
 from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference

@@ -14,16 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import choose_terms
 from butterfly.identification.levels import CLEARLY
-from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -105,7 +105,7 @@ class Recalibration:
         return self.estimate.names
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Samples:
         """(n,) values, in their order."""
         return self.estimate.values
 
@@ -197,7 +197,7 @@ def estimate_of(
     left. An IdentifiabilityError if they are singular for every practical purpose.
     """
     solved = CellEquations.of(regression, solution)
-    left_out: dict[Hashable, NDArray[np.float64]] = {}
+    left_out: dict[Hashable, Samples] = {}
     runs = np.unique(run)
     for number in runs.tolist() if runs.size >= _FEWEST_RUNS else []:
         values = without_logs(solved, np.unique(regression.cluster[run == number]).tolist())

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
 from butterfly.model.kernel.equation import Constants, State, least_steps
@@ -193,7 +194,7 @@ class _Armature:
         return self._acceleration.item(), rate, self._data.act_dot.item() if self._bends else 0.0
 
 
-def _as_one(column: NDArray[np.float64]) -> NDArray[Any]:
+def _as_one(column: Samples) -> NDArray[Any]:
     """View shaft, and hand behind a clutch, as one number: the hand is its imaginary part.
 
     RK4 only adds and scales, and numbers are several times faster than short arrays.
@@ -230,9 +231,7 @@ class GreyBoxJoint(Joint):
         """Integrate through ``duration`` s in the equal steps of `steps_of`."""
         self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
 
-    def angles_under(
-        self, stamps: NDArray[np.float64], commands: NDArray[np.float64], delay: float
-    ) -> NDArray[np.float64]:
+    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
         """Return the (n,) angles in rad at ``stamps`` in s of a whole run, the joint left as it is.
 
         Each of the (n,) commands is held from ``delay`` s after its instant until the next takes
@@ -255,13 +254,7 @@ _steps_of = compiled(steps_of)
 
 
 @compiled
-def _follow(
-    c: Constants,
-    state: State,
-    stamps: NDArray[np.float64],
-    torques: NDArray[np.float64],
-    delay: float,
-) -> NDArray[np.float64]:
+def _follow(c: Constants, state: State, stamps: Samples, torques: Samples, delay: float) -> Samples:
     angles = np.full(stamps.size, np.nan)
     torque = 0.0
     following = 0

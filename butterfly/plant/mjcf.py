@@ -41,12 +41,7 @@ _FRONT = -0.0145  # m along the axis, where the painted front plate ends
 _ROD = 0.004  # m, radius
 
 
-def mjcf(
-    robot: Robot,
-    added: AddedMass = NO_ADDED_MASS,
-    *,
-    scene: bool = False,
-) -> str:
+def mjcf(robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False) -> str:
     """Return the MJCF text of a robot, which loads in plain MuJoCo, and of what it carries.
 
     Every number is written so that it reads back bit for bit. A scene is stand, scale, light,

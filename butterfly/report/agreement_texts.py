@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.parameter import unit_of
 from butterfly.result import TextTable
 

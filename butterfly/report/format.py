@@ -7,34 +7,24 @@ import math
 from butterfly.model.terms import TERMS
 
 _FAR_OFF = -1000.0  # FIT in per cent, below which there is no more to know
+_OF_FIELDS = {
+    "": "amplitude",  # of the input, or an angle
+    "1/turn": "steps",
+    "H": "inductance",
+    "N m s/rad": "viscous",
+    "N m/A": "torque_constant",
+    "N m/unit": "gain",
+    "V s/rad": "back_emf_constant",
+    "kg": "mass",
+    "kg m²": "inertia rotor_inertia",
+    "m": "arm com_distance com_offset",
+    "rad": "backlash noise tilt",
+    "rad/s": "bandwidth omega velocity",
+    "s": "duration half_width horizon jitter step time_constant window",
+    "Ω": "resistance",
+}
 _UNITS = {term.name: term.unit for term in TERMS.values()} | {
-    "amplitude": "",  # of the input, or an angle
-    "arm": "m",
-    "back_emf_constant": "V s/rad",
-    "backlash": "rad",
-    "bandwidth": "rad/s",
-    "com_distance": "m",
-    "com_offset": "m",
-    "duration": "s",
-    "gain": "N m/unit",
-    "half_width": "s",
-    "horizon": "s",
-    "inductance": "H",
-    "inertia": "kg m²",
-    "jitter": "s",
-    "mass": "kg",
-    "noise": "rad",
-    "omega": "rad/s",
-    "resistance": "Ω",
-    "rotor_inertia": "kg m²",
-    "step": "s",
-    "steps": "1/turn",
-    "tilt": "rad",
-    "time_constant": "s",
-    "torque_constant": "N m/A",
-    "velocity": "rad/s",
-    "viscous": "N m s/rad",
-    "window": "s",
+    name: unit for unit, names in _OF_FIELDS.items() for name in names.split()
 }
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
 from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
-from butterfly.identification.diagnostics.sensor_errors import LEVELS, Curve
+from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
@@ -31,7 +31,7 @@ _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
 _SHADE = "rgba(128,128,128,0.22)"  # of a band
-_SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
+_SHADE = "rgba(128,128,128,0.25)"  # of the band
 
 
 def recorded_figure(log: Log) -> Figure:
@@ -151,11 +151,11 @@ def correlation_figure(log: LogResiduals) -> Figure:
         lag, *limits, values = _band_and_curve(curve)
         for number, limit in enumerate(limits):
             style: dict[str, Any] = {"showlegend": False}
-            if number % 2:
-                name = f"{100 * LEVELS[1 - number // 2]:.0f} % band of the sensors"
-                style = {"fill": "tonexty", "fillcolor": _SHADES[number // 2], "name": name}
+            if number:
+                name = f"{100 * CONFIDENCE:.0f} % band of the sensors"
+                style = {"fill": "tonexty", "fillcolor": _SHADE, "name": name}
                 style["showlegend"] = row == 1
-            line = {"color": GREY, "width": 1, "dash": ("dot", "dash")[number // 2]}
+            line = {"color": GREY, "width": 1, "dash": "dash"}
             add(figure, row, lag, limit, mode="lines", line=line, hoverinfo="skip", **style)
         line = {"color": PALETTE[0], "width": 1.4}
         add(figure, row, lag, values, mode="lines", line=line, name="the log", showlegend=row == 1)
@@ -169,11 +169,10 @@ def correlation_series(logs: Sequence[LogResiduals]) -> Series:
 
 
 def _band_and_curve(curve: Curve | None) -> list[NDArray[np.float32]]:
-    """Return (l,) lags in s, limits of outer and inner band, and the values; all empty of none."""
+    """Return (l,) lags in s, limits of the band, and the values; all empty of none."""
     if curve is None:
-        return [np.empty(0, dtype=np.float32)] * (2 + 2 * len(LEVELS))
-    (inner, outer), centre = curve.reach, curve.centre
-    limits = (centre - outer, centre + outer, centre - inner, centre + inner)
+        return [np.empty(0, dtype=np.float32)] * 4
+    limits = (curve.centre - curve.reach, curve.centre + curve.reach)
     return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
@@ -93,7 +92,6 @@ def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Separated(Answer):
     """Physical parameters, and what is left open of them."""
 

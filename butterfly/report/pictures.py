@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Still
 from matplotlib.ticker import LogFormatterSciNotation, MultipleLocator
 
 from butterfly.files import replacing
-from butterfly.report.figures import GREY
+from butterfly.report.figures import GREY, SYMBOLS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,16 +30,7 @@ _SHADE = 0.22  # of a band, from clear to opaque
 _FEW_NOUGHTS = 1e-3  # a number from which no power of ten is needed to read it
 _PALE = 0.6  # size from which a cell between -1 and 1 is dark
 _DASHES = {"dot": ":", "dash": "--", "dashdot": "-."}
-_MARKERS = {
-    "circle": "o",
-    "square": "s",
-    "diamond": "D",
-    "triangle-up": "^",
-    "triangle-down": "v",
-    "star": "*",
-    "pentagon": "p",
-    "x": "x",
-}
+_MARKERS = dict(zip((*SYMBOLS, "x"), "osD^v*px", strict=True))
 
 
 class _PlainPowers(LogFormatterSciNotation):

@@ -52,16 +52,8 @@ def residual_table(logs: Iterable[LogResiduals], picks: Sequence[int] = ()) -> P
         numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
         times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
         missing = f"{100 * log.share:.0f}" if log.share else "–"
-        rows.append((log.label, *numbers, times, _bands(log), missing))
+        rows.append((log.label, *numbers, times, "outside" if log.outside else "inside", missing))
     return PageTable(name="residuals", headers=HEADERS, rows=rows, caption=_CAPTION, picks=picks)
-
-
-def _bands(log: LogResiduals) -> str:
-    """Say whether the correlations of a log stay inside their bands."""
-    inner, outer = log.excess
-    if inner <= 1:
-        return "inside"
-    return "outside 99 %" if outer > 1 else "outside 95 %"
 
 
 def residual_page(
@@ -96,7 +88,7 @@ def residual_page(
                 "error of the free run", f"{100 * residuals.relative:.2g} %", "of the motion, rms"
             ),
             Fact("beside its sensor", f"{residuals.times:.3g} ×", "what encoder and noise explain"),
-            Fact("correlations", _bands(residuals), "bands"),
+            Fact("correlations", "outside" if residuals.outside else "inside", "bands"),
         ],
         summary=[*summary],
         sections=[torque, errors],

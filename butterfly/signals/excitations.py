@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number, require_room
 from butterfly.logs.log import Sine
 
@@ -45,7 +46,7 @@ class SteppedSine:
         for omega, amplitude in zip(self.omegas, self.amplitudes, strict=True):
             require_number("SteppedSine", positive=True, omegas=omega, amplitudes=amplitude)
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
         step = np.clip((time / self.dwell).astype(np.intp), 0, len(self.omegas) - 1)
         omegas = np.array(self.omegas)
@@ -55,9 +56,7 @@ class SteppedSine:
 
 
 @lru_cache(maxsize=32)
-def _phases_of_low_crest(
-    harmonics: tuple[int, ...], seed: int
-) -> tuple[NDArray[np.float64], float]:
+def _phases_of_low_crest(harmonics: tuple[int, ...], seed: int) -> tuple[Samples, float]:
     """Find phases of a low peak by clipping it (Van der Ouderaa et al., 1988), and that peak.
 
     The runs of a sweep share them.
@@ -100,7 +99,7 @@ class Multisine:
         require_room("Multisine", "harmonics", max(self.harmonics), size)
         object.__setattr__(self, "harmonics", tuple(self.harmonics))
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
         phases, peak = _phases_of_low_crest(self.harmonics, self.seed)
         omegas = self.base * np.array(self.harmonics)
@@ -129,7 +128,7 @@ class Chirp:
     def __post_init__(self) -> None:
         require_number("Chirp", positive=True, **vars(self))
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
         rise = (self.stop - self.start) / self.duration
         swept = np.minimum(time, self.duration)
@@ -153,7 +152,7 @@ class Prbs:
         if self.register not in _TAPS:  # of one bit it is constant
             raise InputError("Prbs", "register", self.register, f"from 2 to {max(_TAPS)}")
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
         bits = _maximal_sequence(self.register)
         index = np.floor(time / self.bit * (1 + 1e-12)).astype(np.intp) % bits.size
@@ -190,7 +189,7 @@ class FreeDecay:
         if not (math.isfinite(self.angle) and self.angle != 0):
             raise InputError("FreeDecay", "angle", self.angle, "a finite angle other than 0")
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return (n,) zeros."""
         return np.zeros_like(time)
 
@@ -213,14 +212,14 @@ class Table:
         if any(after <= before for before, after in pairwise(self.time)):
             raise InputError("Table", "time", "instants out of order", "increasing instants")
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
         instants, values = self._columns
         index = np.searchsorted(instants, time, side="right") - 1
         return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
 
     @cached_property
-    def _columns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _columns(self) -> tuple[Samples, Samples]:
         return np.array(self.time, dtype=np.float64), np.array(self.values, dtype=np.float64)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -154,7 +155,7 @@ def response_point(
     )
 
 
-def _delivered(log: Log, omega: float, time: NDArray[np.float64]) -> complex:
+def _delivered(log: Log, omega: float, time: Samples) -> complex:
     """Return the phasor of the held input, each period weighing as the angle's samples in it do."""
     periods = round((log.time[-1] - time[0]) * omega / (2 * math.pi))
     span = 2 * math.pi / omega * periods
@@ -165,7 +166,7 @@ def _delivered(log: Log, omega: float, time: NDArray[np.float64]) -> complex:
     return complex(2 * (means * turned).reshape(-1, _CELLS).mean(axis=1) @ samples / samples.sum())
 
 
-def _refuse_coarse(log: Log, omega: float, time: NDArray[np.float64]) -> None:
+def _refuse_coarse(log: Log, omega: float, time: Samples) -> None:
     """Refuse a log that does not show a sine between its samples."""
     step = 2 * math.pi / (_PER_PERIOD * omega)
     mean_step = (time[-1] - time[0]) / max(time.size - 1, 1)
@@ -180,7 +181,7 @@ _SAMPLES = 1000  # that are enough to fit two numbers
 _PADDED = 8
 
 
-def pole_of(time: NDArray[np.float64], values: NDArray[np.float64]) -> complex:
+def pole_of(time: Samples, values: Samples) -> complex:
     """Return the pole in 1/s of the decaying oscillation Re{c e^(pole t)} that fits best.
 
     Of (n,) residuals of a steady response.
@@ -191,7 +192,7 @@ def pole_of(time: NDArray[np.float64], values: NDArray[np.float64]) -> complex:
     spectrum = np.abs(np.fft.rfft(left * np.hanning(left.size), _PADDED * left.size))
     peak = 2 * np.pi * np.fft.rfftfreq(_PADDED * left.size, grid[1] - grid[0])[np.argmax(spectrum)]
 
-    def residuals(pole: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(pole: Samples) -> Samples:
         wave = np.exp(-abs(pole[0]) * since)
         basis = np.column_stack([wave * np.cos(pole[1] * since), wave * np.sin(pole[1] * since)])
         return np.asarray(left - basis @ np.linalg.lstsq(basis, left, rcond=None)[0])

@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
+
 HARMONICS = 3
 """Harmonics fitted by default: gravity and Coulomb friction are odd, an offset adds even ones."""
 
@@ -22,7 +24,7 @@ class SineFit:
     omega: float  # Fundamental frequency in rad/s
     offset: float  # Mean, in units of the signal
     phasors: NDArray[np.complex128]  # (H,) complex amplitudes; `phasors[0]` is the fundamental
-    covariance: NDArray[np.float64]  # (2, 2) of real and imaginary part of the fundamental
+    covariance: Samples  # (2, 2) of real and imaginary part of the fundamental
     residual_rms: float  # Root mean square of what is left over
 
     @property
@@ -55,7 +57,7 @@ class SineFit:
         """Root sum of squares of the harmonics over the fundamental."""
         return float(np.linalg.norm(self.phasors[1:]) / self.amplitude)
 
-    def on(self, basis: NDArray[np.float64]) -> NDArray[np.float64]:
+    def on(self, basis: Samples) -> Samples:
         """Return the (n,) values of mean, sine and harmonics on the rows of `sine_basis`."""
         waves = np.column_stack([self.phasors.real, -self.phasors.imag]).ravel()
         return np.asarray(np.append(self.offset, waves) @ basis)
@@ -65,9 +67,7 @@ class SineFit:
         return float(np.sqrt(unit @ self.covariance @ unit))
 
 
-def sine_basis(
-    time: NDArray[np.float64], omega: float, harmonics: int = HARMONICS
-) -> NDArray[np.float64]:
+def sine_basis(time: Samples, omega: float, harmonics: int = HARMONICS) -> Samples:
     """Return what `fit_basis` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
 
     Returns (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
@@ -84,9 +84,7 @@ def sine_basis(
     return basis
 
 
-def with_transient(
-    basis: NDArray[np.float64], time: NDArray[np.float64], pole: complex | None
-) -> NDArray[np.float64]:
+def with_transient(basis: Samples, time: Samples, pole: complex | None) -> Samples:
     """Return the rows of a basis, and those of a transient of a pole in 1/s if there is one."""
     if pole is None:
         return basis
@@ -94,12 +92,7 @@ def with_transient(
     return np.vstack([basis, transient.real, transient.imag])
 
 
-def fit_basis(
-    basis: NDArray[np.float64],
-    values: NDArray[np.float64],
-    omega: float,
-    harmonics: int = HARMONICS,
-) -> SineFit:
+def fit_basis(basis: Samples, values: Samples, omega: float, harmonics: int = HARMONICS) -> SineFit:
     """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
 
     The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
@@ -112,9 +105,7 @@ def fit_basis(
     return _fit(basis, values, omega, harmonics, _equations(basis, values))
 
 
-def fit_halves(
-    basis: NDArray[np.float64], values: NDArray[np.float64], omega: float
-) -> tuple[SineFit, complex, complex]:
+def fit_halves(basis: Samples, values: Samples, omega: float) -> tuple[SineFit, complex, complex]:
     """Fit a signal as a whole, and the phasors of its fundamental in its first and second half.
 
     The equations of the whole are the sum of those of its halves.
@@ -133,11 +124,11 @@ def fit_halves(
 
 
 def _fit(
-    basis: NDArray[np.float64],
-    values: NDArray[np.float64],
+    basis: Samples,
+    values: Samples,
     omega: float,
     harmonics: int,
-    equations: tuple[NDArray[np.float64], NDArray[np.float64]],
+    equations: tuple[Samples, Samples],
 ) -> SineFit:
     matrix, moments = equations
     normal = np.linalg.inv(matrix)
@@ -157,8 +148,6 @@ def _fit(
     )
 
 
-def _equations(
-    basis: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _equations(basis: Samples, values: Samples) -> tuple[Samples, Samples]:
     """Return the (m, m) matrix and the (m,) right-hand side of the normal equations."""
     return np.asarray(basis @ basis.T), np.asarray(basis @ values)

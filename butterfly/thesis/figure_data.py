@@ -17,13 +17,7 @@ from butterfly.model.linear import HeldSystem, Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.method import scripted_amplitude
-from butterfly.thesis.tables import (
-    COARSE,
-    Synthetic,
-    has_real_logs,
-    scripted_point,
-    synthetic_log,
-)
+from butterfly.thesis.tables import COARSE, Synthetic, has_real_logs, scripted_point, synthetic_log
 
 Columns = dict[str, Samples]
 

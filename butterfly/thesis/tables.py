@@ -130,9 +130,7 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
     return scripted_resonance(points[first], points[second])
 
 
-def complex_fit(
-    points: Sequence[ResponsePoint],
-) -> tuple[Samples, Samples]:
+def complex_fit(points: Sequence[ResponsePoint]) -> tuple[Samples, Samples]:
     """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
 
     By maximum likelihood of complex responses at three frequencies of one robot or more. Sanathanan
@@ -161,9 +159,7 @@ def complex_fit(
     return values, normal
 
 
-def _table_1(
-    synthetic: Synthetic,
-) -> tuple[dict[AddedMass, float], dict[AddedMass, float]]:
+def _table_1(synthetic: Synthetic) -> tuple[dict[AddedMass, float], dict[AddedMass, float]]:
     """Return the resonances by the script's (100), and by the complex fit of the same data."""
     scripted, right = {}, {}
     for added in synthetic.added_masses:

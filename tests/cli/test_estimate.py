@@ -125,7 +125,7 @@ def test_the_real_logs_are_identified_from_the_shipped_manifest(butterfly, logs_
 def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
     butterfly, quick_data, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr(harmonic_balance_regression, "_MAX_ITERATIONS", 1)
+    monkeypatch.setattr(harmonic_balance_regression, "MOST", 1)
     report = tmp_path / "report.html"
     code, out, err = butterfly("identify", quick_data, "--report", report)
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")

@@ -46,7 +46,7 @@ def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path)
 def test_a_run_whose_estimate_did_not_settle_ends_with_code_3_done_or_found_done(
     butterfly, quick, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(harmonic_balance_regression, "_MAX_ITERATIONS", 1)
+    monkeypatch.setattr(harmonic_balance_regression, "MOST", 1)
     for said in ("deviation", "found done"):
         code, out, err = butterfly("run", quick, "--out", tmp_path / "out")
         assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")

@@ -168,11 +168,10 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
     grid = "{plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}"
     path.write_text(f"extends: quickstart\nname: s\nsweep: {{grid: {grid}}}\n")
     plan = planned(path)
-    runs = [task.run for task in plan.tasks]
-    columns = SweepColumns(plan.fields, runs)
+    columns = SweepColumns(plan.fields, plan.tasks)
     schema = columns.schema(RUNS)
     assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
-    (first,) = columns.rows(RUNS, runs[0], None)
+    (first,) = columns.rows(RUNS, plan.tasks[0], None)
     assert (first["plant.encoder.noise"], first["duration"]) == (1e-4, 20.0)
 
 

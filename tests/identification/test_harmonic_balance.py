@@ -143,9 +143,7 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
 def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
     points = _points(ROBOT, noise=5e-4)
     assert PLAIN.of_points(points).ending is Ending.CONVERGED
-    monkeypatch.setattr(
-        "butterfly.identification.estimators.harmonic_balance_regression._MAX_ITERATIONS", 2
-    )
+    monkeypatch.setattr("butterfly.identification.estimators.harmonic_balance_regression.MOST", 2)
     stopped = PLAIN.of_points(points)
     assert stopped.ending is Ending.STOPPED
 

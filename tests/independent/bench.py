@@ -1,17 +1,15 @@
 """Identify random robots on defective benches, and tell what holds and what is named of each row.
 
-python -m tests.independent.bench --robots 20 --seed 1 --out FILE.json
+python -m tests.independent.bench --robots 20 --seed 1 --json FILE.json
 python -m tests.independent.bench --rows base clock --method output-error --against FILE.json
 
 A cause is asked for where the parameters that the defect moves are off by more than `MOVED` in the
 answers of ``--against``, or in these: in the verdict, and (in brackets) anywhere.
 """
 
-import argparse
 import json
 import re
-import sys
-from dataclasses import asdict
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -20,7 +18,7 @@ import numpy as np
 import butterfly as bf
 from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
-from tests.benchmarks.coverage import median_half_width
+from tests.benchmarks.coverage import grouped, median_half_width, options, write
 from tests.independent.defects import ROWS, draw
 from tests.independent.scores import Reading, Score, scored
 
@@ -33,29 +31,24 @@ _KEY = ("p1", "p4")  # what *good* vouches for
 
 def main(arguments=None):
     """Score, write and print what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options(__doc__, ("auto", "harmonic-balance", "output-error"), 20)
+    parser.set_defaults(method=["auto"])
     parser.add_argument("--rows", nargs="*", choices=ROWS, default=list(ROWS))
-    parser.add_argument("--method", default="auto")
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="file for all scores")
     parser.add_argument("--against", type=Path, help="such a file of another version, same seed")
     parser.add_argument("--table", type=Path, help="make the table of such a file, score nothing")
     asked = parser.parse_args(arguments)
-    scores = read(asked.table) if asked.table else []
-    jobs = [] if asked.table else product(asked.rows, range(asked.robots))
-    for row, number in jobs:
-        scores.append(score(row, number, asked.method, asked.seed))
-        print(f"\r{row} {number}  ", end="", file=sys.stderr, flush=True)
-        if asked.out:
-            asked.out.write_text(json.dumps([asdict(each) for each in scores], indent=1))
-    print(table(scores, read(asked.against) if asked.against else []))
+    report = partial(table, against=read(asked.against) if asked.against else [])
+    if asked.table:
+        print(report(read(asked.table)))
+        return
+    jobs = product(asked.rows, range(asked.robots), asked.method, [asked.seed])
+    write(asked, _score_job, list(jobs), report)
 
 
-def score(row, number, method, seed):
-    """Identify a robot of a row."""
+def _score_job(job):
+    row, number, method, seed = job
     robot = draw(row, number, seed)
-    return scored(
+    found = scored(
         lambda: bf.identify(robot.logs, method),
         robot.truth,
         robot.heaviest,
@@ -65,6 +58,7 @@ def score(row, number, method, seed):
         repeat=0,
         method=method,
     )
+    return [found]
 
 
 def read(path):
@@ -78,28 +72,28 @@ def read(path):
 
 def table(scores: list[Score], against: list[Score] = ()) -> str:
     """Return a line for each row; the widths are over those of another version, if it is given."""
-    others = {(each.family, each.number): each for each in against}
+    others = {(each.family, each.method, each.number): each for each in against}
     heads = (
         *("bench", "robots", "refused", *PARAMETERS, "width p1", "p4", "width over"),
         *("misfit", "FIT", "flagged", "good", "good with p1 or p4 outside", "named", "s"),
     )
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for row in dict.fromkeys(each.family for each in scores):
-        asked = [each for each in scores if each.family == row]
-        lines.append(f"| {' | '.join(map(str, _cells(row, asked, others)))} |")
+    for (row, method), asked in grouped(scores).items():
+        lines.append(f"| {' | '.join(map(str, _cells(row, method, asked, others)))} |")
     return "\n".join(lines)
 
 
-def _cells(row, asked, others):
+def _cells(row, method, asked, others):
     found = [each for each in asked if not each.refused]
-    yield from (row, len(asked), len(asked) - len(found))
+    name = row if method == "auto" else f"{row} {method}"
+    yield from (name, len(asked), len(asked) - len(found))
     for name in PARAMETERS:
         covered = [each.readings[name].covered for each in found if name in each.readings]
         yield f"{100 * np.mean(covered):.0f}" if covered else ""
     for name in _KEY:
         width = median_half_width([each.readings[name] for each in found if name in each.readings])
         yield f"{width:.2g} %"
-    pairs = [(each, others.get((row, each.number))) for each in found]
+    pairs = [(each, others.get((row, method, each.number))) for each in found]
     ratios = [
         np.median(
             [now.readings[name].half_width / then.readings[name].half_width for now, then in both]

@@ -10,7 +10,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.agreement import Condition
+from butterfly.identification.inference.conditions import Condition
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from tests.independent import defects

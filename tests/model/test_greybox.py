@@ -65,41 +65,6 @@ def test_a_coulomb_oscillation_loses_the_same_swing_in_each_half_cycle_until_it_
     assert angle[-1] / scale == pytest.approx(-0.05, abs=1e-6)
 
 
-def test_with_coulomb_friction_it_equals_an_integrator_that_stops_at_each_reversal():
-    """The swing stays so wide that the joint never sticks."""
-    parameters = replace(PENDULUM, coulomb=5e-4)
-    time = np.arange(0, 5.0005, 1e-3)
-    angle, _ = simulate(parameters, time, _sine_input(time, 0.2, 7.0), 1.0)
-
-    def acceleration(t, x, v, sign):
-        torque = parameters.p4 * 0.2 * math.sin(7.0 * t) - sign * parameters.coulomb
-        return (torque - parameters.p2 * v - parameters.p3 * math.sin(x)) / parameters.p1
-
-    def reversal(_, state):
-        return state[1]
-
-    reversal.terminal = True
-    now, start, pieces = 0.0, 1.0, []
-    while now < time[-1]:
-        sign = math.copysign(1, acceleration(now, start, 0.0, 0.0))
-        reversal.direction = -sign
-        piece = solve_ivp(
-            lambda t, y, sign=sign: [y[1], acceleration(t, y[0], y[1], sign)],
-            (now, time[-1]),
-            [start, 1e-13 * sign],
-            "DOP853",
-            rtol=1e-12,
-            atol=1e-13,
-            events=reversal,
-            dense_output=True,
-        )
-        inside = time[(time >= now) & (time <= piece.t[-1])]
-        pieces.append(np.column_stack([inside, piece.sol(inside)[0]]))
-        now, start = piece.t[-1], piece.y[0, -1]
-    expected = np.concatenate(pieces)
-    np.testing.assert_allclose(np.interp(expected[:, 0], time, angle), expected[:, 1], atol=1e-7)
-
-
 @pytest.mark.parametrize("coulomb", [0.2, 0.0])
 @pytest.mark.parametrize("step", [0.3, 0.13, 0.017])
 def test_a_joint_breaks_loose_at_the_instant_at_which_the_drive_exceeds_friction(coulomb, step):

@@ -1,13 +1,11 @@
-"""How an orbit is approached: comparison system, lifted matrix, multipliers, invariant."""
+"""How an orbit is approached: multipliers, and the invariant."""
 
 import math
 
 import numpy as np
-from scipy.integrate import simpson, solve_ivp
+from scipy.integrate import solve_ivp
 
 from butterfly.model.energy import energy, pull, stiffness
-
-_FINE = 64  # points of the nominal motion in one interval of the comparison system
 
 
 def invariant(parameters, orbit, angle, velocity):
@@ -27,29 +25,6 @@ def steady_invariant(true, believed, gamma):
     (p4 p2hat/p4hat - p2)/(p4 gamma); p1 and p3 are taken to be right.
     """
     return (true.p4 * believed.p2 / believed.p4 - true.p2) / (true.p4 * gamma)
-
-
-def comparison_factors(orbit, gamma, count):
-    """Return (count,) factors a-bar of (115), by which I shrinks over as many equal parts.
-
-    Of the period, from the upper turning point on.
-    """
-    times = np.linspace(0, orbit.period, count * _FINE + 1)
-    _, velocity = orbit.solution(times)
-    squared = velocity**2
-    parts = [slice(k * _FINE, (k + 1) * _FINE + 1) for k in range(count)]
-    areas = np.array([simpson(squared[part], x=times[part]) for part in parts])
-    return np.exp(-abs(orbit.parameters.p4) * gamma * areas)
-
-
-def lifted_matrix(factors, step):
-    """Return A_k of X_(k+1) = A_k X_k (116), X_k the last n values of I, newest first (117).
-
-    As printed the matrix is constant; it is P^k A_0 P^-k with P the cyclic shift, since each entry
-    of X moves on by one part of the period with each step k.
-    """
-    newest_first = np.roll(factors, -step)[::-1]
-    return np.diag(newest_first)
 
 
 def monodromy(orbit, gamma):

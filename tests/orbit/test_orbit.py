@@ -18,9 +18,7 @@ from butterfly.plant.motor import CommandPath, ControlLoop, Reading
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.sensors import Clock, FilteredDifference
 from tests.orbit.analysis import (
-    comparison_factors,
     invariant,
-    lifted_matrix,
     monodromy,
     multiplier_of,
     steady_invariant,
@@ -117,18 +115,6 @@ def test_the_multipliers_of_the_exact_loop_are_1_and_the_closed_form(wanted):
     assert multiplier_of(orbit, gamma) == pytest.approx(wanted, rel=1e-12)
     found = np.sort(np.linalg.eigvals(monodromy(orbit, gamma)).real)
     np.testing.assert_allclose(found, [wanted, 1.0], atol=1e-6)
-
-
-def test_the_lifted_matrices_multiply_to_the_multiplier():
-    orbit = Orbit.of_amplitude(THESIS, SIXTY)
-    gamma = gain_for(orbit, 0.4)
-    factors = comparison_factors(orbit, gamma, 8)
-    assert np.prod(factors) == pytest.approx(0.4, rel=1e-8)
-    whole = np.eye(8)
-    for k in range(8):
-        whole = lifted_matrix(factors, k) @ whole
-    np.testing.assert_allclose(whole, 0.4 * np.eye(8), atol=1e-8)
-    assert not np.allclose(lifted_matrix(factors, 0), lifted_matrix(factors, 1))
 
 
 @pytest.mark.parametrize("joint", JOINTS)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.inference.agreement import Condition, Contrast
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, finding_text
 from butterfly.report.inspection import conditions_text
 from butterfly.verdict import Level

@@ -1,22 +1,17 @@
-"""The thesis's estimators of a resonance frequency, and of p1 and p3 from it, beside better ones.
+"""The thesis's estimators of a resonance frequency, beside better ones.
 
 With x = w^2, 1/|G|^2 = ((a0 - x)^2 + a1^2 x)/b0^2 is exactly a parabola, lowest at the resonance
-x = a0 - a1^2/2 (76). Without damping Y = (p3 + X)/(p1 + Z) (82), with Y = w_opt^2 of a hand that
-carries a mass; multiplied out it is linear (84), but then the noise of Y stands in a regressor.
+x = a0 - a1^2/2 (76).
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from butterfly.errors import IdentifiabilityError
-from butterfly.signals.frequency_response import STEADY_SECONDS, response_point
 from butterfly.thesis.tables import complex_fit
 
 _REWEIGHTINGS = 5
-_TRANSIENT_ROUNDS = 6
 
 
 class Resonance(NamedTuple):
@@ -76,47 +71,3 @@ def parabola(omega, gain, error):
     _, slope, bend = coefficients
     gradient = np.array([0.0, -1 / (2 * bend), slope / (2 * bend**2)]) / scale
     return Resonance.of_square(middle * (1 - slope / (2 * bend)), middle * gradient, normal)
-
-
-def transient_fit(logs):
-    """Estimate from whole records, their transients fitted with the responses.
-
-    The decaying oscillation with which a record begins says as much of the poles as the responses
-    do, and need not be waited for: its poles are those of the fit before (`complex_fit`), in turn.
-    """
-    pole = None
-    for _ in range(_TRANSIENT_ROUNDS):
-        span = math.inf if pole else STEADY_SECONDS
-        points = [response_point(log, span, pole) for log in logs]
-        (a1, a0, _), _ = complex_fit(points)
-        if not (a0 > a1**2 / 4 and a1 > 0):
-            raise IdentifiabilityError("the response does not ring: there is no transient to fit")
-        pole = complex(-a1 / 2, math.sqrt(a0 - a1**2 / 4))
-    return of_responses(points)
-
-
-def multiplied_out(resonances):
-    """Return (2,) p1 and p3 by ordinary least squares of (84), as the thesis proposes."""
-    x, z, y, _ = _variables(resonances)
-    return np.linalg.lstsq(np.column_stack([-y, np.ones(y.size)]), y * z - x, rcond=None)[0]
-
-
-def ratio(resonances):
-    """Return (2,) p1 and p3 by nonlinear least squares of (82), and their (2, 2) covariance."""
-    x, z, y, error = _variables(resonances)
-    start = multiplied_out(resonances)
-
-    def residuals(shares):
-        p1, p3 = shares * start
-        return ((p3 + x) / (p1 + z) - y) / error
-
-    fit = least_squares(residuals, np.ones(2), xtol=1e-14, ftol=1e-14)
-    jacobian = fit.jac / start
-    return fit.x * start, np.linalg.inv(jacobian.T @ jacobian)
-
-
-def _variables(resonances):
-    """Return the (n,) X, Z, Y of (81) and standard errors of Y."""
-    omega, error = np.array(list(resonances.values())).T
-    x = np.array([mass.gravity_moment for mass in resonances])
-    return x, np.array([mass.inertia for mass in resonances]), omega**2, 2 * omega * error

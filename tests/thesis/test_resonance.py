@@ -2,26 +2,17 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy import signal
 
 from butterfly.errors import InputError
 from butterfly.identification.estimators import Linear
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.frequency_response import response_point
 from butterfly.thesis.tables import complex_fit
 from tests.identification.simulated import response
 from tests.thesis.resonance_formulas import (
-    Resonance,
-    multiplied_out,
     of_responses,
     parabola,
-    ratio,
     three_point,
-    transient_fit,
     two_largest,
 )
 
@@ -135,68 +126,6 @@ def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
     assert np.all((inside > 0.92) & (inside < 0.99))
 
 
-def test_transients_that_are_fitted_need_not_be_waited_for():
-    """Ten seconds after the start, when a quarter of the transient is left."""
-    system = signal.TransferFunction([THESIS.p4], [THESIS.p1, THESIS.p2, THESIS.p3])
-    time = np.arange(0, 14, 0.005)
-    rng = np.random.default_rng(0)
-    logs = []
-    for omega in (2.0, 3.0, 3.6, 4.2, 5.0, 6.5):
-        drive = AMPLITUDE * np.sin(omega * time)
-        angle = signal.lsim(system, drive, time)[1] + 1e-5 * rng.standard_normal(time.size)
-        logs.append(
-            Log(
-                time=time,
-                input=drive,
-                angle=angle,
-                input_kind=InputKind.TORQUE,
-                intersample=Intersample.FIRST_ORDER_HOLD,
-                excitation=Sine(omega=omega, amplitude=AMPLITUDE),
-            )
-        )
-    true = resonance_frequency(THESIS)
-    with_transient = transient_fit(logs)
-    without = of_responses([response_point(log) for log in logs])
-    assert abs(with_transient.omega - true) < 4 * with_transient.error + 1e-4
-    assert abs(with_transient.omega - true) < 0.05 * abs(without.omega - true)
-
-
 def test_responses_of_several_robots_are_refused():
     with pytest.raises(InputError, match="several"):
         complex_fit([*_points(MASSES[0]), *_points(MASSES[1])])
-
-
-def _resonances(rng, error):
-    p = LumpedParameters(p1=0.00325, p2=0.0, p3=0.04905, p4=10)
-    masses = [AddedMass(mass=0.02 * k, arm=0.104) for k in range(8)]
-    exact = [resonance_frequency(p.with_added_mass(mass)) for mass in masses]
-    noise = error * rng.standard_normal(len(masses))
-    return {
-        mass: Resonance(omega + off, error)
-        for mass, omega, off in zip(masses, exact, noise, strict=True)
-    }
-
-
-@given(st.integers(0, 1000))
-def test_without_noise_both_regressions_give_the_robot(seed):
-    resonances = _resonances(np.random.default_rng(seed), 1e-9)
-    for found in (multiplied_out(resonances), ratio(resonances)[0]):
-        np.testing.assert_allclose(found, [0.00325, 0.04905], rtol=1e-5)
-
-
-def test_with_noise_the_ratio_form_is_unbiased_and_the_multiplied_one_is_not():
-    rng = np.random.default_rng(3)
-    drawn = [_resonances(rng, 0.15) for _ in range(400)]
-    plain = [multiplied_out(each)[0] for each in drawn]
-    right = [ratio(each)[0][0] for each in drawn]
-    spread = np.std(right) / 20
-    assert abs(np.median(right) - 0.00325) < 4 * spread
-    assert np.median(plain) - 0.00325 < -4 * spread
-
-
-def test_the_ratio_form_s_covariance_is_that_of_its_spread():
-    rng = np.random.default_rng(7)
-    fits = [ratio(_resonances(rng, 0.02)) for _ in range(300)]
-    spread = np.cov([values for values, _ in fits], rowvar=False)
-    found = np.mean([covariance for _, covariance in fits], axis=0)
-    np.testing.assert_allclose(found, spread, rtol=0.25)

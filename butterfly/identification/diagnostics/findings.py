@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
-from typing import Any
 
 
 class Ending(StrEnum):
@@ -90,14 +88,3 @@ class Finding:
     def forbids(self) -> bool:
         """Whether values of which it is true are not to be used."""
         return self.impossible or self.kind in {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR}
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Finding:
-        """Return the finding of which its fields tell; other keys are not looked at."""
-        number = content["number"]
-        return cls(
-            kind=FindingKind(content["kind"]),
-            parameters=tuple(map(str, content["parameters"])),
-            number=None if number is None else float(number),
-            logs=tuple(map(str, content.get("logs", ()))),
-        )

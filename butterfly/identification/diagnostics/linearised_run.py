@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
@@ -163,10 +163,9 @@ def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
 
     Each log counts as it does in output error, by the mean square of its errors over its motion.
     """
-    normal = sum(each.unit**2 * each.known.T @ each.known for each in logs)
-    size = np.sqrt(np.diag(normal))
-    size[size == 0] = 1.0
-    powers, axes = np.linalg.eigh(normal / np.outer(size, size))
+    normal = np.sum([each.unit**2 * each.known.T @ each.known for each in logs], axis=0)
+    scaled, size = unit_diagonal(normal)
+    powers, axes = np.linalg.eigh(scaled)
     told = powers > ROUNDING * powers.max(initial=0.0)
     return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
 

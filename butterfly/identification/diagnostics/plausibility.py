@@ -39,7 +39,8 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
     if not least > 0:
         judged.append(Finding(FindingKind.NO_INERTIA, ("p1",), number=least))
-    rows = _rows(estimate)
+    reach = np.nan_to_num((estimate.upper - estimate.lower) / 2).tolist()
+    rows = list(zip(estimate.names, estimate.values.tolist(), reach, strict=True))
     negative = [name for name, value, error in rows if TERMS[name].lower == 0 and value < -error]
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
@@ -66,12 +67,6 @@ def _drives(estimate: Estimate, mass: AddedMass) -> bool:
     # Of a sum no degrees of freedom are known; it has hardly fewer than the least of its parts.
     freedom = np.inf if estimate.freedom is None else estimate.freedom[weights != 0].min()
     return bool(level < -stdtrit(freedom, 0.5 + CONFIDENCE / 2) * error)
-
-
-def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
-    """Names, values and half-widths."""
-    reach = np.nan_to_num((estimate.upper - estimate.lower) / 2)
-    return list(zip(estimate.names, estimate.values.tolist(), reach.tolist(), strict=True))
 
 
 def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:

@@ -31,7 +31,6 @@ from butterfly.identification.diagnostics.linearised_run import (
     rms,
 )
 from butterfly.identification.diagnostics.sensor_errors import (
-    LEVELS,
     Curve,
     SensorErrors,
     correlations,
@@ -39,17 +38,13 @@ from butterfly.identification.diagnostics.sensor_errors import (
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.agreement import (
-    Conditions,
-    Contrast,
-    contrasts_of,
-    from_log_to_log,
-)
+from butterfly.identification.inference.agreement import Contrast, contrasts_of, from_log_to_log
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import SPREADS
+from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds
@@ -57,7 +52,6 @@ from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _BY_CHANCE = 0.25  # share of logs that may be outside
-_FIRST_ORDER = 0.05  # share of the residuals, to which derivatives foretell them
 
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
@@ -93,18 +87,15 @@ class LogResiduals:
     band: ErrorBand | None = None  # about the simulated angle, within which a reading is expected
 
     @cached_property
-    def excess(self) -> tuple[float, float]:
-        """How far the curves reach, over inner and outer band: above 1, one leaves it."""
-        curves = [each for each in (self.autocorrelation, self.cross_correlation) if each]
-        if not curves:
-            return np.inf, np.inf
-        inner, outer = np.max([curve.excess for curve in curves], axis=0).tolist()
-        return inner, outer
+    def excess(self) -> float:
+        """How far the curves reach, over the half-width of their bands: above 1, one leaves it."""
+        curves = (self.autocorrelation, self.cross_correlation)
+        return max((each.excess for each in curves if each), default=np.inf)
 
     @property
     def outside(self) -> bool:
         """Whether it is more than sensors explain, of which 5 % of good logs are accused."""
-        return self.excess[0] > 1
+        return self.excess > 1
 
     @property
     def relative(self) -> float:
@@ -123,7 +114,7 @@ class LogResiduals:
         return {
             "log": self.name,
             **dict(zip(_LENGTHS, lengths, strict=True)),
-            "over_band": dict(zip(map(str, LEVELS), self.excess, strict=True)),
+            "over_band": self.excess,
             "missing_terms_share": self.share,
         }
 
@@ -347,7 +338,8 @@ def _missing_terms(
         residuals=residuals,
         log=np.repeat(np.arange(len(logs)), cells),
     )
-    rounding = _FIRST_ORDER * float(np.sqrt(equations.cost.sum() / len(logs)))
+    # derivatives foretell the residuals as well as a value counts as known
+    rounding = PRECISE * float(np.sqrt(equations.cost.sum() / len(logs)))
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     none = np.array([[name in always for name in nested.names]])
     try:

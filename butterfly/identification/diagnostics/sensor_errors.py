@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 from scipy import fft
+from scipy.special import ndtri
 
 from butterfly.arrays import Samples
-from butterfly.identification.levels import PRECISE
-
-LEVELS = (0.95, 0.99)
-"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+from butterfly.identification.levels import CONFIDENCE, PRECISE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,31 +96,29 @@ class Curve:
     lag: Samples  # (l,) in s
     value: Samples  # (l,) correlation, between -1 and 1
     centre: Samples  # (l,) mean of that of a sensor's errors
-    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
+    reach: Samples  # (l,) half-widths of the band about it that holds whole curves
 
     @property
-    def excess(self) -> Samples:
-        """(2,) largest distance from the centre over the band's half-width, by `LEVELS`."""
-        return np.asarray((np.abs(self.value - self.centre) / self.reach).max(axis=1))
+    def excess(self) -> float:
+        """Largest distance from the centre over the band's half-width."""
+        return float((np.abs(self.value - self.centre) / self.reach).max())
 
     @classmethod
     def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
-        """Put bands about a curve.
+        """Put a band about a curve.
 
         (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors if these are not white;
-        the number of errors, of
-        which white ones have correlations of variance 1/count; and by how much a misfit too small
-        to count may move the curve. The two curves of a log share its false alarms.
+        the number of errors, of which white ones have correlations of variance 1/count; and by how
+        much a misfit too small to count may move the curve. The two curves of a log share its false
+        alarms: of logs without a misfit both stay inside in a share of `CONFIDENCE`.
         """
         value, drawn, variance, centre = curves[:, 0], curves[:, 1:], 0.0, np.zeros(lag.size)
         if drawn.size:
             centre = drawn.mean(axis=1)
             variance = float(drawn.var(axis=1, ddof=1).mean()) * (1 + 1 / drawn.shape[1])
-        tails = [(1 - level) / (4 * lag.size) for level in LEVELS]
-        factors = np.array([-NormalDist().inv_cdf(tail) for tail in tails])
-        half = factors * math.sqrt(max(variance, 1 / count)) + allowance
-        reach = np.repeat(half[:, None], lag.size, axis=1)
-        return cls(lag=lag, value=value, centre=centre, reach=reach)
+        factor = -float(ndtri((1 - CONFIDENCE) / (4 * lag.size)))
+        half = factor * math.sqrt(max(variance, 1 / count)) + allowance
+        return cls(lag=lag, value=value, centre=centre, reach=np.full(lag.size, half))
 
 
 def correlations(errors: Samples, inputs: Samples, lags: int) -> tuple[Samples, Samples]:

@@ -32,8 +32,8 @@ from butterfly.identification.diagnostics.unit_errors import (
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
-from butterfly.identification.inference.agreement import Condition
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.inference.conditions import Condition
+from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE, ROUNDING
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
@@ -43,14 +43,10 @@ from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
 
-_LEFT = 0.5  # share of the misfit that a mistake undone must leave at most
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
-_NOISE = 3.0  # times the noise of the angle, above which something else is left over
 _FITS = 4  # that are made at most
-_LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
 _SWINGS = (0.1, math.pi)  # rad, that the widest log may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
-_UNSEEN = 1e-8  # share of a column that the others leave, below which it is one of them
 _ENOUGH = 5000  # samples of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
@@ -67,7 +63,7 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
         return of_omega
     misfits = 1 - data.simulations.fits(estimate) / 100
     found: list[Finding] = []
-    if estimate.level is Level.WARNING or not (misfits < _NOISE * _noise(data)).all():
+    if estimate.level is Level.WARNING or not (misfits < CLEARLY * _noise(data)).all():
         found = _Search(data, estimator, estimate).named()
     return found or unit_errors_of_masses(data.masses)
 
@@ -177,7 +173,7 @@ class _Equations:
         basis, _, rest = self._solved
         own = column - basis @ (basis.T @ column)
         length = float(own @ own)
-        if not length > _UNSEEN * float(column @ column):
+        if not length > ROUNDING * float(column @ column):
             return self.misfit, 0.0
         value = float(own @ rest) / length
         left = max(0.0, 1 - value**2 * length / float(rest @ rest))
@@ -232,7 +228,7 @@ class _Search:
         """Return what explains the logs clearly better than they are, and what does so as well."""
         none = math.inf if self.of_clock else self._here.misfit if self._here else math.inf
         tried = sorted(self._tried(), key=lambda each: each.misfit)
-        likely = [each for each in tried if each.misfit < _LEFT * none]
+        likely = [each for each in tried if each.misfit < LOST * none]
         held: list[tuple[_Mistake, Estimate]] = []
         for each in likely[:_FITS]:
             if held and each.misfit > _AS_GOOD * held[0][0].misfit:
@@ -301,7 +297,8 @@ class _Search:
         groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
         suspects = [(m, (k,)) for m, own in groups.items() for k in own if len(own) > 1]
-        if len({mass.inertia_and_moment for mass in groups}) >= _LEAST_MASSES:
+        # to call one of two the same as the other explains everything
+        if len({mass.inertia_and_moment for mass in groups}) >= FEW:
             suspects += [(mass, own) for mass, own in groups.items() if mass.mass]
         for mass, own in suspects:
             more = replace(mass, mass=mass.mass + 1, arm=mass.arm or farthest)
@@ -345,7 +342,7 @@ class _Search:
         least = LEAST_FIT
         if self.estimate is not None:
             before = float(np.median(self.data.simulations.fits(self.estimate, counted)))
-            least = max(least, 100 - _LEFT * (100 - before))
+            least = max(least, 100 - LOST * (100 - before))
         return found if fit > least else None
 
     def _finding(self, mistake: _Mistake, found: Estimate, ways: int) -> Finding:

@@ -14,9 +14,8 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimators.gauss_newton import (
-    MOST,
     Equations,
     LogEquations,
     Loss,
@@ -29,7 +28,8 @@ from butterfly.identification.estimators.local_parameters import (
     known_zeros,
     local_keys,
 )
-from butterfly.identification.inference.agreement import Conditions, lacking_term
+from butterfly.identification.inference.agreement import lacking_term
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
@@ -39,8 +39,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import FEW
-from butterfly.identification.normal_equations import scaled_least_squares
+from butterfly.identification.levels import FEW, MOST, ROUNDING
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
@@ -57,8 +56,6 @@ TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
-_ROUNDS = 5  # in which what is uncertain is weighed
-_STILL = 1e-9  # rad, finer than which no encoder reads
 _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
 
 
@@ -216,7 +213,7 @@ class FreeRunResiduals:
         What is uncertain is weighed where it begins, and again where it ended (see `weighed`).
         """
         at, evaluations = (self.equations(initial), 1) if known is None else (known, 0)
-        for _ in range(_ROUNDS):
+        for _ in range(MOST):
             at = self.weighed(at, initial)
             end = minimise_robustly(
                 self.equations, initial, self.lower, self.loss, known=at, most=most - evaluations
@@ -355,13 +352,13 @@ def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
     """Return the least p1: the speed settles in a hundredth of a clock's step, which none shows."""
     carried = min(log.added_mass.inertia for log in logs)
     settled = start.p2 * min(log.mean_step for log in logs) / FINEST
-    return max(settled, np.finfo(float).eps ** 0.5 * (start.p1 + carried)) - carried
+    return max(settled, ROUNDING * (start.p1 + carried)) - carried
 
 
 def _rms_motion(log: Log, first: int) -> float:
     """Return that of the angle in rad from a sample on, by which its errors are divided."""
     motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
-    if not motion > _STILL:
+    if not motion > ROUNDING:
         found = f"{motion:.1g} rad of motion in what counts"
         raise InputError(log.source, "angle", found, "a joint that moves: leave the log out")
     return motion

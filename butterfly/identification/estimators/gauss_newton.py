@@ -16,28 +16,18 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import lsq_linear
+from scipy.special import ndtri
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.equations import compressed
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 
-_NORMAL = 1.4826  # standard deviation over median absolute deviation
-_OUTLYING = 1.5  # robust standard deviations beyond which a residual is taken for an outlier
-
+_NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 _LAST = 1e-4  # share of the cost that a step taken on trust may promise
 _UNSEEN = 0.1  # share of a residual's part of the cost that may be left after it
-_NEGLIGIBLE = 1e-8  # share of the cost, for which no step is worth while
-_STUCK = 1e-3  # share of the cost, more than which the end of a descent must not leave
-_SMALLEST_STEP = 1e-6  # of scaled parameters
-_FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
-_INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
-
-_WEIGHED = 0.2  # share of the weight of what is uncertain, that scatter hardly tells better
-
-MOST = 60
-"""How often a cost is expanded at most."""
 
 
 class Loss(StrEnum):
@@ -80,7 +70,7 @@ _COUNTED: dict[Loss, tuple[Callable[[Samples], Samples], ...]] = {
 
 def outlying(residuals: Samples) -> float:
     """Return the size from which on one of (n,) residuals is taken for an outlier."""
-    return _OUTLYING * _NORMAL * float(np.median(np.abs(residuals)))
+    return SPREADS * _NORMAL * float(np.median(np.abs(residuals)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +123,7 @@ class Equations:
         if self.known is None or other.known is None:
             return True
         mine, theirs = self.known[0].weight, other.known[0].weight
-        return bool((abs(mine - theirs) <= _WEIGHED * theirs).all())
+        return bool((abs(mine - theirs) <= WEIGHED * theirs).all())
 
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
@@ -259,28 +249,28 @@ def minimise(
         step = bounded_step(at, np.maximum(lower - point, -reach), reach)
         predicted, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
         there = np.maximum(point + step, lower)
-        if longest < _INSIDE * reach:
+        if longest < (1 - ROUNDING) * reach:
             left = _UNSEEN * at.cost * last / count
             trusted = (
                 _GOOD < kept < _BETTER and predicted <= _LAST * at.cost and predicted**2 < left
             )
-            if trusted or predicted <= _NEGLIGIBLE * at.cost or longest < _SMALLEST_STEP:
+            if trusted or predicted <= ROUNDING * at.cost or longest < ROUNDING:
                 end = at.moved(there - point)
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
-        elif reach < _SMALLEST_STEP:
+        elif reach < ROUNDING:
             break
         tried = replace(expand(there), known=at.known and (at.known[0], there))
         evaluations += 1
         kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
-        elif kept > _GOOD and longest > _INSIDE * reach:
+        elif kept > _GOOD and longest >= (1 - ROUNDING) * reach:
             reach *= 2
         if kept > 0:
             last = at.cost - tried.cost
             point, at = there, tried
     promised = _decrease(at, bounded_step(at, lower - point, np.inf))
-    converged = evaluations < most and promised <= _STUCK * at.cost
+    converged = evaluations < most and promised <= SHOWS * at.cost
     return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
 
 
@@ -315,7 +305,7 @@ def _decrease(at: Equations, step: Samples) -> float:
 def bounded_step(at: Equations, lowest: Samples, reach: float) -> Samples:
     """Return the step that a quadratic cost asks for, within a box."""
     curvatures, axes = np.linalg.eigh(at.curvature)
-    told = curvatures > _FLAT * curvatures[-1]
+    told = curvatures > ROUNDING**2 * curvatures[-1]
     roots = np.sqrt(np.where(told, curvatures, 0.0))
     pull = np.divide(axes.T @ at.gradient, roots, out=np.zeros_like(roots), where=told)
     rows = roots[:, None] * axes.T

@@ -40,12 +40,12 @@ from butterfly.identification.estimators.harmonic_balance_regression import (
     Phasors,
 )
 from butterfly.identification.estimators.steady_response import (
-    ROUGHLY,
     RestAngles,
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.agreement import Conditions, contrasts_of
+from butterfly.identification.inference.agreement import contrasts_of
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
@@ -176,7 +176,7 @@ class HarmonicBalance(Estimator):
         logs = [Simulation(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
-        fit, robot = robot.settled(fit, ROUGHLY)
+        fit, robot = robot.settled(fit)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always, alias = fit.phasors.names, like_a_clock(points)
         plain: tuple[HarmonicBalanceTerms, HarmonicBalanceFit, SteadyModel] | None = None

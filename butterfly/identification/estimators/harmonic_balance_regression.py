@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.equations import CellEquations, compressed
-from butterfly.identification.inference.agreement import Conditions, lacking_term
+from butterfly.identification.equations import CellEquations, Regression, compressed
+from butterfly.identification.inference.agreement import lacking_term
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     NEGLIGIBLE,
@@ -23,19 +24,15 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     submodels_of,
 )
-from butterfly.identification.normal_equations import Regression
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
 
-_SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
-_SWING_STEP = 1e-4  # relative step of the differences in the swing
-_LEAST_SLOPE = 1e-3  # of the inertia's torque: no joint is damped less than half of this
-_EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
-_MAX_ITERATIONS = 60  # of reweighting, before the fit counts as one that did not settle
-_TOLERANCE = 1e-10  # relative change of the predicted angles
+_SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
+_EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +50,6 @@ class Phasors:
     # torque in N m that the motion of the model leaves over in the balance of its fundamentals:
     # what describing functions neglect, transients that still ring, stamps that are not regular
     remainder: NDArray[np.complex128]
-    # further variance in rad^2, of logs in which the model does not move like the robot
-    doubt: NDArray[np.float64]
     # what is known of the robot; what is known exactly is not among the names
     known: Prior = NO_PRIOR
     # in rad/s, at which Stribeck friction is described
@@ -80,9 +75,8 @@ class Phasors:
             ),
             masses=tuple(p.added_mass for p in points),
             names=names,
-            swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
+            swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
             remainder=np.zeros(angle.size, dtype=np.complex128),
-            doubt=np.zeros(angle.size),
             known=known,
             stribeck_velocity=known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
         )
@@ -98,7 +92,6 @@ class Phasors:
             masses=tuple(mass for mass, taken in zip(self.masses, rows, strict=True) if taken),
             swing=self.swing[rows],
             remainder=self.remainder[rows],
-            doubt=self.doubt[rows],
         )
 
     def equations(
@@ -133,7 +126,7 @@ class Phasors:
         below, there, above = np.asarray(torques)
         radial = (above - below) / (2 * _SWING_STEP * self.swing)
         tangential = there / self.swing
-        least = _LEAST_SLOPE * np.maximum(np.abs(inertia), self._inertia.max()) * self.omega**2
+        least = SHOWS * np.maximum(np.abs(inertia), self._inertia.max()) * self.omega**2
         rms = np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2)
         return np.asarray(np.maximum(rms, least))
 
@@ -199,7 +192,7 @@ class HarmonicBalanceFit:
         """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
         count = len(phasors.names)
         values, weights = np.zeros(count), np.ones(phasors.omega.size)
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(MOST):
             about = phasors.described(values)
             matrix, target = phasors.equations(about)
             regression = _regression(phasors, (matrix, target), weights, about)
@@ -214,11 +207,10 @@ class HarmonicBalanceFit:
                 raise IdentifiabilityError(
                     "no joint's response balances these logs: check their units"
                 )
-            variance = phasors.variance + phasors.doubt
-            spread = _model_variance(errors, variance / swing**2, count)
-            weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
+            spread = _model_variance(errors, phasors.variance / swing**2, count)
+            weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
             change = np.linalg.norm(regression.rows @ (unknowns - before))
-            settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
+            settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
         solved = CellEquations.of(regression, solution)

@@ -25,7 +25,6 @@ from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
 
 _LEFT_OUT = ("drag", "load", "bias")
-_HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _GLANCE = 8  # passes after which a descent that is not lower than another is given up
 
@@ -132,7 +131,7 @@ def _of_ratios(data: DataSet) -> Start | None:
         return None
     if not ratios.p1:
         return None
-    scale = _HEAVIER * max(mass.inertia for mass in data.masses) / ratios.p1
+    scale = max(mass.inertia for mass in data.masses) / ratios.p1
     guess = {name: scale * getattr(ratios, name) for name in GROWING}
     return Start(parameters=replace(ratios, **guess), zeros=data.equilibria)
 

@@ -43,7 +43,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW
+from butterfly.identification.levels import FEW, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
@@ -51,9 +51,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters, require_peri
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-_WORST_CLOCK = 0.01  # share by which a clock is wrong at most: timers of software, not crystals
-_LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +119,7 @@ class OutputError(Estimator):
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
         first, alias = starts(data, self.terms), like_a_clock(data.sines)
         calm = data.take(data.calm)
-        few = len(calm.masses) < _LEAST_MASSES or len(calm.logs) <= FEW
+        few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
             return self.of_starts(data.logs, first, data.known, alias)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
@@ -295,9 +292,7 @@ def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]
     """
     own = dict(zip(solved.names, solved.values.tolist(), strict=True))
     share = own.get("mass_inertia", 0.0)
-    if not 0 < abs(share) < 2 * _WORST_CLOCK or all(
-        each.log.excitation for each in problem.simulations
-    ):
+    if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
         return []
     factors = {"p1": 1 + share, "p2": math.sqrt(1 + share)}
     values = {name: value / factors.get(name, 1.0) for name, value in own.items()}

@@ -24,7 +24,8 @@ from butterfly.identification.estimators.harmonic_balance_regression import (
     HarmonicBalanceFit,
     Phasors,
 )
-from butterfly.identification.inference.term_choice import choose_terms, submodels_of
+from butterfly.identification.inference.term_choice import NEGLIGIBLE, choose_terms, submodels_of
+from butterfly.identification.levels import LOST, PRECISE
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
@@ -33,24 +34,12 @@ from butterfly.signals.frequency_response import ResponsePoint
 
 _EXACT = Known(value=0.0)
 _NAMES = ("zero", "bias")
-_NEGLIGIBLE = 1e-6  # rad
-_SETTLED = 0.1  # of what the middles leave over
 
-LARGEST_SINE = 1.6
+LARGEST_SINE = math.pi / 2
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
-_UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
-_CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
-_ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
+_ELSEWHERE = LARGEST_SINE / 2  # rad between the middle of a swing and the rest angle
 
-SETTLED = 0.1
-"""Of the errors, by which one more correction would move a fit that has settled."""
-
-ROUGHLY = 2.0
-"""The same, of a fit that tells which terms help."""
-_ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
-_ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not predicted
-_FEW = 0.5  # share of a mass's logs
-_LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
+_ROUNDS = 8  # of correcting phasors by what simulations leave over
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,7 +117,7 @@ class RestAngles:
         if self.bias is None or other.bias is None:
             return True
         moved = self.compliance * (self.bias - other.bias) + self.zeros - other.zeros
-        return bool(np.abs(moved).max() <= max(_SETTLED * float(np.std(self.left)), _NEGLIGIBLE))
+        return bool(np.abs(moved).max() <= max(PRECISE * float(np.std(self.left)), NEGLIGIBLE))
 
     @property
     def shared_zero(self) -> dict[AddedMass | str | None, dict[str, float]]:
@@ -189,7 +178,7 @@ class RestAngles:
             residuals=(rows @ values - target)[:, None],
             log=np.arange(count),
         )
-        nested = submodels_of(equations, self.masses, _NEGLIGIBLE)
+        nested = submodels_of(equations, self.masses, NEGLIGIBLE)
         always = self._names[:-1]
         chosen = choose_terms([nested], always=always, demanded=("bias",) if asked else ())
         if "bias" not in chosen.terms:
@@ -232,8 +221,8 @@ def _is_steady(data: DataSet, number: int) -> bool:
     return (
         0 < swing <= LARGEST_SINE
         and widest <= math.pi / 2 + LARGEST_SINE
-        and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
-        and not abs(point.drift) > _CHANGED
+        and not point.angle.residual_rms * math.sqrt(2) > LOST * swing
+        and not abs(point.drift) > LOST
         and (abs(away) < _ELSEWHERE or not data.hangs)
     )
 
@@ -265,19 +254,15 @@ class SteadyModel:
         rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest
         return HarmonicBalanceFit.of(phasors), replace(self, rest=rest)
 
-    def settled(
-        self, fit: HarmonicBalanceFit, tolerance: float = SETTLED
-    ) -> tuple[HarmonicBalanceFit, SteadyModel]:
+    def settled(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
         """Correct a fit until one more correction would move it by little of its errors."""
         robot, last = self, 1.0
-        for _ in range(_ROUNDS if self.rest.bias is None else _ROUNDS_OF_BIAS):
+        for _ in range(_ROUNDS):
             before, rest = fit, robot.rest
             fit, robot = robot.corrected(fit)
             moved = fit.moved_to(before)
             still = robot.rest.near(rest)
-            if (
-                still and moved * min(moved / last, 1.0) < tolerance
-            ):  # about what the next one moves
+            if still and moved * min(moved / last, 1.0) < PRECISE:  # about what the next moves
                 break
             last = moved
         return fit, robot
@@ -287,17 +272,11 @@ def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> P
     """Return the balance with what a model's motion, (n,) simulated phasors in rad, leaves over."""
     phasors, measured = fit.phasors, fit.phasors.angle
     size = np.abs(moved) / np.abs(measured)
-    told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
+    told = np.isfinite(size) & (size > LOST) & (size < 1 / LOST)
     moved = np.where(told, moved, measured)
-    apart = np.where(told, np.abs(moved / measured - 1), 1.0)
-    odd = apart > max(_ODD * float(np.median(apart)), _ODD_AT_LEAST)
-    for mass in set(phasors.masses):  # where most are odd, it is not the logs
-        own = np.array([each == mass for each in phasors.masses])
-        odd[own] &= np.mean(odd[own]) < _FEW
     none = np.zeros_like(phasors.remainder)
     model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)
     matrix, target = model.equations(fit.parameters)
     values = [0.0 if TERMS[n].of_gain else getattr(fit.parameters, n) for n in phasors.names]
     left = matrix @ np.array(values) - target
-    doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
-    return replace(phasors, remainder=np.where(told, left, 0.0), doubt=doubt)
+    return replace(phasors, remainder=np.where(told, left, 0.0))

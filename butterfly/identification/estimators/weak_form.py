@@ -35,7 +35,7 @@ from butterfly.identification.estimators.weak_regression import (
     refined,
     seen,
 )
-from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels

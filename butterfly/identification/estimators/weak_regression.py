@@ -27,25 +27,27 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import (
+    CellEquations,
+    Regression,
+    Solution,
+    scaled_least_squares,
+)
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
-from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
+from butterfly.identification.levels import MOST, SHOWS, WEIGHED
+from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
 
-_ROUNDS = 20  # about delay and scatter
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
-_UNMOVED = 1e-3  # of a term of the drive
 _LATEST = 0.25  # of the shortest log, for a delay
-_SCATTERED = 0.05  # share of the scatter, by which it may be another in the end
 _LEAST = np.finfo(float).tiny
-_SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
 class Windows(NamedTuple):
@@ -134,8 +136,8 @@ class About:
     def near(self, other: About) -> bool:
         """Whether delay and drive are where others are."""
         mine, theirs = vars(self.drive), vars(other.drive)
-        still = all(abs(mine[n] - theirs[n]) <= _UNMOVED * mine[n] for n in DRIVE)
-        return still and abs(self.delay - other.delay) < _SETTLED
+        still = all(abs(mine[n] - theirs[n]) <= SHOWS * mine[n] for n in DRIVE)
+        return still and abs(self.delay - other.delay) < SHOWS * LONGEST_STEP
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,7 +185,7 @@ class WeakFit:
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))
-        for _ in range(_ROUNDS):
+        for _ in range(MOST):
             regression = about.regression(windows)
             solution = regression.solve()
             solved = CellEquations.of(regression, solution, cells=cells)
@@ -195,7 +197,7 @@ class WeakFit:
             step = share * (about.delay - before.delay)
             about = replace(about, delay=before.delay + step)
             settled = bool(
-                about.near(before) and abs(variance - before.variance) <= _SCATTERED * variance
+                about.near(before) and abs(variance - before.variance) <= WEIGHED * variance
             )
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)

@@ -18,42 +18,24 @@ is a contrast as well: of p1 and p3 together, in its logs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
-from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 
 _SHARES = (0.02, 0.05)  # of the squared errors, of sines and of transients: below, nothing is named
 # of the largest torque, that a contrast of steady responses explains: less is what the steps of an
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
-_LEAST_GROUP = 2 * FEW  # logs of either sign of the input, fewer of which differ by chance
-
-
-class Condition(StrEnum):
-    """What a parameter may follow."""
-
-    MASS = "added mass"
-    COMMAND = "command"
-    SWING = "swing"
-    FREQUENCY = "frequency"
-    SPEED = "speed"
-    TIME = "time"
-    DIRECTION = "direction"
-    WEIGHED = "weighed"
-    LOG = "log"
-    ALL = "all"
 
 
 _LIMITS: dict[Condition, tuple[float, ...]] = {
@@ -84,57 +66,6 @@ class Contrast:
     def grows(self) -> bool:
         """Whether the parameter grows with the condition."""
         return self.last > self.first
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Contrast:
-        """Return the contrast of which its fields tell; other keys are not looked at."""
-        numbers = ("least", "largest", "first", "last", "share", "chance")
-        return cls(
-            parameter=str(content["parameter"]),
-            condition=Condition(content["condition"]),
-            **{name: float(content[name]) for name in numbers},
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Conditions:
-    """Under which conditions the logs of k cells were recorded."""
-
-    # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
-    values: Mapping[Condition, Samples]
-    masses: tuple[AddedMass, ...]  # of the n logs
-    sines: bool  # whether all are sines
-    steady: bool = False  # whether residuals are those of steady responses, whose errors are known
-
-    @classmethod
-    def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
-        """Read them off logs, each of which was cut into some cells."""
-        angles = (part for log in logs for part in np.array_split(log.angle, cells))
-        times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
-        of_logs = {
-            Condition.MASS: [log.added_mass.inertia for log in logs],
-            Condition.COMMAND: [_inverse(float(np.sqrt(np.mean(log.input**2)))) for log in logs],
-            Condition.FREQUENCY: [_omega_squared(log) for log in logs],
-            Condition.SPEED: [_inverse(log.rms_speed) for log in logs],
-            Condition.DIRECTION: [_direction(log) for log in logs],
-        }
-        values = {
-            **{name: np.repeat(np.array(each), cells) for name, each in of_logs.items()},
-            Condition.SWING: np.array([np.var(part) for part in angles]),
-            Condition.TIME: np.array([part.mean() for part in times]),
-        }
-        if cells == 1:
-            del values[Condition.TIME]
-        signs = values[Condition.DIRECTION][::cells]
-        if min(np.sum(signs > 0), np.sum(signs < 0)) < _LEAST_GROUP:
-            del values[Condition.DIRECTION]
-        return cls(
-            values=values,
-            masses=tuple(log.added_mass for log in logs),
-            sines=all(log.excitation for log in logs),
-            steady=steady,
-        )
 
 
 class _Tried(NamedTuple):
@@ -440,21 +371,3 @@ def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
         share=each.share,
         chance=chance,
     )
-
-
-def _inverse(size: float) -> float:
-    """1 over a size, 0 of none: of a log that nothing drives, or that rests."""
-    return 1 / size if size else 0.0
-
-
-def _omega_squared(log: Log) -> float:
-    """Squared frequency in rad^2/s^2 of a sine, or that at which a motion is as fast as it is."""
-    if log.excitation is not None:
-        return log.excitation.omega**2
-    return (log.rms_speed / (float(np.std(log.angle)) or np.inf)) ** 2
-
-
-def _direction(log: Log) -> float:
-    """Sign of the mean input; 0 of one that goes both ways."""
-    size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
-    return float(np.sign(mean)) if abs(mean) > size / 2 else 0.0

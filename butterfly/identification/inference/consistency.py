@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
@@ -101,8 +101,8 @@ def disagreements(
     """
     if prior is None:
         return []
-    scale = np.linalg.norm(rows, axis=0)
-    normal = np.diag(np.linalg.inv((rows / scale).T @ (rows / scale))) / scale**2
+    scaled, scale = unit_columns(rows)
+    normal = np.diag(np.linalg.inv(scaled.T @ scaled)) / scale**2
     findings = []
     for k in np.flatnonzero(prior.active).tolist():
         own = prior.variance / prior.weight[k]
@@ -135,11 +135,10 @@ def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]
         grown[:, names.index(name)] += loads[name]
     column = -np.einsum("kmn,kn->km", rows, grown)
     whole = np.concatenate([rows, column[:, :, None]], axis=2)
-    flat = whole.reshape(-1, len(names) + 1)
-    size = np.linalg.norm(flat, axis=0)
-    if not (size > 0).all() or np.linalg.cond(flat / size) > SINGULAR_CONDITION:
+    flat, size = unit_columns(whole.reshape(-1, len(names) + 1))
+    if np.linalg.cond(flat) > SINGULAR_CONDITION:
         return []
-    step = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
+    step = np.linalg.lstsq(flat, -residuals.ravel(), rcond=None)[0] / size
     covariance, freedom = cluster_covariance(whole, residuals + whole @ step)
     share, error = float(step[-1]), float(np.sqrt(covariance[-1, -1]))
     sure = float(stdtrit(freedom[-1], 1 - ACCUSED / 2))

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.levels import CLEARLY, FEW, PRECISE, ROUNDING
+from butterfly.identification.levels import CLEARLY, PRECISE, ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
@@ -51,25 +51,21 @@ class Conditioning:
         What is known of some of them, by a mask, counts as much as the rows, however well it is
         known. ``about``: (n,) values, and the (m,) residuals there, tell what two are together.
         """
-        size = np.linalg.norm(rows, axis=0)
-        size[size == 0] = 1.0  # a column without effect makes the regression singular
-        scaled = rows / size
-        if known is not None:
-            scaled = np.concatenate([scaled, np.eye(len(names))[known]])
-        _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+        scaled, size = unit_columns(rows)  # one without effect makes the regression singular
+        whole = scaled if known is None else np.concatenate([scaled, np.eye(len(names))[known]])
+        _, singular, right = np.linalg.svd(whole, full_matrices=False)
         # those that take more than an equal part in the direction
         taking = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
         number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
         found = cls(number=number, weakest=tuple(names[k] for k in taking))
         if about is None or taking.size != 2:  # noqa: PLR2004 - which are a sum
             return found
-        values = (
-            about[0] - np.linalg.lstsq(rows / size, about[1], rcond=1 / WEAK_CONDITION)[0] / size
-        )
+        step = np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
+        values = about[0] - step
         (first, second), (one, other) = found.weakest, right[-1][taking] / size[taking]
         share = float(-one / other)
-        whole = float(values[taking[0]] + share * values[taking[1]])
-        text = f"{first} {'+' if share > 0 else '-'} {abs(share):.3g} {second} is {whole:.4g}"
+        both = float(values[taking[0]] + share * values[taking[1]])
+        text = f"{first} {'+' if share > 0 else '-'} {abs(share):.3g} {second} is {both:.4g}"
         most = f", {first} at most that" if share > 0 and not TERMS[second].lower < 0 else ""
         return replace(found, sum=f"{text}{most}")
 
@@ -152,10 +148,3 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
         )
     remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
     return remedies
-
-
-def of_few_logs(count: int) -> list[Finding]:
-    """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
-    if count > FEW:
-        return []
-    return [Finding(FindingKind.FEW_LOGS, number=count)]

@@ -7,16 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.equations import CellEquations, pulled_below
 from butterfly.identification.estimate import OF_VERDICT, Estimate
-from butterfly.identification.inference.agreement import (
-    Conditions,
-    disagreements_of,
-    weighed_within,
-)
+from butterfly.identification.inference.agreement import disagreements_of, weighed_within
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.consistency import (
     disagreements,
     moved_by_givens,
@@ -30,13 +27,11 @@ from butterfly.identification.inference.covariance import (
 )
 from butterfly.identification.inference.identifiability import (
     Conditioning,
-    of_few_logs,
     precision,
     refuse_without_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
-from butterfly.identification.levels import LOST, PRECISE
-from butterfly.identification.normal_equations import pulled_below
+from butterfly.identification.levels import FEW, LOST, PRECISE
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
@@ -112,19 +107,18 @@ def infer(
         limits = np.minimum(limits[0], end - reach), np.maximum(limits[1], end + reach)
     if torques:
         limits = outweighed(misfit_over_value(equations)[own], values, limits, names)
-    lower = np.maximum(limits[0], equations.lower[own])
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
     pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
     ending, moved = equations.ending, equations.unsettled
     if moved is not None and (np.abs(moved[own]) <= PRECISE * (limits[1] - limits[0]) / 2).all():
         ending = Ending.CONVERGED
-    logs = equations.of_logs
+    logs = np.unique(equations.log).size
     return Estimate(
         method=method,
         names=names,
         values=values,
         covariance=scatter,
-        lower=lower,
+        lower=np.maximum(limits[0], equations.lower[own]),
         upper=limits[1],
         left_out=partial,
         condition=conditioning.number,
@@ -134,7 +128,8 @@ def infer(
             *conditioning.findings,
             *_of_bounds_and_signs(names, on_bound, pulled),
             *apart,
-            *(of_few_logs(logs.log.size) if masses else ()),
+            # blocks of time vary less than logs do
+            *([Finding(FindingKind.FEW_LOGS, number=logs)] if masses and logs <= FEW else ()),
             *findings,
         ),
         fixed=known.fixed | (fixed or {}),
@@ -203,9 +198,8 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     does to the rows, a misfit may have made the value: a ripple of the velocity is read as inertia.
     """
     curvature = equations.curvature.sum(axis=0)
-    size = np.sqrt(np.diag(curvature))
-    size = np.where(size > 0, size, 1.0)
-    alone = size / np.sqrt(np.diag(np.linalg.pinv(curvature / np.outer(size, size))))
+    scaled, size = unit_diagonal(curvature)
+    alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
     effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
     most = np.full(effect.size, np.finfo(float).max)
     return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))

@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.model.terms import COMPANIONS
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
@@ -145,14 +145,11 @@ def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Sampl
     Each of the t solutions has only the unknowns that are ``free`` in it, the others being 0; it is
     nan where they are not determined.
     """
-    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    lost = np.asarray((free & ~(scale > 0)).any(axis=1))
-    scale = np.where(scale > 0, scale, 1.0)
+    lost = np.asarray((free & ~(np.diag(matrix) > 0)).any(axis=1))
+    scaled, scale = unit_diagonal(matrix)
     asked = free & ~lost[:, np.newaxis]
     both = asked[:, :, np.newaxis] & asked[:, np.newaxis, :]
-    eigenvalues, axes = np.linalg.eigh(
-        np.where(both, matrix / np.outer(scale, scale), np.eye(scale.size))
-    )
+    eigenvalues, axes = np.linalg.eigh(np.where(both, scaled, np.eye(scale.size)))
     lost |= np.asarray(eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1])
     eigenvalues[lost] = np.nan
     turned = np.einsum("tnm,tn->tm", axes, np.where(asked, targets / scale, 0.0))

@@ -20,7 +20,8 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.agreement import Conditions, friction_disagrees
+from butterfly.identification.inference.agreement import friction_disagrees
+from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import CLEARLY, FEW

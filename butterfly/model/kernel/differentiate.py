@@ -20,14 +20,7 @@ from butterfly.model.kernel.equation import (
     least_steps,
     linearise,
 )
-from butterfly.model.kernel.events import (
-    LATE,
-    break_loose,
-    come_to_rest,
-    end,
-    reverse,
-    states_of,
-)
+from butterfly.model.kernel.events import LATE, break_loose, come_to_rest, end, reverse, states_of
 from butterfly.model.kernel.steps import (
     BEGIN,
     COUNT,

@@ -30,10 +30,7 @@ _COOKIE = "butterfly-viewer"
 
 
 def serve(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    advance: Callable[[], None],
-    port: int = 0,
+    model: mujoco.MjModel, data: mujoco.MjData, advance: Callable[[], None], port: int = 0
 ) -> None:
     """Show a simulation, which ``advance`` steps on by a frame, to a browser until it is stopped.
 

@@ -95,21 +95,20 @@ def test_correlations_are_their_sums():
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.7])
-def test_of_good_logs_one_curve_in_forty_leaves_the_inner_band(pole):
+def test_of_good_logs_one_curve_in_forty_leaves_its_band(pole):
     """5 % of logs, half of them by the autocorrelation; white errors and lasting ones."""
     rng = np.random.default_rng(3)
     lag = np.arange(1, LAGS + 1)
-    tries, left = 200, np.zeros(2)
+    tries, left = 200, 0
     for _ in range(tries):
         errors = _autoregressive(pole, (COUNT, 25), rng)
         curves, _ = correlations(errors, errors[:, 0], LAGS)
         left += Curve.of(lag, curves, COUNT, 0.0).excess > 1
-    assert left[0] / tries < 0.06
-    assert left[1] <= left[0]
+    assert left / tries < 0.06
 
 
 def test_lasting_errors_leave_the_bands_of_white_ones():
     rng = np.random.default_rng(4)
     white, lasting = rng.standard_normal((COUNT, 24)), _autoregressive(0.2, (COUNT, 1), rng)
     curves, _ = correlations(np.column_stack([lasting, white]), white[:, 0], LAGS)
-    assert Curve.of(np.arange(1, LAGS + 1), curves, COUNT, 0.0).excess[1] > 1
+    assert Curve.of(np.arange(1, LAGS + 1), curves, COUNT, 0.0).excess > 1

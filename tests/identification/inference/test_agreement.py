@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from butterfly.identification.equations import compressed
-from butterfly.identification.inference.agreement import (
-    Condition,
-    Conditions,
-    Contrast,
-    disagreements_of,
-    weighed_within,
-)
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.agreement import disagreements_of, weighed_within
+from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import choose_terms
@@ -85,8 +81,7 @@ def test_intervals_hold_what_would_be_at_the_limit():
     place = NAMES.index("p4")
     assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
-    again = [Contrast.from_dict(vars(each)) for each in found.agreement]
-    assert again == list(found.agreement)
+    assert Estimate.from_dict(found.to_dict()).agreement == found.agreement
 
 
 def test_a_rival_is_as_uncertain_as_what_it_leaves_of_the_residuals_makes_it():

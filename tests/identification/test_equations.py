@@ -8,9 +8,8 @@ from scipy.optimize import nnls
 
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.equations import compressed
+from butterfly.identification.equations import Regression, compressed
 from butterfly.identification.inference.infer import infer
-from butterfly.identification.normal_equations import Regression
 from butterfly.model.prior import Penalty
 from tests.identification.cells import cells
 

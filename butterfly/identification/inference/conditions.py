@@ -1,0 +1,83 @@
+"""Under which conditions logs were recorded, which a parameter may follow though it should not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.identification.levels import FEW
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
+
+
+class Condition(StrEnum):
+    """What a parameter may follow."""
+
+    MASS = "added mass"
+    COMMAND = "command"
+    SWING = "swing"
+    FREQUENCY = "frequency"
+    SPEED = "speed"
+    TIME = "time"
+    DIRECTION = "direction"
+    WEIGHED = "weighed"
+    LOG = "log"
+    ALL = "all"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Conditions:
+    """Under which conditions the logs of k cells were recorded."""
+
+    # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
+    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
+    values: Mapping[Condition, Samples]
+    masses: tuple[AddedMass, ...]  # of the n logs
+    sines: bool  # whether all are sines
+    steady: bool = False  # whether residuals are those of steady responses, whose errors are known
+
+    @classmethod
+    def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
+        """Read them off logs, each of which was cut into some cells."""
+        angles = (part for log in logs for part in np.array_split(log.angle, cells))
+        times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
+        of_logs = [_of_log(log) for log in logs]
+        values = {
+            **{n: np.repeat([each[n] for each in of_logs], cells) for n in of_logs[0]},
+            Condition.SWING: np.array([np.var(part) for part in angles]),
+            Condition.TIME: np.array([part.mean() for part in times]),
+        }
+        if cells == 1:
+            del values[Condition.TIME]
+        # fewer of either sign differ by chance
+        signs = values[Condition.DIRECTION][::cells]
+        if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
+            del values[Condition.DIRECTION]
+        return cls(
+            values=values,
+            masses=tuple(log.added_mass for log in logs),
+            sines=all(log.excitation for log in logs),
+            steady=steady,
+        )
+
+
+def _of_log(log: Log) -> dict[Condition, float]:
+    """Return what is the same throughout a log: 0 where nothing drives, moves, or both ways do.
+
+    The frequency is that of the sine, or the one at which a motion is as fast as it is.
+    """
+    size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
+    omega = log.rms_speed / (float(np.std(log.angle)) or np.inf)
+    if log.excitation is not None:
+        omega = log.excitation.omega
+    return {
+        Condition.MASS: log.added_mass.inertia,
+        Condition.COMMAND: 1 / size if size else 0.0,
+        Condition.FREQUENCY: omega**2,
+        Condition.SPEED: 1 / log.rms_speed if log.rms_speed else 0.0,
+        Condition.DIRECTION: float(np.sign(mean)) if abs(mean) > size / 2 else 0.0,
+    }
