@@ -36,7 +36,7 @@ from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE, ROUNDING
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
-from butterfly.logs.thinning import thinned
+from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import FrictionTerms
 from butterfly.signals.frequency_response import response_point
@@ -47,7 +47,6 @@ _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
 _FITS = 4  # that are made at most
 _SWINGS = (0.1, math.pi)  # rad, that the widest log may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
-_ENOUGH = 5000  # samples of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
 _NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
@@ -249,7 +248,7 @@ class _Search:
     @cached_property
     def _thin(self) -> DataSet:
         """The data set with as many samples as the equations need."""
-        logs = tuple(thinned(log, _ENOUGH) for log in self.data.logs)
+        logs = tuple(thinned(log, GLANCE) for log in self.data.logs)
         return replace(self.data, logs=logs)
 
     def _tried(self) -> Iterator[_Mistake]:
