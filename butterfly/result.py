@@ -106,6 +106,9 @@ class Result(ABC):
     kind: ClassVar[str]
     """What it is, in files."""
 
+    short: ClassVar[bool] = False
+    """Whether its table is, so that `print` shows it."""
+
     schema_number: ClassVar[int] = SCHEMA_NUMBER
     """Of its JSON; raised when an older program could no longer read it."""
 
@@ -161,7 +164,8 @@ class Result(ABC):
 
     def shown_lines(self) -> list[str]:
         """Return what `print` shows of the table, aligned; nothing where it would be long."""
-        return []
+        rows = self.shown_rows() if self.short else []
+        return aligned(rows) if rows else []
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""

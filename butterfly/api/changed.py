@@ -14,7 +14,7 @@ from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.format import with_error
-from butterfly.result import Answer, aligned
+from butterfly.result import Answer
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ class Changed(Answer):
     """Whether the parameters of a robot have changed, and by how much."""
 
     kind: ClassVar[str] = "change"
+    short: ClassVar[bool] = True
 
     @classmethod
     def of(cls, one: Identification, other: Identification) -> Changed:
@@ -87,10 +88,6 @@ class Changed(Answer):
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the table as a person reads it."""
         return [_shown(row) for row in self.rows()]
-
-    def shown_lines(self) -> list[str]:
-        """Return the table as lines."""
-        return aligned(self.shown_rows())
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""

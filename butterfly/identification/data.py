@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -120,6 +121,20 @@ class DataSet:
             health=tuple(health for _, health in examined),
             points=_responses(logs, track),
         )
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What every result says of the data that it rests on."""
+        carrier = self.logs[0].added_mass
+        return {
+            "name": self.name,
+            "description": self.description,
+            "input": str(self.input_kind),
+            "logs": len(self.logs),
+            "known": self.known.to_dict(),
+            "joint": str(carrier.joint),
+            "gravity": carrier.gravity,
+        }
 
     @property
     def sines(self) -> list[ResponsePoint]:

@@ -77,10 +77,7 @@ def reading_of(log: Log, zeros: Mapping[AddedMass, float]) -> float:
 def encoder_offsets(
     logs: Sequence[Log], points: Sequence[ResponsePoint | None]
 ) -> tuple[EncoderOffset, ...]:
-    """Find the zero of each of n logs, with increasing stamps.
-
-    ``points``: the steady response of each, None where the input is no sine.
-    """
+    """Find the zero of each of n logs, with increasing stamps."""
     open_: dict[AddedMass, list[tuple[Log, ResponsePoint | None]]] = {}
     for log, point in zip(logs, points, strict=True):
         if log.zero is None:
@@ -93,10 +90,7 @@ def encoder_offsets(
 
 
 def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
-    """(k, n) standard uncertainties in rad of k independent errors in the zeros of n logs.
-
-    Logs of one zero share its error.
-    """
+    """(k, n) standard uncertainties in rad of k independent errors in the zeros of n logs."""
     uncertain = sorted({zero for zero in zeros if zero.uncertainty}, key=lambda zero: zero.value)
     rows = [[each.uncertainty * (zero == each) for zero in zeros] for each in uncertain]
     return np.array(rows, dtype=float).reshape(len(uncertain), len(zeros))
@@ -165,10 +159,7 @@ def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, Encod
 
 
 def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
-    """Return the zero that logs with the same added mass share; None where they tell none.
-
-    ``logs``: with increasing stamps, of any input.
-    """
+    """Return the zero that logs with the same added mass share; None where they tell none."""
     about = float(np.median(logs[0].angle))
     parts = [part for log in logs if (part := _averages(log, about)) is not None]
     if not parts:

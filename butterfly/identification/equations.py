@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from butterfly.arrays import Samples, unit_columns
+from butterfly.arrays import Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
@@ -226,13 +226,24 @@ class CellEquations:
     @property
     def next_step(self) -> Samples:
         """(n,) Gauss-Newton step of the values that no bound holds."""
-        curvature, gradient = self.total
-        free = ~self.on_bound & (np.diag(curvature) > 0)
-        step = np.zeros(free.size)
-        root = np.sqrt(np.diag(curvature)[free])
-        scaled = curvature[np.ix_(free, free)] / np.outer(root, root)
-        step[free] = -np.linalg.lstsq(scaled, gradient[free] / root, rcond=None)[0] / root
-        return step
+        return -self.change_by(self.total[1])
+
+    def change_by(self, pull: Samples) -> Samples:
+        """(n,) change of the values that no bound holds, which curvature turns into a pull."""
+        scaled, size = unit_diagonal(self.total[0])
+        free, change = self.free, np.zeros(self.free.size)
+        change[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], (pull / size)[free])[0]
+        return np.asarray(change / size)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(n,) which values no bound holds, and the cells tell."""
+        return ~self.on_bound & (np.diag(self.total[0]) > 0)
+
+    @property
+    def count(self) -> int:
+        """How many rows say something."""
+        return int(np.count_nonzero(np.any(self.rows != 0, axis=2)))
 
     @cached_property
     def of_logs(self) -> CellEquations:

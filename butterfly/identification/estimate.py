@@ -15,18 +15,20 @@ from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.conditions import Condition
+from butterfly.identification.inference.covariance import half_widths
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import TERMS, lower_bounds
 from butterfly.verdict import Level
 
 OF_VERDICT = ("p1", "p4")
 """Parameters that set the scale, by which values are judged."""
 
+_LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 _FINDINGS = TypeAdapter(tuple[Finding, ...])
 _CONTRASTS = TypeAdapter(tuple[Contrast, ...])
 
@@ -224,6 +226,17 @@ class Estimate:
         return found
 
     @property
+    def usable(self) -> Estimate:
+        """The same, if results can be made of it; a ValueError says why none can."""
+        arrays = (self.values, *self.left_out.values(), *self.rivals)
+        if not all(np.isfinite(each).all() for each in arrays):
+            raise ValueError("values that are no numbers")
+        others = (self.covariance, self.lower, self.upper, np.array(self.condition))
+        if any((np.abs(each) > _LARGEST).any() for each in (*arrays, *others)):
+            raise ValueError(f"numbers above {_LARGEST:g}")
+        return self
+
+    @property
     def level(self) -> Level:
         """What may be done with the values: they are good if the limits of the scale are near.
 
@@ -282,9 +295,11 @@ class Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
-    def with_contrasts(self, more: tuple[Contrast, ...]) -> Estimate:
+    def with_contrasts(self, more: tuple[Contrast, ...], rival: Samples | None) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
+        Its limits then hold a rival of (n,) values, as far as it reaches by itself, unless its logs
+        were weighed by that scatter.
         What steady responses say of single logs is no match: they have few rows beside so many.
         """
         own = [each.share for each in self.agreement if each.condition is not Condition.LOG]
@@ -292,7 +307,16 @@ class Estimate:
             return self
         seen = {(each.parameter, each.condition) for each in more}
         rest = (each for each in self.agreement if (each.parameter, each.condition) not in seen)
-        return replace(self, agreement=(*more, *rest))
+        found = replace(self, agreement=(*more, *rest))
+        scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
+        weighed = any(more[0].parameter in each.parameters for each in scatters)
+        if rival is None or self.freedom is None or weighed:
+            return found
+        reach = np.minimum(
+            half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2
+        )
+        lower = np.maximum(np.minimum(self.lower, rival - reach), lower_bounds(self.names))
+        return replace(found, lower=lower, upper=np.maximum(self.upper, rival + reach))
 
     def with_unit_errors(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""

@@ -166,11 +166,7 @@ class Simulations:
         )
 
     def horizon(self, estimate: Estimate) -> float:
-        """Return the longest stretch in s over which logs are simulated with an estimate.
-
-        One that says nothing has that of the logs in which the hand stays away from the upright,
-        where there are any.
-        """
+        """Return the longest stretch in s over which logs are simulated with an estimate."""
         if estimate.horizon is not None:
             return estimate.horizon
         parameters = estimate.parameters
@@ -236,11 +232,7 @@ class Simulations:
 
 
 def fit_of(squared_error: float, spread: float) -> float:
-    """Return FIT in per cent; none of an angle that stands still, or of one that diverges.
-
-    The sum of squares in rad^2 of simulated less measured angles is compared with the ``spread``,
-    that of the measured angles about their mean.
-    """
+    """Return FIT in per cent; none of an angle that stands still, or of one that diverges."""
     if not spread or not math.isfinite(squared_error):
         return -math.inf
     return 100 * (1 - math.sqrt(squared_error / spread))

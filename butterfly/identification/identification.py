@@ -35,7 +35,6 @@ from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.result import (
     Result,
     TextTable,
-    aligned,
     document,
     text,
     texts,
@@ -56,7 +55,6 @@ _UNITS = {"fit.horizon": "s"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "against.fit"), "%"
 )
 _SAVED = ("summary", "chosen", "against", "residuals")
-_LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -64,6 +62,7 @@ class Identification(Result):
     """What was learnt from a data set."""
 
     kind: ClassVar[str] = "identification"
+    short: ClassVar[bool] = True
 
     estimate: Estimate
     """Parameters with covariance and findings."""
@@ -118,7 +117,7 @@ class Identification(Result):
         if not fits:
             raise ValueError("no logs")
         found = cls(
-            estimate=_usable(Estimate.from_dict(content)),
+            estimate=Estimate.from_dict(content).usable,
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
             fits=fits,
@@ -236,10 +235,6 @@ class Identification(Result):
 
         weighed = Prior.of(self.origin.get("known", {})).physical
         return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
-
-    def shown_lines(self) -> list[str]:
-        """Return the table of parameters as lines."""
-        return aligned(self.shown_rows())
 
     def __repr__(self) -> str:
         pairs = zip(self.estimate.names, self.estimate.values, strict=True)
@@ -414,30 +409,5 @@ class Identification(Result):
         write_page(identification_page(self, truth), Path(path), figures=figures)
 
 
-def about_data(data: DataSet) -> dict[str, Any]:
-    """Return what every result says of the data that it rests on."""
-    carrier = data.logs[0].added_mass
-    return {
-        "name": data.name,
-        "description": data.description,
-        "input": str(data.input_kind),
-        "logs": len(data.logs),
-        "known": data.known.to_dict(),
-        "joint": str(carrier.joint),
-        "gravity": carrier.gravity,
-    }
-
-
 def _fits(content: dict[str, Any]) -> dict[str, float]:
     return {str(name): float(or_nan(fit)) for name, fit in content.items()}
-
-
-def _usable(estimate: Estimate) -> Estimate:
-    """Return an estimate that results can be made of; a ValueError says why it is none."""
-    arrays = (estimate.values, *estimate.left_out.values(), *estimate.rivals)
-    if not all(np.isfinite(each).all() for each in arrays):
-        raise ValueError("values that are no numbers")
-    others = (estimate.covariance, estimate.lower, estimate.upper, np.array(estimate.condition))
-    if any((np.abs(each) > _LARGEST).any() for each in (*arrays, *others)):
-        raise ValueError(f"numbers above {_LARGEST:g}")
-    return estimate

@@ -28,7 +28,7 @@ from butterfly.identification.diagnostics.unit_errors import judge_clock, with_u
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.identification import Identification, about_data
+from butterfly.identification.identification import Identification
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
@@ -85,7 +85,7 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    judged_so_far = found.with_contrasts(residuals.agreement).with_findings(
+    judged_so_far = found.with_contrasts(residuals.agreement, residuals.rival).with_findings(
         *judge_physics(found, data.masses),
         *judge_clock(data.sines),
         *judge_fit(data.simulations.followed(found, counted)),
@@ -145,7 +145,7 @@ def simulated(
     return Identification(
         estimate=estimate,
         estimator=estimate.method,
-        origin=about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")},
+        origin=data.about | {"manifest": manifest and manifest.model_dump(mode="json")},
         fits={run.log.name: run.fit for run in runs},
         velocity_fits={run.log.name: run.velocity_fit for run in runs},
         held_out={run.log.name: run.fit for run in held},

@@ -74,10 +74,7 @@ def try_parameters(
 
 
 def read_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
-    """Read p1, p3 and whatever else is not 0; p4 is NaN if it is not among them.
-
-    InputError names ``source`` and the part that is wrong.
-    """
+    """Read p1, p3 and whatever else is not 0; p4 is NaN if it is not among them."""
     known = LumpedParameters.__dataclass_fields__
     values = {"p2": 0.0, "p4": math.nan}
     for name, value in told.items():

@@ -68,9 +68,6 @@ class Quantities:
 
         whose remainder has the covariance K - L G K and is independent of the estimate. Where it
         was not, x is first informed by f(c0), whose covariance is G K G'.
-
-        `formulas`: f, by the names of those of these that follow; `new`: Those of them whose
-        estimate has not used that.
         """
         fresh = [name for name in formulas if name in new]
         found = self._informed(causes, {name: formulas[name] for name in fresh})

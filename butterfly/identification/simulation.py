@@ -141,10 +141,7 @@ class Simulation:
     def steady_response(
         self, parameters: LumpedParameters, zero: float, pole: complex | None = None
     ) -> tuple[complex, float]:
-        """Return phasor and mean in rad of a sine's simulated angle, read as the log was.
-
-        A ``pole`` in 1/s is that of a transient that was fitted to the log, too.
-        """
+        """Return phasor and mean in rad of a sine's simulated angle, read as the log was."""
         stamps, reader = self._steady_reader(pole)
         mean, cosine, sine = reader @ self.run(parameters, zero).at(stamps)
         return complex(cosine, -sine), float(mean)

@@ -85,10 +85,7 @@ class Bumps:
 
     @cached_property
     def _weights(self) -> NDArray[np.float64]:
-        """(3, stride, parts) a bump and its derivatives over its area, cut where others begin.
-
-        So the signal is cut once, and every piece multiplied once for all bumps that share it.
-        """
+        """(3, stride, parts) a bump and its derivatives over its area, cut where others begin."""
         s = np.arange(-self._reach, self._reach + 1) * self.step / self.half_width
         inside = 1 - s**2
         derivatives = np.array(
@@ -179,12 +176,7 @@ class Averaging:
         drive: DriveTerms = IDEAL,
         stribeck_velocity: float | None = None,
     ) -> WeakSignals:
-        """Average the terms of some parameters.
-
-        ``delay``: from input to torque, in s; ``drive``: what becomes of the input, about which
-        the columns of its terms are derivatives; ``stribeck_velocity``: in rad/s, if not that of
-        the settings.
-        """
+        """Average the terms of some parameters."""
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
         own: dict[str, tuple[Hashable, ...]] = {"stribeck": ("stribeck", slow)}

@@ -117,12 +117,6 @@ def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:
     return np.asarray(4j / (np.pi * a))
 
 
-def drag_describing_function(omega: ArrayLike, amplitude: ArrayLike) -> NDArray[np.complex128]:
-    """Gain j 8 a w^2/(3 pi) of ``|thd| thd`` on an angle of amplitude a in rad, in rad/s^2."""
-    w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
-    return np.asarray(8j * a * w**2 / (3 * np.pi))
-
-
 def stribeck_describing_function(
     omega: ArrayLike, amplitude: ArrayLike, velocity: float
 ) -> NDArray[np.complex128]:

@@ -147,24 +147,20 @@ class Prior:
 
         Any of them says how large all parameters are: without one the equation is homogeneous.
         """
+        torques = (name for name in self.parameters if name in TORQUES)
+        return tuple(name for name in torques if self._at(name, carried) != 0)
+
+    def _at(self, name: str, carried: AddedMass) -> float:
+        """Return what is known of a parameter, with what a joint carries."""
         loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
-        return tuple(
-            name
-            for name, each in self.parameters.items()
-            if name in TORQUES and each.value + loads.get(name, 0.0) != 0
-        )
+        return self.parameters[name].value + loads.get(name, 0.0)
 
     def reference(self, carried: AddedMass = NO_ADDED_MASS) -> str | None:
         """Name of what tells the scale best, where nothing that is fixed tells it."""
         scale, known = self.scale(carried), self.parameters
         if not scale or any(known[name].fixed for name in scale):
             return None
-        loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
-
-        def share(name: str) -> float:
-            return known[name].uncertainty / abs(known[name].value + loads.get(name, 0.0))
-
-        return min(scale, key=share)
+        return min(scale, key=lambda name: known[name].uncertainty / abs(self._at(name, carried)))
 
     def weightless(self, masses: Iterable[AddedMass]) -> bool:
         """Whether no gravity moment acts on what carried some masses, wherever the angle is 0."""

@@ -26,7 +26,6 @@ from butterfly.model.kinematics import (
     Motion,
     Term,
     coulomb_describing_function,
-    drag_describing_function,
     gravity_describing_function,
     stribeck_describing_function,
 )
@@ -160,7 +159,7 @@ _ROWS = (
          of_gain=True, size=lambda _speed, rate: 0.1 / rate),
     Term("drag", "drag", "N m s²/rad²", "proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
-         describing=lambda w, a, _m: drag_describing_function(w, a),
+         describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
          looks_like="quadratic drag", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("load", "load", "m",
          "growth of T_c with the added weight; negative if the weight relieves the bearing",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -37,14 +36,11 @@ _HANGING = 1e-3  # rad, of a swing as long as that of a hand that begins where i
 _AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
 
 
-class RunLaw(Protocol):
-    """Runs a control law on a robot; `butterfly.plant.rig.Rig.run` does, its ``rng`` given."""
+RunLaw = Callable[[ControlLaw, float, float, AddedMass], Log]
+"""Runs a control law on a robot, from rest at an angle in rad, for so many s, carrying a mass.
 
-    def __call__(self, law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
-        """Return the log of ``duration`` s from rest at the angle ``start``, carrying ``added``.
-
-        A robot that cannot be held at an angle may start from where it hangs.
-        """
+`butterfly.plant.rig.Rig.run` does, its ``rng`` given; a robot that cannot be held at an angle may
+start from where it hangs."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,6 @@ from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.residuals import Residuals
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import about_data
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
@@ -21,7 +20,7 @@ from butterfly.report.finding_texts import finding_text, values_of
 def rests_on(data: DataSet, estimate: Estimate, estimator: Estimator | None) -> dict[str, Any]:
     """Return what every result says of the data and the estimate that it rests on."""
     return {
-        "data": about_data(data),
+        "data": data.about,
         "chosen": chosen_options(estimator, estimate),
         **estimate_numbers(estimate),
     }

@@ -9,7 +9,7 @@ from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Lack, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, with_error
-from butterfly.result import Answer, TextTable, aligned
+from butterfly.result import Answer, TextTable
 from butterfly.verdict import Verdict
 
 _TITLE = "Physical parameters and derived quantities"
@@ -96,6 +96,7 @@ class Separated(Answer):
     """Physical parameters, and what is left open of them."""
 
     kind: ClassVar[str] = "physical"
+    short: ClassVar[bool] = True
 
     @classmethod
     def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
@@ -107,11 +108,6 @@ class Separated(Answer):
             content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
             judged=judged,
         )
-
-    def shown_lines(self) -> list[str]:
-        """Return the table as lines."""
-        rows = self.shown_rows()
-        return aligned(rows) if rows else []
 
 
 _SENTENCES = {

@@ -17,19 +17,11 @@ from butterfly.logs.log import Intersample
 _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rounding
 
 
-def value(time: Samples, inputs: Samples, instants: Samples, hold: Intersample) -> Samples:
-    """Return the (m,) input at (m,) instants in s.
+def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
+    """Return the (m - 1,) means of the input between (m,) increasing edges in s.
 
     From (n,) increasing stamps in s and the input at each.
     """
-    if hold is Intersample.FIRST_ORDER_HOLD:
-        return np.interp(instants, time, inputs)
-    latest = np.searchsorted(time, instants, "right") - 1
-    return np.where(latest >= 0, inputs[latest], 0.0)
-
-
-def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
-    """Return the (m - 1,) means of the input between (m,) increasing edges in s (see `value`)."""
     return np.asarray(moments(time, inputs, edges, hold)[0])
 
 
@@ -65,7 +57,7 @@ def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -
     Returns (m,) samples in the input's unit on the (m,) instants of a uniform clock in s.
     """
     if hold is Intersample.FIRST_ORDER_HOLD:
-        return value(time, inputs, grid, hold)
+        return np.interp(grid, time, inputs)
     rate = (grid.size - 1) / (grid[-1] - grid[0])
     return np.asarray(_spread_steps(time, inputs, grid[0], rate, grid.size))
 

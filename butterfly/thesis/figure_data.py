@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +40,7 @@ def write_figure_data(folder: Path, synthetic: Synthetic, root: Path | None = No
     for number, columns in sorted(figures.items()):
         path = folder / f"figure_{number:02d}.csv"
         with replacing(path) as draft:
-            length = max(values.size for values in columns.values())
-            rows = np.full((length, len(columns)), np.nan)
-            for k, values in enumerate(columns.values()):
-                rows[: values.size, k] = values
+            rows = list(zip_longest(*columns.values(), fillvalue=math.nan))
             header = ",".join(columns)
             np.savetxt(draft, rows, fmt="%.9g", delimiter=",", header=header, comments="")
         paths.append(path)
@@ -67,27 +65,21 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
     def gains(logs: Iterable[Log]) -> Samples:
         return np.array([10 ** (scripted_point(log).gain_db / 20) for log in logs])
 
+    motion = {"time_s": slow.time, "angle_rad": slow.angle}
+    quiet = {"gain_without_noise": gains(clean.values())}
     return {
-        3: {"time_s": slow.time, "angle_rad": slow.angle},
+        3: motion,
         4: {"time_s": clean[7.0].time, "angle_rad": clean[7.0].angle},
-        5: {
-            "time_s": slow.time,
-            "angle_rad": slow.angle,
-            "coarse_time_s": slow.time[::COARSE],
-            "coarse_angle_rad": slow.angle[::COARSE],
-        },
+        5: motion
+        | {"coarse_time_s": slow.time[::COARSE], "coarse_angle_rad": slow.angle[::COARSE]},
         6: {"omega_rad_per_s": frequency, "power_rad2": power},
-        7: {
-            "omega_rad_per_s": omega,
-            "gain_without_noise": gains(list(clean.values())),
-            "gain_with_noise": gains(noisy),
-        },
+        7: {"omega_rad_per_s": omega, **quiet, "gain_with_noise": gains(noisy)},
         8: {
             "curve_omega_rad_per_s": curve,
             "linearisation_gain": np.abs(Linearisation.of(linear).response(curve)),
             "held_linearisation_gain": np.abs(held.response(curve)),
             "omega_rad_per_s": omega,
-            "gain_without_noise": gains(list(clean.values())),
+            **quiet,
         },
     }
 

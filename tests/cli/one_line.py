@@ -1,4 +1,15 @@
-"""How a command says that its input is bad, that it is done, and that its tables fit."""
+"""A command as a program of its own; that its input is bad, that it is done, that tables fit."""
+
+import subprocess
+import sys
+
+
+def program(*call, stdout=subprocess.PIPE, **how):
+    """Run a command in a process of its own; return exit code, stdout and stderr."""
+    words = [sys.executable, "-m", "butterfly", *map(str, call)]
+    pipes = {"stdout": stdout, "stderr": subprocess.PIPE}
+    ended = subprocess.run(words, **pipes, text=True, check=False, **how)  # noqa: S603 - our own
+    return ended.returncode, ended.stdout, ended.stderr
 
 
 def done(result):

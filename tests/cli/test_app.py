@@ -14,6 +14,7 @@ from butterfly import __version__
 from butterfly.cli.app import COMMANDS, FORMER_COMMANDS, program
 from butterfly.cli.output import ExitCode
 from tests.cli.one_line import assert_one_line_error, done
+from tests.cli.one_line import program as run_program
 
 TWENTY = {
     *("inspect", "manifest", "fetch", "identify", "select", "validate", "residual", "predict"),
@@ -86,7 +87,7 @@ def test_help_is_short_and_all_options_are_shown_on_request(answer):
     short = answer("identify", "--help")[1]
     assert len(short.splitlines()) <= 60
     assert "--gravity" not in short
-    everything = _program("identify", "--help-all")[1]
+    everything = run_program("identify", "--help-all")[1]
     for names in _options("identify"):
         assert names[0] in everything
 
@@ -181,18 +182,11 @@ def test_a_missing_file_is_one_line_and_exit_code_2(butterfly, arguments):
     assert_one_line_error(butterfly(*arguments), arguments[1])
 
 
-def _program(*call, stdout=subprocess.PIPE, **how):
-    words = [sys.executable, "-m", "butterfly", *map(str, call)]
-    pipes = {"stdout": stdout, "stderr": subprocess.PIPE}
-    done = subprocess.run(words, **pipes, text=True, check=False, **how)  # noqa: S603 - our own
-    return done.returncode, done.stdout, done.stderr
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full to write to")
 def test_a_full_disk_is_one_line(quick_data):
     with Path("/dev/full").open("w") as full:
-        code, _, err = _program("inspect", quick_data, stdout=full)
+        code, _, err = run_program("inspect", quick_data, stdout=full)
     assert code == ExitCode.BAD_INPUT
     assert re.fullmatch(r"error: .*No space left on device\n", err)
 
@@ -200,6 +194,6 @@ def test_a_full_disk_is_one_line(quick_data):
 @pytest.mark.slow
 def test_a_terminal_that_lacks_a_letter_shows_the_others(quick_data):
     encoding = os.environ | {"PYTHONIOENCODING": "ascii"}
-    code, out, err = _program("identify", quick_data, env=encoding)
+    code, out, err = run_program("identify", quick_data, env=encoding)
     assert (code, err) == (ExitCode.DONE, "")
     assert "kg m?" in out

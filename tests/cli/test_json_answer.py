@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ import butterfly as bf
 from butterfly.cli.app import COMMANDS
 from butterfly.cli.output import ExitCode
 from butterfly.result import HEAD
-from tests.cli.one_line import assert_one_line_error
+from tests.cli.one_line import assert_one_line_error, done, program
 
 KINDS = {name: command.answer for name, command in COMMANDS.items() if command.answer}
 SLOW = {"reproduce"}
@@ -141,25 +139,16 @@ def test_quietly_nothing_is_printed_where_there_is_no_verdict_but_what_was_asked
     assert "samples" in butterfly("inspect", quick_data, "--log", 0)[1]  # and loud again
 
 
-def _program(*words, **how):
-    command = [sys.executable, "-m", "butterfly", *map(str, words)]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **how)  # noqa: S603
-
-
 @pytest.mark.slow
 def test_a_reader_that_has_read_enough_ends_a_command_without_a_word(quick_data):
     reading, writing = os.pipe()
     os.close(reading)
-    with _program("inspect", quick_data, stdout=writing) as done:
-        os.close(writing)
-        assert done.stderr.read() == ""
-    assert done.returncode == ExitCode.UNREAD
+    assert program("inspect", quick_data, stdout=writing) == (ExitCode.UNREAD, None, "")
+    os.close(writing)
 
 
 @pytest.mark.slow
 def test_json_is_whole_where_letters_are_lacking(quick_data):
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    words = ("inspect", quick_data, "--json", "-")
-    with _program(*words, stdout=subprocess.PIPE, env=environment) as done:
-        assert json.loads(done.stdout.read())["logs"]
-        assert done.stderr.read() == ""
+    out = done(program("inspect", quick_data, "--json", "-", env=environment))
+    assert json.loads(out)["logs"]

@@ -38,8 +38,13 @@ from butterfly.identification.diagnostics.sensor_errors import (
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.agreement import Contrast, contrasts_of, from_log_to_log
-from butterfly.identification.inference.conditions import Conditions
+from butterfly.identification.inference.agreement import (
+    Contrast,
+    contrasts_of,
+    differing_values,
+    from_log_to_log,
+)
+from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
@@ -148,9 +153,10 @@ class Residuals:
 
     logs: tuple[LogResiduals, ...]  # one for each log of the data set
     missing: MissingTerms = MissingTerms()
-    agreement: tuple[
-        Contrast, ...
-    ] = ()  # what follows a condition, where sensors do not explain it
+    # what follows a condition, where sensors do not explain it; and (n,) values that hold as well,
+    # if what differs from log to log explains most
+    agreement: tuple[Contrast, ...] = ()
+    rival: Samples | None = None
 
     @property
     def outside(self) -> int:
@@ -246,7 +252,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         for each, rest, errors, (sensor, _) in zip(logs, left, drawn, pairs, strict=True)
     ]
     missing, beyond = MissingTerms(), sum(each.outside for each in judged) > _BY_CHANCE * len(every)
-    agreement = _contrasts(estimate, logs, left) if beyond else ()
+    agreement, rival = _contrasts(estimate, logs, directions, left) if beyond else ((), None)
     if model.lacking and beyond:
         missing, shares = _missing_terms(estimate, logs, directions, model.lacking)
         both = zip(judged, shares, strict=True)
@@ -254,7 +260,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     rest = iter(judged)
     pairs_of_logs = zip(data.logs, every, strict=True)
     whole = (_bare(log) if each is None else next(rest) for log, each in pairs_of_logs)
-    return Residuals(logs=tuple(whole), missing=missing, agreement=agreement)
+    return Residuals(logs=tuple(whole), missing=missing, agreement=agreement, rival=rival)
 
 
 def _bare(log: Log) -> LogResiduals:
@@ -290,9 +296,15 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
 
 
 def _contrasts(
-    estimate: Estimate, logs: Sequence[LinearisedRun], left: Sequence[Samples]
-) -> tuple[Contrast, ...]:
-    """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log."""
+    estimate: Estimate,
+    logs: Sequence[LinearisedRun],
+    directions: Samples,
+    left: Sequence[Samples],
+) -> tuple[tuple[Contrast, ...], Samples | None]:
+    """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log.
+
+    Where the log comes first, the (n,) values that logs of their own leave as well.
+    """
     names, known = estimate.names, logs[0].known.shape[1]
     cells = cells_of(len(logs), known)
     every = [
@@ -301,9 +313,10 @@ def _contrasts(
     parts = [part for own in every for part in np.array_split(own, cells)]
     rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
     more = known - len(names)
+    pull = sum(each.unit**2 * each.known.T @ each.errors for each in logs)
     equations = CellEquations(
         names=(*names, *(f"own {k}" for k in range(more))),
-        values=np.append(estimate.values, np.zeros(more)),
+        values=np.append(estimate.values, np.zeros(more)) - directions @ (directions.T @ pull),
         lower=np.append(lower_bounds(names), np.full(more, -np.inf)),
         on_bound=np.append(
             [name in estimate.on_bound for name in names], np.zeros(more, dtype=bool)
@@ -313,7 +326,10 @@ def _contrasts(
         log=np.repeat(np.arange(len(logs)), cells),
     )
     found = contrasts_of(equations, Conditions.of([each.run.log for each in logs], cells))
-    return tuple(sorted((*found, *from_log_to_log(equations)), key=lambda each: -each.share))
+    found = tuple(sorted((*found, *from_log_to_log(equations)), key=lambda each: -each.share))
+    if not found or found[0].condition is not Condition.LOG:
+        return found, None
+    return found, differing_values(equations, found[0].parameter)[: len(names)]
 
 
 def _missing_terms(

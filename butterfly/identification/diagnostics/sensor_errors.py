@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
+from scipy.optimize import bisect
 from scipy.special import ndtri
 
 from butterfly.arrays import Samples
@@ -47,17 +48,15 @@ class SensorErrors:
         white = cls(step=step, noise=math.sqrt(max(roughness / 6 - step**2 / 12, 0.0)))
         if white.white:
             return white
-        noise = np.random.default_rng(0).standard_normal(angle.size)
-        lower, upper = 0.0, math.sqrt(roughness / 6)
-        if _roughness(_errors(angle, 0.0 * noise, step)) >= roughness:
-            return cls(step=step, noise=0.0)
-        while upper - lower > 1e-3 * step:
-            middle = (lower + upper) / 2
-            if _roughness(_errors(angle, middle * noise, step)) < roughness:
-                lower = middle
-            else:
-                upper = middle
-        return cls(step=step, noise=lower)
+        drawn = np.random.default_rng(0).standard_normal(angle.size)
+
+        def excess(noise: float) -> float:
+            return _roughness(_errors(angle, noise * drawn, step)) - roughness
+
+        largest = math.sqrt(roughness / 6)
+        if excess(0.0) >= 0 or excess(largest) <= 0:
+            return cls(step=step, noise=0.0 if excess(0.0) >= 0 else largest)
+        return cls(step=step, noise=float(bisect(excess, 0.0, largest, xtol=1e-3 * step)))
 
     def draw(self, angle: Samples, random: np.random.Generator, *, unsure: float) -> Samples:
         """Return (n,) errors in rad that readings of (n,) angles in rad may have.

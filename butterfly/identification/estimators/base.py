@@ -60,28 +60,18 @@ class Estimator:
         """Return the estimator that is meant for the logs of a data set: itself."""
         return self
 
-    def roughly(self, data: DataSet) -> Estimate:
-        """Estimate in as little time as may be (see `__call__`).
-
-        Without terms, but for a constant torque where no gravity holds against it.
-        """
-        terms = () if data.hangs else ("bias",)
-        return (self.with_terms(terms) if hasattr(self, "terms") else self)(data)
-
     def with_terms(self, terms: tuple[str, ...]) -> Self:
         """Return the estimator with other terms."""
         if not hasattr(self, "terms"):
             raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
-        return self._with(terms=terms)
+        options: dict[str, Any] = {"terms": terms}
+        return replace(self, **options)
 
     def holding_terms_of(self, estimate: Estimate) -> Self:
         """Return the estimator with the terms that an estimate of its own has, and no choice."""
         if not hasattr(self, "terms"):
             return self
         return self.with_terms(tuple(name for name in estimate.names if name not in PARAMETERS))
-
-    def _with(self, **options: Any) -> Self:  # noqa: ANN401 - any option that the estimator has
-        return replace(self, **options)
 
 
 _SETTINGS = {"stribeck_velocity", "cogging_periods"}

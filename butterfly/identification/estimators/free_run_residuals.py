@@ -94,14 +94,7 @@ class FreeRunResiduals:
         loss: Loss,
         known: Prior,
     ) -> FreeRunResiduals:
-        """Make logs ready to be fitted.
-
-        ``logs``: the logs, each of a name of its own; ``start``: first guess of the parameters, and
-        the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
-        rad of the hand at rest, per added mass; ``shared``: the parameters of all logs that are
-        fitted, the encoder's zero aside; ``horizon``: longest stretch in s that is simulated at a
-        time.
-        """
+        """Make logs ready to be fitted."""
         start = replace(start, **known.fixed)
         first = [first_counted(log, window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
@@ -149,10 +142,7 @@ class FreeRunResiduals:
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
     def equations(self, scaled: Samples, apart: Samples | None = None) -> Equations:
-        """Return errors relative to each log's rms motion; a log's squares sum to their mean.
-
-        ``scaled``, ``apart``: (n,) values, and (k, n) how far those of each log are from them.
-        """
+        """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = np.broadcast_to(scaled, (len(self.motion), scaled.size)) * self.scale
         if apart is not None:
             values = values + apart * self.scale
@@ -162,10 +152,7 @@ class FreeRunResiduals:
             return Equations(logs=tuple(pool.map(self._of_log, range(len(values)), values)))
 
     def weighed(self, at: Equations, point: Samples) -> Equations:
-        """Return equations about (n,) scaled values beside what is known of these.
-
-        That weighs as the scatter of the residuals says that a step to their least would leave.
-        """
+        """Return equations about (n,) scaled values beside what is known of these."""
         values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
         prior = Penalty.of(self.keys, self.known, values=values)
         if prior is None or not at.is_finite:
@@ -179,39 +166,26 @@ class FreeRunResiduals:
         return replace(at, known=(prior.weighed(free.realised_variance), point))
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
-        """Return the residuals in some of the parameters; terms that are not kept are absent.
-
-        ``kept``: numbers of the n that are kept; ``initial``: (n,) first guesses, scaled.
-        """
+        """Return the residuals in some of the parameters; terms that are not kept are absent."""
         absent = {
             self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
             for k in range(len(self.keys))
             if k not in kept
         }
         return replace(
-            self._take(kept),
-            start=replace(self.start, **absent),
-            shared=int(np.sum(kept < self.shared)),
-            initial=initial,
-        )
-
-    def _take(self, kept: NDArray[np.intp]) -> FreeRunResiduals:
-        """Return the residuals in some of the parameters, as they are."""
-        return replace(
             self,
+            start=replace(self.start, **absent),
             keys=tuple(self.keys[k] for k in kept),
+            shared=int(np.sum(kept < self.shared)),
             scale=self.scale[kept],
             lower=self.lower[kept],
-            initial=self.initial[kept],
+            initial=initial,
         )
 
     def descend(
         self, initial: Samples, known: Equations | None = None, most: int = MOST
     ) -> Minimum:
-        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`).
-
-        What is uncertain is weighed where it begins, and again where it ended (see `weighed`).
-        """
+        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`)."""
         at, evaluations = (self.equations(initial), 1) if known is None else (known, 0)
         for _ in range(MOST):
             at = self.weighed(at, initial)
@@ -225,11 +199,7 @@ class FreeRunResiduals:
         return replace(end, evaluations=evaluations)
 
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
-        """Choose the terms that help to predict the free runs of logs left out.
-
-        ``point``, ``at``: (n,) scaled values, and the equations about them; ``always``: names of
-        parameters that are not to be chosen, but fitted. Values of the choice are scaled.
-        """
+        """Choose the terms that help to predict the free runs of logs left out."""
         optional = {name for name in (*TRIED, *RARER) if name not in always}
         logs = [each.log for each in self.simulations]
         masses = [log.added_mass for log in logs]
@@ -382,10 +352,7 @@ def _first_guess(
 
 
 def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
-    """Size of each parameter whose torque would be a tenth of the motor's, as large for p1 and p3.
-
-    The torque per unit is the largest that a typical swing takes from the table of terms.
-    """
+    """Size of each parameter whose torque would be a tenth of the motor's, as large for p1, p3."""
     swing = float(np.median([np.std(log.angle) for log in logs]))
     command = float(np.median([1.0, *(np.std(log.input) for log in logs)])) or 1.0
     rate = float(np.median([log.excitation.omega for log in logs if log.excitation] or [5.0]))

@@ -147,34 +147,22 @@ class Equations:
         """Whether no simulation diverged, nor what it changes by."""
         return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
 
-    @property
+    @cached_property
     def gradient(self) -> Samples:
         """(n,) derivatives of the cost."""
-        of_logs = np.asarray(self.gradients.sum(axis=0))
+        parts = [log.mixture.T @ (log.rows.T @ log.residuals) for log in self._weighted]
+        of_logs: Samples = np.sum(parts, axis=0)
         return of_logs if self.known is None else of_logs + self.known[0].gradient(self.known[1])
 
-    @property
+    @cached_property
     def curvature(self) -> Samples:
         """(n, n) second derivatives of the cost, but for those of the residuals."""
-        return self._with_prior(self.curvatures.sum(axis=0))
-
-    @cached_property
-    def gradients(self) -> Samples:
-        """(k, n) share of each log in the gradient."""
-        return np.array([log.mixture.T @ (log.rows.T @ log.residuals) for log in self._weighted])
-
-    @cached_property
-    def curvatures(self) -> Samples:
-        """(k, n, n) share of each log in the curvature."""
-        return np.array(
-            [log.mixture.T @ (log.rows.T @ log.rows) @ log.mixture for log in self._weighted]
+        return self._with_prior(
+            sum(log.mixture.T @ (log.rows.T @ log.rows) @ log.mixture for log in self._weighted)
         )
 
     def compressed(self, cells: int) -> tuple[Samples, Samples]:
-        """Return (k, p, n) rows and (k, p) residuals of the cells of each log, as its loss weighs.
-
-        They are factors of what the simulation knows, times what the parameters make of it.
-        """
+        """Return (k, p, n) rows and (k, p) residuals of each log's cells, as the loss weighs."""
         parts = [part for log in self._weighted for part in log.blocks(cells)]
         factors = [compressed([(part.rows, part.residuals)]) for part in parts]
         most = max(residuals.size for _, residuals in factors)

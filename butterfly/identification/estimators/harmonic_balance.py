@@ -87,10 +87,7 @@ class HarmonicBalanceTerms:
         terms: tuple[str, ...] | None,
         conditions: Conditions | None = None,
     ) -> HarmonicBalanceTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity.
-
-        ``fit``: without any; ``terms``: told, or None; ``conditions``: of its logs.
-        """
+        """Choose from all terms, or, where they are told, only their Stribeck velocity."""
         able = {*offered("harmonic-balance")} - {SCANNED, _OF_REST}
         offers = [name for name in CANDIDATES if name in able]
         known = fit.phasors.known
@@ -208,12 +205,6 @@ class HarmonicBalance(Estimator):
             rest=known,
             conditions=conditions,
         )
-
-    def roughly(self, data: DataSet) -> Estimate:
-        """Estimate without terms, as far as describing functions go (see `Estimator`)."""
-        require_usable(self.method, data.known)
-        reference, fit = _begun(data.sines, data.known, PARAMETERS)
-        return _judged(data.sines, fit, _NAME, [], reference)
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""

@@ -81,19 +81,6 @@ class Phasors:
             stribeck_velocity=known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
         )
 
-    def take(self, rows: NDArray[np.bool_]) -> Phasors:
-        """Return the balance of some responses, by a mask."""
-        return replace(
-            self,
-            omega=self.omega[rows],
-            angle=self.angle[rows],
-            input=self.input[rows],
-            variance=self.variance[rows],
-            masses=tuple(mass for mass, taken in zip(self.masses, rows, strict=True) if taken),
-            swing=self.swing[rows],
-            remainder=self.remainder[rows],
-        )
-
     def equations(
         self, about: LumpedParameters
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -25,11 +25,6 @@ def local_keys(
 
     Zeros are not that are known exactly. Where one is known with an uncertainty, it is fitted of
     all logs of which the same is known.
-
-    ``logs``: each of a name of its own; ``per_mass``, ``per_log``: what is fitted for each added
-    mass, and for each log; ``hangs``: whether gravity acts, so that the encoder's zero has a
-    meaning; ``anchored``: logs of which a velocity at the first sample can be fitted: those that
-    are simulated whole.
     """
     open_ = [log for log in logs if not _is_exact(log)]
     concerned = {_ZERO: open_, "velocity": anchored}

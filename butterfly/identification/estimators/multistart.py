@@ -39,11 +39,7 @@ class Start:
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
-    """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
-
-    ``terms``: which they fit, as far as they offer them; if None, those that they choose, and
-    friction and pulls that a choice may have left out.
-    """
+    """Return estimates of all closed forms that the logs allow, or else a guess of the scale."""
     found: list[Start] = []
     refusals: list[ButterflyError] = []
     guesses = [(_from_any, candidates(_LEFT_OUT, data.masses, data.known))] if terms is None else []

@@ -133,12 +133,7 @@ class OutputError(Estimator):
         zeros: Mapping[AddedMass, float],
         known: Prior = NO_PRIOR,
     ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly (see `of_starts`).
-
-        ``logs``: with increasing stamps; ``start``: first guess; a poor one may stall the fit, so
-        take a closed form's; ``zeros``: first guess of the encoder's reading in rad of the hand at
-        rest, per added mass; ``known``: what is known of the robot.
-        """
+        """Fit the free-run simulation of all logs jointly (see `of_starts`)."""
         return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
     def of_starts(
@@ -148,10 +143,7 @@ class OutputError(Estimator):
         known: Prior = NO_PRIOR,
         untried: tuple[str, ...] = (),
     ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly, from one or more first guesses.
-
-        Terms that are ``untried`` are only fitted if they were asked for.
-        """
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known, untried)

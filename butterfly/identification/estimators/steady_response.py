@@ -69,13 +69,7 @@ class RestAngles:
         asked: bool | None,
         told: Sequence[Known | None] = (),
     ) -> RestAngles:
-        """Read them off steady responses.
-
-        ``points``: the n responses; ``parameters``: of the bare hand, as far as they are known;
-        ``zeros``: rest angle in rad for each added mass; ``told``: what is told of the zeros of the
-        responses, in rad; nothing if not given; ``asked``: whether a bias is wanted; if None, it is
-        if it helps to predict the middles with masses that were left out.
-        """
+        """Read them off steady responses."""
         moments = np.array([p.added_mass.gravity_moment for p in points])
         stiffness = (parameters.p3 + moments) * j0([p.amplitude for p in points])
         usable = bool((stiffness > 0).all())

@@ -64,10 +64,7 @@ def fitted_terms(
     terms: tuple[str, ...] | None,
     known: Prior,
 ) -> tuple[WeakFit, TermChoice]:
-    """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them.
-
-    ``windows``: of the logs; ``terms``: told, or None.
-    """
+    """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them."""
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always = known.fitted(PARAMETERS)
     names = [name for name in CANDIDATES if name != SCANNED]
@@ -105,8 +102,6 @@ class _Averages:
         cells, lost = divmod(nested.equations.log.size, len(self._logs))
         if lost or not cells:  # a log without windows that move has no conditions
             return nested
-        if nested.equations.log.size != cells * len(self._logs):
-            return nested  # a log never moves
         if cells not in self._conditions:
             self._conditions[cells] = Conditions.of(self._logs, cells)
         return replace(nested, conditions=self._conditions[cells])
@@ -168,14 +163,7 @@ class WeakForm(Estimator):
         known: Prior = NO_PRIOR,
         uncertain: Samples | None = None,
     ) -> Estimate:
-        """Estimate from logs, given the encoder's zero in rad for each added mass.
-
-        What a log tells of its own zero goes before it.
-
-        ``logs``, ``zeros``: the logs, and the readings; ``known``: what is known of the robot;
-        ``uncertain``: (k, n) standard uncertainties in rad of k independent errors of the zeros of
-        the n logs.
-        """
+        """Estimate from logs, given the encoder's zero in rad for each added mass."""
         require_usable(self.method, known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)

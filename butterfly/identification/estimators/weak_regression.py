@@ -36,7 +36,7 @@ from butterfly.identification.equations import (
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
-from butterfly.identification.levels import MOST, SHOWS, WEIGHED
+from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
@@ -46,6 +46,7 @@ from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
+_ROUNDS = 20  # about delay and scatter: what has not settled by then runs away
 _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny
 
@@ -185,7 +186,7 @@ class WeakFit:
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))
-        for _ in range(MOST):
+        for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
             solved = CellEquations.of(regression, solution, cells=cells)
@@ -251,10 +252,7 @@ def seen(
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
 ) -> list[Seen]:
-    """Simulate logs, and cut the simulations into windows as the logs were.
-
-    ``parameters``: of the bare hand; ``zeros``: encoder reading in rad at rest for each added mass.
-    """
+    """Simulate logs, and cut the simulations into windows as the logs were."""
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [Seen(each, each) for each in windows]
     pairs = []
@@ -323,12 +321,7 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
 def offset_covariance(
     fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
 ) -> Samples:
-    """(n, n) covariance that uncertain zeros add to n parameters.
-
-    The fit is of the m logs' windows through their instruments; ``uncertain`` are (k, m) standard
-    uncertainties in rad of k independent errors (see `encoder_offset.offset_errors`). Parameters
-    that the fit held are not moved.
-    """
+    """(n, n) covariance that uncertain zeros add to n parameters."""
     added = np.zeros((len(names), len(names)))
     if not uncertain.size:
         return added

@@ -2,8 +2,8 @@
 
 A model that lacks something still follows the logs, with values that depend on where it was looked
 at. So let one parameter j follow one condition x linearly (the added mass, 1/command, swing^2,
-omega^2, time in the log, the sign of the input), all others re-optimised to first order. With the
-cells' curvature H_c = J^T J and gradient s_c = J^T r, and x about its mean,
+omega^2, 1/speed, time in the log, the sign of the input), all others re-optimised to first order.
+With the cells' curvature H_c = J^T J and gradient s_c = J^T r, and x about its mean,
 
     q = H^-1 sum x_c H_c e_j,  a_c = x_c e_j - q,  S = sum a_c^T s_c,  I = sum a_c^T H_c a_c,
 
@@ -32,7 +32,7 @@ from butterfly.identification.inference.covariance import cluster_covariance, ha
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.model.terms import PARAMETERS
 
-_SHARES = (0.02, 0.05)  # of the squared errors, of sines and of transients: below, nothing is named
+_SHARE = 0.05  # of the squared errors, that a contrast explains which is named
 # of the largest torque, that a contrast of steady responses explains: less is what the steps of an
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
@@ -222,12 +222,7 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tr
 def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> _Tried | None:
     """Let the values move along a direction; None where the cells cannot tell that from others."""
     pulls = np.einsum("kmn,kn->km", equations.curvature, asked.direction)
-    total, _ = equations.total
-    scale = np.sqrt(np.maximum(np.diag(total), 0.0))
-    free = ~equations.on_bound & (scale > 0)
-    scaled = total[np.ix_(free, free)] / np.outer(scale[free], scale[free])
-    follow = np.zeros(scale.size)
-    follow[free] = np.linalg.lstsq(scaled, pulls.sum(axis=0)[free] / scale[free])[0] / scale[free]
+    follow = equations.change_by(pulls.sum(axis=0))
     apart = asked.direction - follow
     parts = np.einsum("kn,kmn,km->k", apart, equations.curvature, apart)
     information = float(parts.sum())
@@ -240,7 +235,7 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
     sums = (np.asarray(np.bincount(logs, each), dtype=float) for each in (scores, parts))
     of_logs = _chance(*sums, gamma=gamma)
     if conditions.steady:
-        freedom = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - free.sum() - 1
+        freedom = equations.count - np.count_nonzero(equations.free) - 1
         left = max(cost - explained, np.finfo(float).eps * cost)
         known = freedom > 0 and left > 0
         chance = float(fdtrc(1, freedom, explained * freedom / left)) if known else 1.0
@@ -288,14 +283,11 @@ def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
 
 def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
     (curvature, _), cost = equations.total, float(equations.cost.sum())
-    rows = np.count_nonzero(np.any(equations.rows != 0, axis=2)) - len(equations.names)
+    rows = equations.count - len(equations.names)
     more = equations.log.size - 1
     if rows - more < 1 or not cost > 0:
         return
-    for name in _SCATTERS:
-        if name not in equations.names or equations.on_bound[equations.names.index(name)]:
-            continue
-        place = equations.names.index(name)
+    for place in np.flatnonzero(np.isin(equations.names, _SCATTERS) & ~equations.on_bound).tolist():
         pulls = equations.curvature[:, :, place]
         own = np.diag(pulls[:, place]) - pulls @ np.linalg.pinv(curvature, hermitian=True) @ pulls.T
         change = -np.linalg.pinv(own, hermitian=True) @ equations.gradient[:, place]
@@ -307,7 +299,7 @@ def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
         if chance < ACCUSED and scatter > MATTERS and _is_seen(equations, share):
             values = equations.values[place] + change
             yield Contrast(
-                parameter=name,
+                parameter=equations.names[place],
                 condition=Condition.LOG,
                 least=0.0,
                 largest=float(more),
@@ -316,6 +308,22 @@ def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
                 share=share,
                 chance=chance,
             )
+
+
+def differing_values(equations: CellEquations, name: str) -> Samples:
+    """(n,) values if one of them were another in every log; of that one, the mean."""
+    equations, place = equations.of_logs, equations.names.index(name)
+    curvature, _ = equations.total
+    size = np.sqrt(np.diag(curvature))
+    size = np.where(size > 0, size, 1.0)
+    units = np.outer(size, size)
+    inverse = np.linalg.pinv(curvature / units, hermitian=True) / units
+    pulls = equations.curvature[:, :, place]
+    own = np.diag(pulls[:, place]) - pulls @ inverse @ pulls.T
+    change = -np.linalg.pinv(own, rcond=ROUNDING, hermitian=True) @ equations.gradient[:, place]
+    values = equations.values - inverse @ (pulls.T @ change)
+    values[place] += change.mean()
+    return np.asarray(values)
 
 
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
@@ -344,7 +352,7 @@ def _matters(
         return False
     if conditions.steady:
         return bool(moved > SHOWS and _is_seen(equations, each.share))
-    return bool(each.share > _SHARES[not conditions.sines] or moved > MATTERS)
+    return bool(each.share > _SHARE or moved > MATTERS)
 
 
 def _is_seen(equations: CellEquations, share: float) -> bool:

@@ -37,7 +37,6 @@ class Conditions:
     # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
-    sines: bool  # whether all are sines
     steady: bool = False  # whether residuals are those of steady responses, whose errors are known
 
     @classmethod
@@ -60,7 +59,6 @@ class Conditions:
         return cls(
             values=values,
             masses=tuple(log.added_mass for log in logs),
-            sines=all(log.excitation for log in logs),
             steady=steady,
         )
 

@@ -90,19 +90,18 @@ class Scatter:
 
         ``spread``: (2, n) values of the terms of friction, and of the gain, 0 for the others.
         """
-        root = np.linalg.cholesky(self._variance(logs, spread))
+        root = np.linalg.cholesky(_variance(logs, _parts(logs, spread), self.sizes))
         both = np.concatenate([logs.rows, logs.residuals[:, :, None]], axis=2)
         white = np.linalg.solve(root, both)
         return white[:, :, :-1], white[:, :, -1]
 
     def apart(self, logs: LogRows, spread: Samples) -> Samples:
         """(k, n) how far the parameters of each log most likely are from those of the rows."""
-        weighed = np.linalg.solve(self._variance(logs, spread), logs.residuals[:, :, None])
+        weighed = np.linalg.solve(
+            _variance(logs, _parts(logs, spread), self.sizes), logs.residuals[:, :, None]
+        )
         pull = np.einsum("kqn,kq->kn", logs.rows, weighed[:, :, 0])
         return np.asarray(-pull * (np.array([self.friction, self.gain]) ** 2 @ spread**2))
-
-    def _variance(self, logs: LogRows, spread: Samples) -> Samples:
-        return _variance(logs, _parts(logs, spread), self.sizes)
 
     @property
     def sizes(self) -> Samples:
@@ -193,7 +192,7 @@ class Likelihood:
             value, slopes = self.expanded(shares * usual)
             return value + float(shares @ shares), slopes * usual + 2 * shares
 
-        bounds = [(0.0, None)] * usual.size
+        bounds = [(0.0, 1 / MATTERS)] * usual.size  # beyond, a step would find V singular
         # from much and from next to nothing: at 0 the likelihood is flat
         begins = (np.full(usual.size, each) for each in (LOST, MATTERS))
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]

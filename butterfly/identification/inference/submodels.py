@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +40,6 @@ class Submodels:
     def names(self) -> tuple[str, ...]:
         """Names of the n parameters."""
         return self.equations.names
-
-    @cached_property
-    def _mute(self) -> NDArray[np.bool_]:
-        """(n,) which say nothing without another one, and stay as they are when absent."""
-        return np.array([name in COMPANIONS.values() for name in self.names])
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
         """Return the (t, n) values of t fits with the parameters in (t, n) ``kept``, all at once.
@@ -99,7 +93,9 @@ class Submodels:
 
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
-        absent = np.where(self._mute, self.equations.values, 0.0)
+        # what says nothing without another one stays as it is when absent
+        mute = [name in COMPANIONS.values() for name in self.names]
+        absent = np.where(mute, self.equations.values, 0.0)
         return _bounded(self.equations, (curvature, gradient), kept, absent)
 
 

@@ -7,7 +7,11 @@ import pytest
 
 from butterfly.identification.equations import compressed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.agreement import disagreements_of, weighed_within
+from butterfly.identification.inference.agreement import (
+    differing_values,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
@@ -29,7 +33,7 @@ TIME = np.tile(np.arange(CELLS), LOGS).astype(float)
 def _conditions(**values):
     known = {Condition.COMMAND: COMMAND, Condition.TIME: TIME}
     known[Condition.MASS] = np.repeat([mass.inertia for mass in MASSES], CELLS)
-    return replace(Conditions(values=known, masses=MASSES, sines=True), **values)
+    return replace(Conditions(values=known, masses=MASSES), **values)
 
 
 def _problem(seed, change=None, noise=0.05):
@@ -82,6 +86,17 @@ def test_intervals_hold_what_would_be_at_the_limit():
     assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
     assert Estimate.from_dict(found.to_dict()).agreement == found.agreement
+
+
+def test_values_beside_one_that_differs_from_log_to_log_are_those_of_a_fit_with_one_in_each():
+    by_log = np.random.default_rng(5).standard_normal(LOGS)[LOG]
+    rows, target, equations = _problem(6, _following(by_log, 0.002))
+    owned = rows[..., [2]] * (LOG[:, None] == np.arange(LOGS))[:, None, :]
+    flat = np.concatenate([rows[..., :2], owned], axis=2).reshape(-1, LOGS + 2)
+    scale = np.append(UNITS[:2], np.full(LOGS, UNITS[2]))
+    anew = np.linalg.lstsq(flat * scale, target.ravel(), rcond=None)[0] * scale
+    expected = [*anew[:2], anew[2:].mean()]
+    np.testing.assert_allclose(differing_values(equations, "p4"), expected, rtol=1e-6)
 
 
 def test_a_rival_is_as_uncertain_as_what_it_leaves_of_the_residuals_makes_it():
