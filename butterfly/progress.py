@@ -1,4 +1,4 @@
-"""How long work tells how far it has come."""
+"""How long work shares the cores, and tells how far it has come."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of a process whose matrix library computes with one thread: others have work."""
 
 Track = Callable[[Iterable[Any], str], Iterable[Any]]
 """Shows the progress of an iteration, given a description."""

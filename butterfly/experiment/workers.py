@@ -19,6 +19,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.record import Outcome, Task
+from butterfly.progress import ONE_THREAD
 from butterfly.signals.excitations import Table
 
 Tables = Mapping[str, Table]
@@ -31,7 +32,6 @@ _DIED = f"the worker died {_ATTEMPTS} times"
 _NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
 """Modules that workers need, read once for all of them."""
 
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _NO_TABLES: Tables = MappingProxyType({})
 
 
@@ -222,11 +222,11 @@ def _on_cluster(
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """See to it that processes that are started meanwhile compute with one thread."""
-    before = {name: os.environ[name] for name in _THREADS if name in os.environ}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    before = {name: os.environ[name] for name in ONE_THREAD if name in os.environ}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:
-        for name in _THREADS:
+        for name in ONE_THREAD:
             del os.environ[name]
         os.environ.update(before)

@@ -314,13 +314,11 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     Of (m, n) rows and (m,) residuals stays the triangular factor of both: (k, n + 1, n) rows and
     (k, n + 1) residuals.
     """
-    factors = []
-    for rows, residuals in cells:
-        both = np.column_stack([rows, residuals])
-        triangle = np.asarray(np.linalg.qr(both, mode="r"))
-        missing = both.shape[1] - triangle.shape[0]
-        factors.append(np.pad(triangle, ((0, missing), (0, 0))))
-    whole = np.array(factors)
+    both = [np.column_stack(each) for each in cells]
+    count = both[0].shape[1]
+    whole = np.zeros((len(both), count, count))
+    for factor, each in zip(whole, both, strict=True):
+        factor[: len(each)] = np.linalg.qr(each, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
 
 

@@ -19,6 +19,9 @@ from butterfly.logs.log import Intersample, Log
 ENOUGH = 4_000_000
 """Samples of a log, above which their means are taken: an hour at 1.1 kHz."""
 
+GLANCE = 5000
+"""Samples of a log that a first look needs."""
+
 _SLOW = 0.1  # rad of its own phase that a motion may go on from one mean to the next
 _ROWS = 100_000  # samples that show how fast it is
 

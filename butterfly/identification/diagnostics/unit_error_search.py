@@ -36,18 +36,17 @@ from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE, ROUNDING
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
-from butterfly.logs.thinning import thinned
+from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import FrictionTerms
 from butterfly.signals.frequency_response import response_point
-from butterfly.signals.spectrum import dominant_frequency
+from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
 
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
 _FITS = 4  # that are made at most
 _SWINGS = (0.1, math.pi)  # rad, that the widest log may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
-_ENOUGH = 5000  # samples of a log
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
 _NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
@@ -98,13 +97,17 @@ class _Mistake:
 
     def undone(self, data: DataSet) -> DataSet:
         """Return the data set as it is without the mistake."""
-        numbers = self.logs or range(len(data.logs))
-        logs = [self._undone(log) if k in numbers else log for k, log in enumerate(data.logs)]
+        logs = self.logs_of(data)
         points = [
             response_point(log) if point is not None and log is not old else point
             for log, old, point in zip(logs, data.logs, data.points, strict=True)
         ]
-        return replace(data, logs=tuple(logs), points=tuple(points))
+        return replace(data, logs=logs, points=tuple(points))
+
+    def logs_of(self, data: DataSet) -> tuple[Log, ...]:
+        """Return the logs of a data set as they are without the mistake."""
+        numbers = self.logs or range(len(data.logs))
+        return tuple(self._undone(log) if k in numbers else log for k, log in enumerate(data.logs))
 
     def _undone(self, log: Log) -> Log:
         if self.place is not None:
@@ -202,8 +205,8 @@ def _averages(log: Log, zero: float) -> Samples:
     The test functions are as wide as a third of a period of the motion, whatever the stamps' unit.
     """
     span = log.time[-1] - log.time[0]
-    omega, _ = dominant_frequency(log.time, log.angle)
-    third = 2 * math.pi / (3 * omega) if omega else span
+    omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
+    third = 2 * math.pi / (3 * omegas[np.argmax(power)])
     width = float(min(max(third, 12 * log.mean_step), span / 20))
     signals = Averaging(log, zero, width, FrictionTerms()).signals(_NAMES)
     means = np.column_stack([signals.mean[name] for name in _NAMES])[signals.moving]
@@ -245,7 +248,7 @@ class _Search:
     @cached_property
     def _thin(self) -> DataSet:
         """The data set with as many samples as the equations need."""
-        logs = tuple(thinned(log, _ENOUGH) for log in self.data.logs)
+        logs = tuple(thinned(log, GLANCE) for log in self.data.logs)
         return replace(self.data, logs=logs)
 
     def _tried(self) -> Iterator[_Mistake]:
@@ -270,9 +273,15 @@ class _Search:
             yield from self._masses_and_logs(self._here)
 
     def _fitted(self, error: UnitError, number: float) -> _Mistake:
+        """Return a mistake in all logs, and what is left over without it."""
         mistake = _Mistake(error=error, number=number)
+        logs = mistake.logs_of(self._thin)
         try:
-            return replace(mistake, misfit=_Equations.of(mistake.undone(self._thin)).misfit)
+            if error in TABLE and TABLE[error].column == "arm" and self._here:
+                equations = replace(self._here, masses=tuple(log.added_mass for log in logs))
+            else:
+                equations = _Equations.of(replace(self._thin, logs=logs))
+            return replace(mistake, misfit=equations.misfit)
         except _FAILURES:
             return mistake
 

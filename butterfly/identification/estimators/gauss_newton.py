@@ -166,12 +166,12 @@ class Equations:
         parts = [part for log in self._weighted for part in log.blocks(cells)]
         factors = [compressed([(part.rows, part.residuals)]) for part in parts]
         most = max(residuals.size for _, residuals in factors)
-        rows = [
-            np.pad(own[0] @ part.mixture, ((0, most - own.shape[1]), (0, 0)))
-            for part, (own, _) in zip(parts, factors, strict=True)
-        ]
-        residuals = [np.pad(own[0], (0, most - own.size)) for _, own in factors]
-        return np.array(rows), np.array(residuals)
+        rows = np.zeros((len(parts), most, parts[0].mixture.shape[1]))
+        residuals = np.zeros((len(parts), most))
+        for k, (part, (own, left)) in enumerate(zip(parts, factors, strict=True)):
+            rows[k, : left.size] = own[0] @ part.mixture
+            residuals[k, : left.size] = left[0]
+        return rows, residuals
 
     @property
     def bread(self) -> Samples:
@@ -215,9 +215,11 @@ def minimise(
 ) -> Minimum:
     """Descend from a point to a minimum.
 
-    Once steps do what they promise, and each promises far less than the one before, the last one is
-    taken on trust. A descent that ends because its box has shrunk has converged only if no step out
-    of the box promises anything either.
+    Where the cost turns out to bend more along a step than its derivatives say, as it does where
+    much is left over, the next step is shorter by as much. Once steps do what they promise, and
+    each promises far less than the one before, the last one is taken on trust. A descent that ends
+    because its box has shrunk has converged only if no step out of the box promises anything
+    either.
 
     ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
     ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
@@ -232,24 +234,28 @@ def minimise(
             "those of a joint (see what a closed form says of these logs, such as the weak form)"
         )
     count = sum(log.residuals.size for log in at.logs)
-    reach, kept, last = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0
+    reach, kept, last, bends = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0, 1.0
     while evaluations < most:
-        step = bounded_step(at, np.maximum(lower - point, -reach), reach)
-        predicted, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
+        whole = bounded_step(at, np.maximum(lower - point, -reach), reach)
+        step, promised, longest = whole / bends, _decrease(at, whole), float(abs(whole).max())
         there = np.maximum(point + step, lower)
         if longest < (1 - ROUNDING) * reach:
             left = _UNSEEN * at.cost * last / count
-            trusted = (
-                _GOOD < kept < _BETTER and predicted <= _LAST * at.cost and predicted**2 < left
-            )
-            if trusted or predicted <= ROUNDING * at.cost or longest < ROUNDING:
+            small = promised <= _LAST * at.cost and promised**2 < left
+            # a step that is made shorter leaves a share of what the whole one promises
+            sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
+            trusted = _GOOD < kept < _BETTER and small and sure
+            if trusted or promised <= ROUNDING * at.cost or longest < ROUNDING:
                 end = at.moved(there - point)
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         elif reach < ROUNDING:
             break
         tried = replace(expand(there), known=at.known and (at.known[0], there))
         evaluations += 1
+        predicted, longest = _decrease(at, step), longest / bends
         kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
+        if kept > _POOR:
+            bends = max(1.0, 1 + (1 - kept) * predicted / (0.5 * float(step @ at.curvature @ step)))
         if kept < _POOR:
             reach = _POOR * longest
         elif kept > _GOOD and longest >= (1 - ROUNDING) * reach:

@@ -20,13 +20,14 @@ from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.inference.term_choice import candidates
 from butterfly.identification.levels import SPREADS
+from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
 
 _LEFT_OUT = ("drag", "load", "bias")
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
-_GLANCE = 8  # passes after which a descent that is not lower than another is given up
+_PASSES = 4  # passes after which a descent that is not lower than another is given up
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +91,8 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted)
-    estimate = closed_form(replace(data, known=usable(closed_form.method, data.known)))
+    logs = [thinned(log, GLANCE) for log in data.logs]
+    estimate = closed_form.of_logs(logs, zeros, usable(closed_form.method, data.known))
     found = _moving(estimate, data)
     if not open_:
         return Start(parameters=found, zeros=zeros)
@@ -153,7 +155,7 @@ def lowest_end(
             if not ends:
                 end = problem.descend(problem.initial)
             else:
-                end = problem.descend(problem.initial, most=_GLANCE)
+                end = problem.descend(problem.initial, most=_PASSES)
                 if not end.converged and end.at.cost < min(each.at.cost for _, each in ends):
                     end = problem.descend(end.point, end.at)
         except IdentifiabilityError as refusal:
