@@ -39,7 +39,7 @@ LARGEST_SINE = math.pi / 2
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 _ELSEWHERE = LARGEST_SINE / 2  # rad between the middle of a swing and the rest angle
 
-_ROUNDS = 8  # of correcting phasors by what simulations leave over
+_ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -251,7 +251,7 @@ class SteadyModel:
     def settled(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
         """Correct a fit until one more correction would move it by little of its errors."""
         robot, last = self, 1.0
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS if self.rest.bias is None else _ROUNDS_OF_BIAS):
             before, rest = fit, robot.rest
             fit, robot = robot.corrected(fit)
             moved = fit.moved_to(before)
