@@ -17,12 +17,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 187,
-    "lines of the package": 36_578,
-    "lines of tests": 27_031,
+    "files of the package": 185,
+    "lines of the package": 34_979,
+    "lines of tests": 26_763,
     "names of classes that exist twice": 0,
-    "modules in import circles": 7,
-    "tuned numbers of identification": 172,
+    "modules in import circles": 6,
+    "tuned numbers of identification": 60,
 }
 
 

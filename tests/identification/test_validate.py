@@ -42,7 +42,7 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real, s
 def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
     for estimator, median, mean, worst in (
         (HarmonicBalance(), 93.0, 91.2, 67),
-        (HarmonicBalance(terms=()), 92.5, 91.4, 68),
+        (HarmonicBalance(terms=()), 92.3, 91.2, 66),
     ):
         summary = cross_validate(real.data, estimator, Split.MASS).summary
         assert summary.median >= median

@@ -145,7 +145,8 @@ class Equations:
     @property
     def is_finite(self) -> bool:
         """Whether no simulation diverged, nor what it changes by."""
-        return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
+        with np.errstate(over="ignore", invalid="ignore"):
+            return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
 
     @cached_property
     def gradient(self) -> Samples:
