@@ -275,12 +275,12 @@ class _Search:
     def _fitted(self, error: UnitError, number: float) -> _Mistake:
         """Return a mistake in all logs, and what is left over without it."""
         mistake = _Mistake(error=error, number=number)
-        logs = mistake.logs_of(self._thin)
         try:
             if error in TABLE and TABLE[error].column == "arm" and self._here:
+                logs = mistake.logs_of(self._thin)
                 equations = replace(self._here, masses=tuple(log.added_mass for log in logs))
             else:
-                equations = _Equations.of(replace(self._thin, logs=logs))
+                equations = _Equations.of(mistake.undone(self._thin))
             return replace(mistake, misfit=equations.misfit)
         except _FAILURES:
             return mistake
