@@ -104,6 +104,8 @@ class Identification(Result):
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Identification:
         """Return what `to_dict` gave (see `Estimate.from_dict` for what is raised)."""
+        from butterfly.report.finding_texts import estimate_sentences  # noqa: PLC0415 - a view
+
         origin = dict(content["data"])
         InputKind(origin["input"])
         JointKind(origin.get("joint", JointKind.HINGE))
@@ -126,6 +128,7 @@ class Identification(Result):
             saved={key: content[key] for key in _SAVED if key in content},
         )
         found.separated()
+        estimate_sentences(found.estimate)  # fails where a finding names what there is not
         return found
 
     def to_dict(self, truth: LumpedParameters | None = None) -> dict[str, Any]:

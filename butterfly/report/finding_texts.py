@@ -150,7 +150,8 @@ def finding_text(finding: Finding, values: Values) -> str:
 
 
 def _number(finding: Finding) -> float:
-    assert finding.number is not None  # noqa: S101 - kinds whose sentence asks for one have one
+    if finding.number is None:
+        raise ValueError(f"the finding {finding.kind} has no number")
     return finding.number
 
 
