@@ -18,7 +18,7 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 185,
-    "lines of the package": 34_979,
+    "lines of the package": 34_983,
     "lines of tests": 26_763,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,

@@ -173,7 +173,7 @@ class WeakFit:
         if not 0 <= free.about.delay < _latest(windows):
             return held
         found = cls.settled(windows, replace(free.about, variance=free.solved.realised_variance))
-        rows = found.cost / found.about.variance  # that are worth as many independent ones
+        rows = found.cost / max(found.about.variance, _LEAST)  # worth as many independent ones
         return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
 
     @classmethod
