@@ -19,7 +19,7 @@ from butterfly.logs.log import Intersample, Log
 ENOUGH = 4_000_000
 """Samples of a log, above which their means are taken: an hour at 1.1 kHz."""
 
-GLANCE = 5000
+GLANCE = 10_000
 """Samples of a log that a first look needs."""
 
 _SLOW = 0.1  # rad of its own phase that a motion may go on from one mean to the next

@@ -149,7 +149,10 @@ def readings_of(estimate, truth, heaviest):
 
 
 def _excess(robot, estimator, estimate):
-    """Cost of an output error's end, over that of the end of a fit begun at the truth."""
+    """Least squares that are reached from an output error's answer, over those from the truth.
+
+    The answer itself need not have the least squares: its logs may be weighed.
+    """
     if not isinstance(estimator, OutputError):
         return float("nan")
     terms = tuple(name for name in estimate.names if name not in PARAMETERS)
@@ -160,9 +163,6 @@ def _excess(robot, estimator, estimate):
         truth = replace(truth, stribeck_velocity=FrictionTerms.stribeck_velocity)
     zeros = dict.fromkeys(robot.masses, robot.zero)
     zero = estimate.local.get(None, {}).get("zero", robot.zero)
-    problem = same.problem(data.logs, estimate.parameters, dict.fromkeys(robot.masses, zero))
-    end = problem.equations(problem.initial)
-    cost = float(sum(np.sum(log.residuals**2) for log in end.logs))
+    found = same.problem(data.logs, estimate.parameters, dict.fromkeys(robot.masses, zero))
     best = same.problem(data.logs, truth, zeros)
-    least = best.descend(best.initial).at
-    return cost / float(sum(np.sum(log.residuals**2) for log in least.logs))
+    return found.descend(found.initial).at.cost / best.descend(best.initial).at.cost
