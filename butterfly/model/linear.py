@@ -1,4 +1,4 @@
-"""The model made linear: about rest, seen through a hold, with its delay, or for one swing.
+"""The model made linear: about rest, with its delay, or for one swing.
 
 For a sine of finite amplitude harmonic balance keeps the fundamental only: each torque enters by
 its describing function, the term p3 sin th as p3 2 J1(a)/a th, Coulomb friction as j 4 T_c/(pi a)
@@ -111,50 +111,6 @@ def resonance_frequency(parameters: LumpedParameters) -> float:
     Zero when the damping is so large, or gravity so small, that there is no peak (Lemma 6).
     """
     return Linearisation.of(parameters).resonance
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeldSystem:
-    """The difference equation y[k+2] + a1 y[k+1] + a0 y[k] = b1 u[k+1] + b0 u[k] (46)."""
-
-    # a1, a0, b1, b0: Its coefficients (47)-(50); the last two in rad per unit of input
-    a1: float
-    a0: float
-    b1: float
-    b0: float
-    step: float  # Sampling period in s
-
-    @classmethod
-    def of(cls, parameters: LumpedParameters, step: float) -> HeldSystem:
-        """Discretise the linearisation about the hanging position.
-
-        An InputError if it is not underdamped (45), or the step not positive.
-        """
-        p = parameters
-        if not step > 0:
-            raise InputError("HeldSystem", "step", step, "a positive number of s")
-        damping = p.p2 / (2 * math.sqrt(p.p1 * p.p3)) if p.p3 > 0 else math.inf
-        if not 0 < damping < 1:
-            raise InputError(
-                "HeldSystem", "damping ratio", f"{damping:.3g}", "between 0 and 1 (45)"
-            )
-        natural = math.sqrt(p.p3 / p.p1)
-        root = math.sqrt(1 - damping**2)
-        decay = math.exp(-step * damping * natural)
-        turn, beta = step * natural * root, math.acos(damping)
-        gain = p.p4 / p.p3
-        return cls(
-            a1=-2 * decay * math.cos(turn),
-            a0=decay**2,
-            b1=gain * (1 - decay / root * math.sin(turn + beta)),
-            b0=gain * (decay**2 + decay / root * math.sin(turn - beta)),
-            step=step,
-        )
-
-    def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """G_q(e^(j w step)) at frequencies in rad/s; it holds for a held input only."""
-        z = np.exp(1j * np.asarray(omega, dtype=np.float64) * self.step)
-        return np.asarray((self.b1 * z + self.b0) / (z**2 + self.a1 * z + self.a0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
