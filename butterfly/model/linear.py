@@ -1,10 +1,4 @@
-"""The model made linear: about rest, with its delay, or for one swing.
-
-For a sine of finite amplitude harmonic balance keeps the fundamental only: each torque enters by
-its describing function, the term p3 sin th as p3 2 J1(a)/a th, Coulomb friction as j 4 T_c/(pi a)
-th, so that the model stays linear in its parameters (Gelb & Vander Velde, Multiple-Input Describing
-Functions, 1968, ch. 2).
-"""
+"""The model made linear: about rest, with its delay, or for one swing by describing functions."""
 
 from __future__ import annotations
 
@@ -106,10 +100,7 @@ class Linearisation:
 
 
 def resonance_frequency(parameters: LumpedParameters) -> float:
-    """Frequency in rad/s at which |G(jw)| of the linearisation peaks.
-
-    Zero when the damping is so large, or gravity so small, that there is no peak (Lemma 6).
-    """
+    """Frequency in rad/s at which |G(jw)| of the linearisation peaks; 0 if nowhere (Lemma 6)."""
     return Linearisation.of(parameters).resonance
 
 
@@ -125,13 +116,10 @@ class DelayStates:
 
     @classmethod
     def of(cls, delay: float, order: int) -> DelayStates:
-        """Approximate exp(-s delay) by a fraction of polynomials, both of the same order.
+        """Approximate exp(-s delay) by a fraction of polynomials of an order up to `HIGHEST_ORDER`.
 
         At w rad/s it is off by (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond (Baker &
         Graves-Morris, Padé Approximants, 1996, 1.2).
-
-        The delay, in s, is above 0 and the order n from 1 to `HIGHEST_ORDER`: an InputError
-        otherwise.
         """
         if not delay > 0:
             raise InputError("Padé", "delay", delay, "a positive number of s")
@@ -161,12 +149,10 @@ class DelayStates:
 def quasi_linear_response(
     parameters: LumpedParameters, omega: ArrayLike, amplitude: ArrayLike
 ) -> NDArray[np.complex128]:
-    """Ratio of the angle's to the input's fundamental when the angle swings with ``amplitude``.
+    """Ratio of the angle's to the input's fundamental of a loaded hand that swings so far.
 
     The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
     cogging, bristles, the drive's) is left out.
-
-    Of the loaded hand; frequencies in rad/s and amplitudes in rad broadcast.
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
@@ -181,12 +167,10 @@ def quasi_linear_response(
 
 
 def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float) -> float:
-    """Return the steady amplitude in rad that a sine will drive the joint to, by harmonic balance.
+    """Return the steady amplitude in rad that a sine drives a loaded joint to, by harmonic balance.
 
     Where several are possible (a pendulum's resonance bends over) it is the largest. Zero if
     Coulomb friction holds the joint, infinite if no swing below pi balances the drive.
-
-    Of the loaded hand; the input has `omega` in rad/s and `amplitude` in its own unit.
     """
     swings = np.linspace(_SMALLEST_SWING, np.pi, 4096)
     excess = swings / np.abs(quasi_linear_response(parameters, omega, swings)) - abs(amplitude)

@@ -28,10 +28,7 @@ _SMOOTH = 0.02  # s over which the drawn velocity is averaged
 
 
 def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page:
-    """Put together the report of an orbit's re-calibration.
-
-    `truth` are parameters of the hand with what it carries, where they are known.
-    """
+    """Put together the report of an orbit's re-calibration, beside the truth of the loaded hand."""
     rounds = study.calibration.rounds
     errors = [(name, degrees_said(error)) for name, error in study.errors.items()]
     sections = [

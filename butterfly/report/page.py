@@ -152,9 +152,8 @@ class Series:
 def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
     """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
 
-    They are ``begin``, the first number, and ``steps`` from it in units of ``quantum``, less than a
-    screen shows of their range; None stands for what is no number. For a logarithmic axis it is
-    their logarithms that are packed.
+    They are ``begin``, and ``steps`` from it in units of ``quantum``, less than a screen shows of
+    their range; None stands for what is no number. For a logarithmic axis it is logarithms.
     """
     if logarithmic:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -171,10 +170,7 @@ def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
-    """A part of a report: text, a line a paragraph, then figures by name, then tables.
-
-    ``series`` are figures of the log that is chosen, by name.
-    """
+    """A part of a report: text, a line a paragraph, then figures by name, then tables."""
 
     title: str
     text: str = ""
@@ -276,10 +272,7 @@ def write_html(page: Page, path: Path) -> None:
 
 
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
-    """Write a report as ``path`` (HTML), and its numbers beside it as JSON.
-
-    Its ``figures``, if wanted, go as PNG and SVG to a folder ``NAME-figures`` beside ``NAME.html``.
-    """
+    """Write a report as HTML, and beside it its numbers as JSON, and its ``figures`` if wanted."""
     if figures:
         from butterfly.report.pictures import write_pictures  # noqa: PLC0415 - slow to import
 

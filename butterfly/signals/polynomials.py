@@ -22,9 +22,7 @@ def averages(
 ) -> tuple[NDArray[np.int64], Samples, Samples]:
     """Average the polynomials, and values, over the instants in each interval of a grid.
 
-    What is averaged is linear in the ends of the interval, so that four numbers, worked out once,
-    stand for many instants.
-
+    What is averaged is linear in the ends of the interval: four numbers stand for many instants.
     Returns (n - 1,) numbers of the average of each interval, -1 where it holds no instant; (4, k)
     weights of angle and velocity at its start, and at its end; and (k,) mean values.
     """
@@ -44,11 +42,7 @@ def averages(
 
 @compiled
 def interpolate(grid, angle, velocity, instants):
-    """Return the (m,) angles at increasing instants.
-
-    From (n,) angles in rad and velocities in rad/s on an increasing grid in s. Beyond the grid the
-    outermost polynomials go on.
-    """
+    """Return the (m,) angles at increasing instants; the outermost polynomials go on beyond."""
     result = np.empty(instants.size)
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
@@ -64,12 +58,10 @@ def interpolate(grid, angle, velocity, instants):
 
 
 def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
-    """Return the slope of the polynomial that fits the samples about each one best.
+    """Return the (n,) slopes per s of the polynomials that fit the samples about each one best.
 
-    Within ``reach`` of an end, it is that of the polynomial of the first or last window.
-
-    Of (n,) samples, n at least 2 `reach` + 1, `step` s apart; windows reach as many samples to
-    either side. Returns (n,) slopes in the samples' unit over s.
+    Windows reach so many of the samples, `step` s apart, to either side; within ``reach`` of an
+    end it is the polynomial of the first or last window.
     """
     weights = _weights(reach, order)
     width = 2 * reach + 1

@@ -68,10 +68,7 @@ class SineFit:
 
 
 def sine_basis(time: Samples, omega: float, harmonics: int = HARMONICS) -> Samples:
-    """Return what `fit_basis` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
-
-    Returns (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
-    """
+    """Return (1 + 2 H, n) rows for `fit_basis`: 1, cos(k w t) and sin(k w t) for k = 1, 2, ..."""
     basis = np.empty((1 + 2 * harmonics, time.size))
     basis[0] = 1.0
     cosines, sines = basis[1::2], basis[2::2]
@@ -97,19 +94,13 @@ def fit_basis(basis: Samples, values: Samples, omega: float, harmonics: int = HA
 
     The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
     time, so that residuals that are correlated from sample to sample, as encoder steps and slow
-    drifts are, do not make it too small.
-
-    `basis` has (m, n) rows of `sine_basis`, at stamps that need not be uniform, then any others to
-    be fitted beside; `omega` is in rad/s.
+    drifts are, do not make it too small. Below those of `sine_basis` the basis may have other rows.
     """
     return _fit(basis, values, omega, harmonics, _equations(basis, values))
 
 
 def fit_halves(basis: Samples, values: Samples, omega: float) -> tuple[SineFit, complex, complex]:
-    """Fit a signal as a whole, and the phasors of its fundamental in its first and second half.
-
-    The equations of the whole are the sum of those of its halves.
-    """
+    """Fit a signal as a whole, and the phasors of its fundamental in its first and second half."""
     middle = values.size // 2
     (first, of_first), (second, of_second) = (
         _equations(basis[:, half], values[half]) for half in (slice(middle), slice(middle, None))

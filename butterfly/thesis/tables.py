@@ -95,8 +95,7 @@ class Row:
 def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     """Compute Tables 1, 2, 4 and 5 and (63), (66) the thesis's way, and the right way beside it.
 
-    Tables 1 and 2 rest on `synthetic`, 4 and 5 on the 41 real logs in `root`, BUTTERFLY_LOGS or the
-    folder they were fetched to; without them they are left out.
+    Tables 4 and 5 rest on the 41 real logs (see `write_figure_data`).
     """
     scripted, right = _table_1(synthetic)
     return [
@@ -137,10 +136,9 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 def complex_fit(points: Sequence[ResponsePoint]) -> tuple[Samples, Samples]:
     """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
 
-    By maximum likelihood of complex responses at three frequencies of one robot or more. Sanathanan
-    and Koerner's iteration, weighted by the measured errors: with each row divided by the
-    denominator of the round before it minimises response errors, whose Gaussian likelihood is the
-    largest there.
+    By maximum likelihood of complex responses of one robot. Sanathanan and Koerner's iteration,
+    weighted by the measured errors: with each row divided by the denominator of the round before it
+    minimises response errors, whose Gaussian likelihood is the largest there.
     """
     if len({point.added_mass for point in points}) > 1:
         raise InputError("resonance", "added mass", "several", "one")
