@@ -91,13 +91,6 @@ class Readings:
     into: NDArray[np.int64]  # (n - 1,) number of the sum that an interval gives; -1 for none
     weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
 
-    @classmethod
-    def angles(cls, count: int) -> Readings:
-        """Return those of the angle at the end of each of ``count`` intervals."""
-        weights = np.zeros((4, count))
-        weights[2] = 1.0
-        return cls(into=np.arange(count), weights=weights)
-
 
 def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated of it
     parameters: LumpedParameters,
