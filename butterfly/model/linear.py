@@ -79,29 +79,24 @@ class Linearisation:
         w = np.asarray(omega, dtype=np.float64)
         return self.drive(w) / (self.stiffness - self.inertia * w**2 + self.brake(w))
 
-    @property
-    def resonance(self) -> float:
-        """Frequency in rad/s at which |G(jw)| peaks (73), (77), (79); 0 where it has no peak.
-
-        With x = w^2 the square of the denominator is (k - c x)^2 + x (a - b x)^2; its slope
-        vanishes at a root of a quadratic, the largest of which is the peak. Without the armature's
-        lag, b = 0, there is one root.
-        """
-        b = self.time_constant * self.inertia
-        c = self.inertia + self.time_constant * self.damping
-        a = self.damping + self.back_emf + self.time_constant * self.stiffness
-        if b == 0:
-            damping = a / c if c else 0.0
-            excess = self.stiffness / c - damping * damping / 2 if c else 0.0
-            return math.sqrt(excess) if excess > 0 else 0.0
-        roots = np.roots([3 * b**2, 2 * c**2 - 4 * a * b, a**2 - 2 * c * self.stiffness])
-        squares = [float(root.real) for root in roots if root.imag == 0 and root.real > 0]
-        return math.sqrt(max(squares, default=0.0))
-
 
 def resonance_frequency(parameters: LumpedParameters) -> float:
-    """Frequency in rad/s at which |G(jw)| of the linearisation peaks; 0 if nowhere (Lemma 6)."""
-    return Linearisation.of(parameters).resonance
+    """Frequency in rad/s at which |G(jw)| of the linearisation peaks (73), (77), (79), or 0.
+
+    With x = w^2 the square of the denominator is (k - c x)^2 + x (a - b x)^2; its slope vanishes
+    at a root of a quadratic, the largest of which is the peak. Without the armature's lag, b = 0,
+    there is one root.
+    """
+    p = Linearisation.of(parameters)
+    b, c = p.time_constant * p.inertia, p.inertia + p.time_constant * p.damping
+    a = p.damping + p.back_emf + p.time_constant * p.stiffness
+    if b == 0:
+        damping = a / c if c else 0.0
+        excess = p.stiffness / c - damping * damping / 2 if c else 0.0
+        return math.sqrt(excess) if excess > 0 else 0.0
+    roots = np.roots([3 * b**2, 2 * c**2 - 4 * a * b, a**2 - 2 * c * p.stiffness])
+    squares = [float(root.real) for root in roots if root.imag == 0 and root.real > 0]
+    return math.sqrt(max(squares, default=0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -80,9 +80,8 @@ class Known:
 class Prior:
     """All that is known of a robot; what has no uncertainty is known exactly."""
 
-    values: Mapping[str, Known] = field(
-        default_factory=dict
-    )  # By names of `TERMS`, `PHYSICAL` and `SCALES`
+    # By names of `TERMS`, `PHYSICAL` and `SCALES`
+    values: Mapping[str, Known] = field(default_factory=dict)
 
     @classmethod
     def of(cls, given: Mapping[str, Any], source: object = "known") -> Prior:

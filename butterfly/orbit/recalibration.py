@@ -96,29 +96,14 @@ class Recalibration:
     carried: AddedMass | None  # the added mass, if all logs had the same one
     cogging_periods: float
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the n parameters."""
-        return self.estimate.names
-
-    @property
-    def values(self) -> Samples:
-        """(n,) values, in their order."""
-        return self.estimate.values
-
-    @property
-    def is_absolute(self) -> bool:
-        """Whether p1 is known, not ratios to it alone."""
-        return "p1" in self.names
-
     def is_ratio(self, name: str) -> bool:
         """Whether the value of a parameter is one over p1."""
-        return not self.is_absolute and not TERMS[name].of_gain
+        return self.estimate.ratios and not TERMS[name].of_gain
 
     def loaded(self, added: AddedMass = NO_ADDED_MASS, inertia: float = 1.0) -> LumpedParameters:
         """Return the parameters of the hand carrying a mass; of ratios, with p1 = ``inertia``."""
-        values = dict(zip(self.names, self.values.tolist(), strict=True))
-        if self.is_absolute:
+        values = dict(zip(self.estimate.names, self.estimate.values.tolist(), strict=True))
+        if not self.estimate.ratios:
             bare = LumpedParameters(**values, cogging_periods=self.cogging_periods)
             return bare.with_added_mass(added)
         if added != self.carried:

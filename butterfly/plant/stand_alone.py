@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.files import replacing
+from butterfly.files import write_file
 from butterfly.model.kernel.equation import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import DRIVE
@@ -52,8 +52,7 @@ class StandAlone:
 
     def write(self, path: Path) -> None:
         """Write the file."""
-        with replacing(path) as draft:
-            draft.write_text(self.text, encoding="utf-8")
+        write_file(path, self.text)
 
 
 def stand_alone(

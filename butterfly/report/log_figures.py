@@ -27,7 +27,6 @@ _MOST_SAMPLES = 2**20  # that a spectrum is taken of
 _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
-_SHADE = "rgba(128,128,128,0.22)"  # of a band
 _SHADE = "rgba(128,128,128,0.25)"  # of the band
 
 

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from numpy.typing import NDArray
 
 from butterfly import __version__
-from butterfly.files import replacing
+from butterfly.files import write_file
 from butterfly.identification.parameter import Parameter
 from butterfly.result import TextTable, write_document
 from butterfly.verdict import Level, Verdict
@@ -266,9 +266,7 @@ def _packed(program: str) -> str:
 
 def write_html(page: Page, path: Path) -> None:
     """Write a page as HTML alone."""
-    text = rendered(page)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_file(path, rendered(page))
 
 
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:

@@ -14,18 +14,12 @@ from butterfly.files import replacing, shipped
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.reading import read_entry
+from butterfly.model.control_bridge import transfer_function
 from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.method import scripted_amplitude
-from butterfly.thesis.tables import (
-    COARSE,
-    Synthetic,
-    has_real_logs,
-    held,
-    scripted_point,
-    synthetic_log,
-)
+from butterfly.thesis.tables import COARSE, Synthetic, has_real_logs, scripted_point, synthetic_log
 
 Columns = dict[str, Samples]
 
@@ -67,7 +61,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
     omega = np.array(list(sines))
     linear = synthetic.rig.robot.lumped
     curve = np.linspace(0.5, 8.0, 400)
-    gain = held(linear, coarse)
+    held = transfer_function(linear).sample(coarse, "zoh")
 
     def gains(logs: Iterable[Log]) -> Samples:
         return np.array([10 ** (scripted_point(log).gain_db / 20) for log in logs])
@@ -84,7 +78,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
         8: {
             "curve_omega_rad_per_s": curve,
             "linearisation_gain": np.abs(Linearisation.of(linear).response(curve)),
-            "held_linearisation_gain": np.abs(gain(np.exp(1j * curve * coarse))),
+            "held_linearisation_gain": np.abs(held(np.exp(1j * curve * coarse))),
             "omega_rad_per_s": omega,
             **quiet,
         },

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,10 @@ from butterfly.identification.estimators import HarmonicBalance
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
+from butterfly.model.control_bridge import transfer_function
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.thesis.method import (
@@ -29,9 +29,6 @@ from butterfly.thesis.method import (
     fit_thesis,
     scripted_resonance,
 )
-
-if TYPE_CHECKING:
-    import control
 
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
@@ -172,16 +169,9 @@ def _table_1(synthetic: Synthetic) -> tuple[dict[AddedMass, float], dict[AddedMa
     return scripted, right
 
 
-def held(parameters: LumpedParameters, step: float) -> control.TransferFunction:
-    """Return the linearisation seen through a zero-order hold (46), sampled every ``step`` s."""
-    from butterfly.model.control_bridge import transfer_function  # noqa: PLC0415 - slow to import
-
-    return transfer_function(parameters).sample(step, "zoh")
-
-
 def _linearisation(synthetic: Synthetic) -> list[Row]:
     p = synthetic.rig.robot.lumped
-    discrete = held(p, COARSE * synthetic.rig.clock.step)
+    discrete = transfer_function(p).sample(COARSE * synthetic.rig.clock.step, "zoh")
     (_, a1, a0), (b1, b0) = discrete.den[0][0], discrete.num[0][0]
     return [
         Row(
