@@ -31,9 +31,15 @@ _OF_MODEL = {
     FindingKind.NO_MISFIT,
     FindingKind.SCATTER,
     FindingKind.CLOCK,
+    FindingKind.CLOCK_SET,
+    FindingKind.OMEGA_SET,
     FindingKind.LIKE_CLOCK,
 }
-_NAMED = (FindingKind.CLOCK, FindingKind.LIKE_CLOCK, FindingKind.SCATTER)  # causes, by themselves
+_NAMED = (
+    *(FindingKind.CLOCK, FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
+    *(FindingKind.LIKE_CLOCK, FindingKind.SCATTER),
+)
+"""Causes, by themselves."""
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -321,7 +327,16 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.SCATTER: "Scatter from log to log: {names} by {percent:.2g} %.",
     FindingKind.CLOCK: (
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
-        "or omega is. A wrong clock moves {names} by about twice that share: check both."
+        "or omega is. {names} differs by about twice that share: its interval holds both. Check "
+        "clock and omega."
+    ),
+    FindingKind.CLOCK_SET: (
+        "The inputs' sines run {percent:+.2g} % off their omega. The logs agree best if their "
+        "clock is wrong by that: their stamps were corrected. Check the clock."
+    ),
+    FindingKind.OMEGA_SET: (
+        "The inputs' sines run {percent:+.2g} % off their omega. The logs agree best if omega is "
+        "wrong by that: it was corrected. Check omega."
     ),
     FindingKind.LIKE_CLOCK: (
         "These data cannot tell {names} from a clock that is {percent:+.2g} % off."

@@ -30,6 +30,8 @@ NUMBERS = {
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "-0.31 %"),
+    FindingKind.CLOCK_SET: (0.0042, "+0.42 %"),
+    FindingKind.OMEGA_SET: (0.0042, "+0.42 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.LIKE_CLOCK: (0.00213, "+0.21 % off"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
@@ -49,6 +51,7 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
+    *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
 }
 PLAIN = [
     kind for kind in FindingKind if kind not in {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
