@@ -310,11 +310,11 @@ class Estimate:
         found = replace(self, agreement=(*more, *rest))
         scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
         weighed = any(more[0].parameter in each.parameters for each in scatters)
-        return found if rival is None or weighed else found.holding(rival)
+        return found if weighed else found.holding(rival)
 
-    def holding(self, rival: Samples) -> Estimate:
-        """Return the estimate with limits that hold a rival of (n,) values too."""
-        if self.freedom is None:
+    def holding(self, rival: Samples | None) -> Estimate:
+        """Return the estimate with limits that hold a rival of (n,) values too, if there is one."""
+        if rival is None or self.freedom is None:
             return self
         reach = np.minimum(
             half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2

@@ -89,7 +89,8 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    judged_so_far = found.with_contrasts(residuals.agreement, residuals.rival).with_findings(
+    contrasted = found.with_contrasts(residuals.agreement, residuals.rival)
+    judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),
         *judge_fit(data.simulations.followed(found, counted)),
