@@ -26,7 +26,7 @@ def _seconds(jobs, tmp_path, **how):
     tmp_path.mkdir()
     tasks = [Job(str(k), tmp_path, 0.3, how.get("dies") == k) for k in range(jobs)]
     begun = time.perf_counter()
-    outcomes = dict(LocalEngine(4).run(work, tasks))
+    outcomes = dict(LocalEngine(4).run(work, tasks, {}))
     return time.perf_counter() - begun, outcomes
 
 
@@ -43,7 +43,7 @@ def test_a_worker_that_dies_costs_the_others_next_to_nothing(tmp_path):
 
 def test_what_is_handed_out_is_bounded_and_ends_when_the_engine_is_left(tmp_path):
     tasks = [Job(str(k), tmp_path, 0.05 if k == 0 else 60.0) for k in range(30)]
-    outcomes = LocalEngine(2).run(work, tasks)
+    outcomes = LocalEngine(2).run(work, tasks, {})
     begun = time.perf_counter()
     assert next(outcomes) == ("0", None)
     outcomes.close()
