@@ -18,6 +18,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
 from butterfly.experiment.sweep_tables import RUNS
 from butterfly.experiment.workers import DaskEngine, LocalEngine
+from tests.cli.one_line import assert_one_line_error
 from tests.experiment.jobs import EndsWorker, Job, work
 from tests.experiment.setting import small_plan, tables_of
 
@@ -156,9 +157,5 @@ def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder, monkeypat
     pytest.importorskip("distributed")
     monkeypatch.setattr("butterfly.experiment.workers._ANSWER", "1s")
     small_plan(folder)
-    code, _, err = butterfly(
-        *("run", folder / "small.yaml", "--out", folder / "none", "--engine", "dask"),
-        *("--scheduler", "tcp://127.0.0.1:1"),
-    )
-    assert code == 2
-    assert "--scheduler" in err
+    words = ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--out", folder / "none")
+    assert_one_line_error(butterfly("run", folder / "small.yaml", *words), "--scheduler")
