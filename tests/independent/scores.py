@@ -3,8 +3,6 @@
 import time
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from butterfly.errors import ButterflyError
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
