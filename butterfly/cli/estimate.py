@@ -73,7 +73,7 @@ def identify(
         holdout=parse_names(holdout),
         track=show_progress,
     )
-    return show(found, page, save=save)
+    return show(found, report=page.report, figures=page.figures, save=save)
 
 
 def select(
@@ -105,7 +105,7 @@ def select(
         holdout=parse_names(holdout),
         track=show_progress,
     )
-    return show(found, page)
+    return show(found, report=page.report, figures=page.figures)
 
 
 def validate(
@@ -158,7 +158,7 @@ def validate(
                 expected = "none beside several methods or data sets"
                 raise InputError("butterfly validate", f"--{name}", value, expected)
         found = rank([data, *more], methods, split=split, holdout=left_out, track=show_progress)
-    return show(found, page)
+    return show(found, report=page.report, figures=page.figures)
 
 
 def residual(
@@ -236,7 +236,7 @@ def compare(
             holdout=parse_names(holdout),
             track=show_progress,
         )
-        return show(found, page)
+        return show(found, report=page.report, figures=page.figures)
     from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415 - slow to import
 
     of_logs = {"--log": log, "--hand-mass": hand_mass, "--holdout": holdout, "--method": fit.given}
@@ -252,7 +252,7 @@ def compare(
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
             field = "DATA" if path is data else "OTHER"
             raise InputError("butterfly compare", field, path, expected)
-    return show(bf.changed(data, other), page)
+    return show(bf.changed(data, other), report=page.report, figures=page.figures)
 
 
 def design(
@@ -284,7 +284,7 @@ def design(
     found = bf.design(
         data, _method(data, fit), swing=swing, holdout=parse_names(holdout), track=show_progress
     )
-    return show(found, page, rows=limit)
+    return show(found, report=page.report, figures=page.figures, rows=limit)
 
 
 def _method(data: Path, fit: Fit) -> bf.Estimator | None:

@@ -154,7 +154,7 @@ def predict(
         seed=seed,
         track=show_progress,
     )
-    ended = show(found, page)
+    ended = show(found, report=page.report, figures=page.figures)
     if out is not None and isinstance(result, Path):
         drawn = found.drawn or bf.draws(result, draws, seed, track=show_progress)
         drawn.write_csv(out)

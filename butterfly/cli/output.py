@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from butterfly.cli.options import Report
     from butterfly.result import Result
     from butterfly.verdict import Verdict
 
@@ -119,8 +118,9 @@ def write_json(document: Mapping[str, Any]) -> None:
 
 def show(
     result: Result,
-    page: Report | None = None,
     *,
+    report: Path | None = None,
+    figures: bool = False,
     save: Path | None = None,
     rows: int | None = None,
 ) -> ExitCode:
@@ -135,9 +135,9 @@ def show(
             say(sentence)
     for table in () if asked.silent else result.tables():
         show_table(table.title, table.headers, table.rows[:rows])
-    if page is not None and page.report is not None:
-        result.report(page.report, figures=page.figures)
-        say(f"Report: {page.report}")
+    if report is not None:
+        result.report(report, figures=figures)
+        say(f"Report: {report}")
     if asked.json is not None:
         write_json(result.to_dict())
     if save is not None:
