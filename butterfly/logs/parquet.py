@@ -11,7 +11,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in
+from butterfly.files import most_in, require_file
 from butterfly.logs.formats import DEFAULT_COLUMNS, VELOCITY, ColumnMap, checked_map, place
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
@@ -28,11 +28,10 @@ def read_parquet(
 ) -> Log:
     """Read a log (see `read_log`); columns that are not asked for are ignored."""
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
+    require_file(path, "an existing Parquet file")
     try:
         with parquet.ParquetFile(path) as file:
             arrays = _columns(path, file, mapping, None if columns else VELOCITY)
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing Parquet file") from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first = str(error).splitlines()[0]
         raise InputError(path, "content", first, "a whole Parquet file") from None

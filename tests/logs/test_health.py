@@ -157,7 +157,7 @@ def test_what_reading_did_stands_in_the_record(sine_log):
     _, health = examine(read)
     assert (health.cut_lines, health.units) == (1, {"time": "ms"})
     assert [each.split(",")[0] for each in health.findings] == [
-        "1 last line cut off",
+        "1 last line that lacks its end",
         "units of the file's own: time ms",
     ]
 
