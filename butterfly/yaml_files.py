@@ -81,6 +81,9 @@ def validate(
         return schema.model_validate(content)
     except ValidationError as error:
         raise _translate(documents, content, schema, error, source) from None
+    except ArithmeticError as error:
+        found = f"numbers of which nothing can be calculated ({error.args[-1]})"
+        raise InputError(_source(documents, [], source), "content", found, "usual ones") from None
 
 
 def _translate(

@@ -1,11 +1,18 @@
 """What users write is neither markup nor a formula, and no absurd number fills the memory."""
 
+import json
+
 import pyarrow as pa
 import pytest
 import yaml
 
 from butterfly.cli.output import ExitCode
 from butterfly.cli.results import without_formulas
+from butterfly.errors import InputError
+from butterfly.experiment.source import Source
+from butterfly.experiment.sweep import plan_sweep
+from butterfly.files import shipped
+from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import written
 
 
@@ -40,3 +47,44 @@ def test_no_text_of_an_export_is_a_formula():
     found = without_formulas(table)
     assert found.column("name").to_pylist() == ["'=1+1", "plain", None, "'@x", "'-2"]
     assert found.column("value").to_pylist() == [-1.0, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("plant", {"hand": {"com_distance": 1e155}}, "got numbers of which nothing can be calc"),
+        ("added_masses", [{"mass": 0.1, "arm": 1e155}], "got numbers of which nothing can be calc"),
+        ("plant", {"clock": {"step": 1e5}}, "plant.clock.step: got 100000.0; expected up to 3.75"),
+        ("plant", {"hand": {"inertia": 0}}, "inertia: got 0"),
+        ("duration", 1e155, "expected less: it takes 6.4e"),
+        ("known", {"p4": 10**400}, "known.p4: got 1000"),
+    ],
+)
+def test_numbers_that_no_robot_has_are_one_line_before_anything_is_simulated(
+    tmp_path, key, value, said
+):
+    whole = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
+    inner = whole.get(key)
+    if inner and isinstance(value, dict):
+        value = inner | {k: inner.get(k, {}) | each for k, each in value.items()}
+    path = written(tmp_path / "absurd.yaml", **whole | {key: value})
+    with pytest.raises(InputError) as caught:
+        plan_sweep(Source(path))
+    assert "absurd.yaml" in str(caught.value)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("damage", ["short", "missing", "lopsided"])
+def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
+    butterfly, quick_data, tmp_path, damage
+):
+    file = tmp_path / "saved.json"
+    butterfly("identify", quick_data, "--method", "weak-form", "--save", file)
+    content = json.loads(file.read_text())
+    freedom = content["freedom"]
+    content["freedom"] = freedom[:-1] if damage == "short" else [None, *freedom[1:]]
+    if damage == "lopsided":
+        content["freedom"], content["covariance"]["matrix"][0][1] = freedom, None
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(content))
+    assert_one_line_error(butterfly("compare", file, other), "other.json" * (damage != "missing"))

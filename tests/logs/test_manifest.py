@@ -166,7 +166,9 @@ def test_a_slip_in_a_manifest_is_named_with_file_field_and_value(tmp_path, old, 
 
 
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
-PLAIN = TEXTS.filter(lambda text: not PurePath(text).is_absolute() and ".." not in text and "\0" not in text)
+PLAIN = TEXTS.filter(
+    lambda text: not PurePath(text).is_absolute() and ".." not in text and "\0" not in text
+)
 SIZES = st.floats(0, 1e3)
 TOLD = st.floats(-1e3, 1e3) | st.fixed_dictionaries(
     {"value": st.floats(-1e3, 1e3), "uncertainty": st.floats(1e-9, 10)}
