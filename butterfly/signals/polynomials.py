@@ -68,19 +68,6 @@ def interpolate(grid, angle, velocity, instants):
 
 
 @compiled
-def squared_distance(grid, angle, velocity, instants, values):
-    """Return the sum of the squared differences of `interpolate` to (m,) values."""
-    k, last, total = 0, grid.size - 2, 0.0
-    for cell in range(grid.size - 1):
-        c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)
-        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
-            s = (instants[k] - grid[cell]) * rate
-            total += (c0 + s * (c1 + s * (c2 + s * c3)) - values[k]) ** 2
-            k += 1
-    return total
-
-
-@compiled
 def _averages(grid, instants, values, into, means):
     """Fill ``into`` and the columns of ``means``; return how many are filled."""
     k, last, count = 0, grid.size - 2, 0
