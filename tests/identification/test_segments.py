@@ -11,6 +11,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import identify
 from butterfly.identification.segments import Segments, simulation_of
@@ -61,7 +62,7 @@ def noisy():
 
 def _fit(logs, **options):
     estimator = OutputError(terms=(), workers=1, **options)
-    return estimator.of_logs(logs, START, ZEROS, KNOWN)
+    return estimator.of_logs(logs, [Start(START, ZEROS)], KNOWN)
 
 
 def test_noise_free_swing_ups_give_the_exact_parameters(exact):
