@@ -176,18 +176,12 @@ class RobotModel(Answer):
         note: str = "",
         besides: Mapping[str, Any] = MappingProxyType({}),
     ) -> RobotModel:
-        """List the parts of a robot, and the lumped parameters with what it carries.
-
-        Of data, the verdict and what is ``besides`` are on the estimate that it rests on.
-        """
+        """List a robot's parts and lumped parameters; ``besides`` is what data's estimate says."""
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
         pairs = (
-            ("hand", _numbers_of(robot.hand)),
-            ("drive", _numbers_of(robot.drive)),
-            ("friction", _numbers_of(robot.friction) or "none"),
-            ("clutch", _numbers_of(robot.clutch) if robot.clutch else "rigid"),
+            *((part, _numbers_of(each)) for part, each in parts.items()),
             ("added mass", str(carried) if carried.mass else "none"),
             ("p1", f"{loaded.p1:.6g} kg m²"),
             ("p2", f"{loaded.p2:.6g} N m s/rad"),
@@ -232,13 +226,16 @@ class RobotModel(Answer):
         return [{"parameter": name, **loaded[name]} for name in names]
 
 
-def _numbers_of(part: object) -> str:
+def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot
     """Name the numbers of one part that are not at their defaults, with their units."""
-    return ", ".join(
+    if part is None:
+        return "rigid"
+    named = (
         f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
-        for each in fields(part)  # type: ignore[arg-type]
+        for each in fields(part)
         if getattr(part, each.name) != each.default
     )
+    return ", ".join(named) or "none"
 
 
 def inspect(

@@ -42,11 +42,7 @@ class _Signals(StrictModel):
 
 
 class Source:
-    """An experiment file and what it extends, merged.
-
-    A file may name others in its own folder and below, and shipped experiments; InputError if one
-    lies elsewhere, cannot be read, or is not YAML.
-    """
+    """An experiment file and what it extends, in its own folder, below or shipped, merged."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -12,6 +12,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identification.derived_quantities import beside_masses, implied
+from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
@@ -64,6 +65,8 @@ class DataSet:
         The steady response of each log, None where the input is no sine.
     test_logs
         Logs that are not to be used, only to be predicted; None if there are none.
+    correction
+        What was corrected in ``logs`` besides repairs, if anything.
     """
 
     name: str
@@ -77,6 +80,7 @@ class DataSet:
     health: tuple[Health, ...]
     points: tuple[ResponsePoint | None, ...]
     test_logs: DataSet | None = None
+    correction: Finding | None = None
 
     @classmethod
     def of(
@@ -240,6 +244,11 @@ class DataSet:
             logs=tuple(replace(log, zero=zero) for log in self.logs),
             test_logs=None if self.test_logs is None else self.test_logs.with_zero(zero),
         )
+
+    def corrected(self, logs: Sequence[Log], said: Finding) -> DataSet:
+        """Return the data set with its logs corrected."""
+        points = _responses(logs, untracked)
+        return replace(self, logs=tuple(logs), points=points, correction=said)
 
     @property
     def whole(self) -> DataSet:

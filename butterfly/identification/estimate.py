@@ -310,13 +310,17 @@ class Estimate:
         found = replace(self, agreement=(*more, *rest))
         scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
         weighed = any(more[0].parameter in each.parameters for each in scatters)
-        if rival is None or self.freedom is None or weighed:
-            return found
+        return found if weighed else found.holding(rival)
+
+    def holding(self, rival: Samples | None) -> Estimate:
+        """Return the estimate with limits that hold a rival of (n,) values too, if there is one."""
+        if rival is None or self.freedom is None:
+            return self
         reach = np.minimum(
             half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2
         )
         lower = np.maximum(np.minimum(self.lower, rival - reach), lower_bounds(self.names))
-        return replace(found, lower=lower, upper=np.maximum(self.upper, rival + reach))
+        return replace(self, lower=lower, upper=np.maximum(self.upper, rival + reach))
 
     def with_unit_errors(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""

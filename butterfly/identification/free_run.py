@@ -203,6 +203,10 @@ class Simulations:
         chosen = range(len(self._logs)) if numbers is None else numbers
         return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
 
+    def left_over(self, estimate: Estimate) -> float:
+        """Return the mean square of what free runs leave of the motion of the logs that count."""
+        return float(np.mean((1 - self.fits(estimate, self._counted) / 100) ** 2))
+
     def fits_with(self, parameters: LumpedParameters, horizon: float = math.inf) -> Samples:
         """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
         settings = [

@@ -11,6 +11,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import (
     judge_basis,
     judge_fit,
@@ -24,14 +25,17 @@ from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors_of_clock,
     find_unit_errors_of_refused,
 )
-from butterfly.identification.diagnostics.unit_errors import judge_clock, with_unit_errors
+from butterfly.identification.diagnostics.unit_errors import clock_error, with_unit_errors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identification import Identification
+from butterfly.identification.levels import MATTERS
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
+
+_CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
 
 _UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
@@ -51,7 +55,7 @@ def identify(
     use the logs; IdentifiabilityError if the logs cannot determine the parameters.
     """
     estimator = (estimator or Suitable()).suited(data)
-    (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
+    ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
     (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], "Judging")]
     sure = judge(data, estimator, run.estimate, left)
@@ -71,8 +75,8 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
     estimator = estimator.suited(data)
-    found = data.simulations.settled(estimated(data, estimator))
-    return judge(data, estimator, found)
+    data, found = timed(data, estimator)
+    return judge(data, estimator, data.simulations.settled(found))
 
 
 @_UNWARNED
@@ -85,9 +89,10 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    judged_so_far = found.with_contrasts(residuals.agreement, residuals.rival).with_findings(
+    contrasted = found.with_contrasts(residuals.agreement, residuals.rival)
+    judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
-        *judge_clock(data.sines),
+        *([data.correction] if data.correction else []),
         *judge_fit(data.simulations.followed(found, counted)),
         *residuals.findings,
         *judge_input(found, data.input_kind),
@@ -95,6 +100,32 @@ def judge(
         *judge_basis(found, data),
     )
     return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
+
+
+def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
+    """Estimate, not judged yet, from logs whose sines have their omega.
+
+    Where the sines of all logs run off it by one share, the clock is wrong or omega is. Masses that
+    are known tell which, since the inertia that they add goes with the square of time: with the
+    right one the free runs are nearer, or as near without a term in its place. Where neither is,
+    the intervals hold both answers.
+    """
+    share = clock_error(data.sines)
+    if not share:
+        return data, estimated(data, estimator)
+    slow, told = [Finding(kind, ("p1",), number=share) for kind in _CORRECTED]
+    either = [
+        data.corrected([log.timed(1 + share) for log in data.logs], slow),
+        data.corrected([log.tuned(1 + share) for log in data.logs], told),
+    ]
+    found = [(each, estimated(each, estimator)) for each in either]
+    left = [each.simulations.left_over(estimate) for each, estimate in found]
+    near = [pair for pair, own in zip(found, left, strict=True) if own <= (1 + MATTERS) * min(left)]
+    (best, estimate), *others = sorted(near, key=lambda pair: len(pair[1].names))
+    if not others or others[0][1].names != estimate.names:
+        return best, estimate
+    unsure = Finding(FindingKind.CLOCK, ("p1",), number=share)
+    return replace(best, correction=unsure), estimate.holding(others[0][1].values)
 
 
 @_UNWARNED

@@ -221,6 +221,22 @@ class Log:
         changed: dict[str, Any] = units.applied(self.columns())
         return self if units == AS_IS else replace(self, **changed)
 
+    def timed(self, factor: float) -> Log:
+        """Return the log with its stamps multiplied by a factor, by which speeds are divided."""
+        lead, velocity = self.lead, self.velocity
+        return replace(
+            self,
+            time=factor * self.time,
+            velocity=None if velocity is None else velocity / factor,
+            lead=None if lead is None else replace(lead, time=factor * lead.time),
+        )
+
+    def tuned(self, factor: float) -> Log:
+        """Return the log with its sine's omega multiplied by a factor."""
+        sine = self.excitation
+        sine = None if sine is None else replace(sine, omega=factor * sine.omega)
+        return replace(self, excitation=sine)
+
     def _column(self, name: str) -> Samples:
         try:
             given = np.asarray(getattr(self, name))

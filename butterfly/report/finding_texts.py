@@ -11,6 +11,8 @@ from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
+from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.conditions import Condition
 from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.format import counted, fit_text, times_text
@@ -31,9 +33,16 @@ _OF_MODEL = {
     FindingKind.NO_MISFIT,
     FindingKind.SCATTER,
     FindingKind.CLOCK,
+    FindingKind.CLOCK_SET,
+    FindingKind.OMEGA_SET,
     FindingKind.LIKE_CLOCK,
 }
-_NAMED = (FindingKind.CLOCK, FindingKind.LIKE_CLOCK, FindingKind.SCATTER)  # causes, by themselves
+_NAMED = (
+    *(FindingKind.CLOCK, FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
+    FindingKind.LIKE_CLOCK,
+)
+"""Causes, by themselves."""
+_LACKING = FindingKind.MISSING_TERM
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -45,9 +54,35 @@ def estimate_notes(estimate: Estimate) -> list[str]:
     """Say what was found of an estimate besides what its verdict says."""
     others = (each for each in estimate.findings if not (each.forbids or each.kind in _OF_MODEL))
     return [
-        *(finding_text(each, values_of(estimate)) for each in others),
-        *(contrast_text(each, estimate) for each in estimate.agreement[1:]),
+        *(
+            finding_text(each, values_of(estimate))
+            for each in others
+            if not _outdone(each, estimate)
+        ),
+        *(contrast_text(each, estimate) for each in _contrasts(estimate)[1:]),
     ]
+
+
+def _outdone(finding: Finding, estimate: Estimate) -> bool:
+    """Whether terms that did not help the method are among those that the free runs lack."""
+    if finding.kind is not FindingKind.NOT_HELPING:
+        return False
+    lacking = [each.parameters[0] for each in estimate.findings if each.kind is _LACKING]
+    return any({*finding.parameters} & {*re.findall(r"\w+", each)} for each in lacking)
+
+
+def _contrasts(estimate: Estimate) -> list[Contrast]:
+    """Return what follows a condition but for what scatters from log to log, which is said so."""
+    scatters = {name for each in _scatters(estimate) for name in each.parameters}
+    return [
+        each
+        for each in estimate.agreement
+        if not (each.condition is Condition.LOG and each.parameter in scatters)
+    ]
+
+
+def _scatters(estimate: Estimate) -> list[Finding]:
+    return [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
 
 
 def estimate_verdict(estimate: Estimate) -> Verdict:
@@ -110,6 +145,9 @@ def model_sentence(estimate: Estimate) -> str:
     found = {each.kind: each for each in estimate.findings}
     causes = [each for kind in _NAMED for each in estimate.findings if each.kind is kind]
     named = [finding_text(each, values_of(estimate)) for each in causes]
+    if scatters := _scatters(estimate):
+        sizes = (f"{', '.join(each.parameters)} by {_percent(_number(each))}" for each in scatters)
+        named.append(f"Scatter from log to log: {'; '.join(sizes)}.")
     if FindingKind.FOLLOWED not in found:
         return " ".join(named)
     share = found[FindingKind.FOLLOWED].number
@@ -123,9 +161,9 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         of_left = _percent(_number(missing))
         text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
-    if beyond and not (missing or causes or estimate.agreement):
+    if beyond and not (missing or named or estimate.agreement):
         text += "; it misses something that looks like none of the terms on offer"
-    first = [contrast_text(each, estimate) for each in estimate.agreement[:1]]
+    first = [contrast_text(each, estimate) for each in _contrasts(estimate)[:1]]
     return " ".join([f"{text}.", *named, *first])
 
 
@@ -321,7 +359,16 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.SCATTER: "Scatter from log to log: {names} by {percent:.2g} %.",
     FindingKind.CLOCK: (
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
-        "or omega is. A wrong clock moves {names} by about twice that share: check both."
+        "or omega is. {names} differs by about twice that share: its interval holds both. Check "
+        "clock and omega."
+    ),
+    FindingKind.CLOCK_SET: (
+        "The inputs' sines run {percent:+.2g} % off their omega. The logs agree best if their "
+        "clock is wrong by that: their stamps were corrected. Check the clock."
+    ),
+    FindingKind.OMEGA_SET: (
+        "The inputs' sines run {percent:+.2g} % off their omega. The logs agree best if omega is "
+        "wrong by that: it was corrected. Check omega."
     ),
     FindingKind.LIKE_CLOCK: (
         "These data cannot tell {names} from a clock that is {percent:+.2g} % off."

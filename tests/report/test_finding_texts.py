@@ -30,6 +30,8 @@ NUMBERS = {
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "-0.31 %"),
+    FindingKind.CLOCK_SET: (0.0042, "+0.42 %"),
+    FindingKind.OMEGA_SET: (0.0042, "+0.42 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.LIKE_CLOCK: (0.00213, "+0.21 % off"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
@@ -49,6 +51,7 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
+    *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
 }
 PLAIN = [
     kind for kind in FindingKind if kind not in {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
@@ -124,6 +127,10 @@ def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
 FOLLOWED = Finding(FindingKind.FOLLOWED, number=0.0123)
 MISFIT = Finding(FindingKind.MISFIT, number=3.456)
 LACKS = Finding(FindingKind.MISSING_TERM, ("drag or load", "p2"), number=0.614)
+SCATTER = (
+    Finding(FindingKind.SCATTER, ("p2", "coulomb"), number=0.213),
+    Finding(FindingKind.SCATTER, ("p4",), number=0.0123),
+)
 WITH_MASS = Contrast(
     parameter="p1",
     condition=Condition.MASS,
@@ -149,9 +156,14 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
         ),
         ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; it misses drag or load, 61 % of what is left."),
         (
-            [FOLLOWED, MISFIT, Finding(FindingKind.SCATTER, ("p2", "coulomb"), number=0.213)],
+            [FOLLOWED, MISFIT, *SCATTER],
             (),
-            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %.",
+            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %; p4 by 1.2 %.",
+        ),
+        (
+            [FOLLOWED, MISFIT, *SCATTER],
+            (replace(WITH_MASS, parameter="p2", condition=Condition.LOG),),
+            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %; p4 by 1.2 %.",
         ),
         (
             [FOLLOWED, MISFIT],
@@ -167,6 +179,14 @@ def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(
     verdict = estimate_verdict(_estimate(*findings, agreement=agreement))
     assert verdict.level is Level.GOOD
     assert verdict.reasons[1] == text
+
+
+def test_terms_that_the_free_runs_lack_are_not_said_to_be_of_no_help():
+    idle = Finding(FindingKind.NOT_HELPING, ("drag", "stribeck"))
+    said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle))
+    assert any("did not help" in each for each in said)
+    said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle, LACKS))
+    assert not any("did not help" in each for each in said)
 
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():

@@ -44,6 +44,8 @@ class FindingKind(StrEnum):
     FEW_LOGS = "few-logs"  # how many there are, in blocks of which the scatter was taken
     SCATTER = "scatter"  # standard deviation from log to log, over the value
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
+    CLOCK_SET = "clock-set"  # the same where all stamps were multiplied by 1 more than it
+    OMEGA_SET = "omega-set"  # or every omega
     LIKE_CLOCK = "like-clock"  # the same, of a clock that a term looks like
     SIGN_UNKNOWN = "sign-unknown"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows

@@ -132,6 +132,7 @@ class MissingTerms:
     others: tuple[tuple[str, ...], ...] = ()  # sets of as many that predict as well
     share: float = 0.0  # of the squares of what is left that they explain
     moved: tuple[str, ...] = ()  # parameters that they move by more than their intervals allow
+    rival: Samples | None = None  # (n,) values with them, if they move any so far
 
     @property
     def names(self) -> str:
@@ -365,18 +366,17 @@ def _missing_terms(
     ends = np.array([nested.fitted(none)[0], [chosen.values[name] for name in nested.names]])
     before, after = nested.costs(ends).reshape(2, len(logs), -1).sum(axis=2)
     shares = 1 - after / np.where(before > 0, before, 1.0)
-    moved = directions @ (ends[1] - ends[0])[: len(always)]
-    half = (estimate.upper - estimate.lower) / 2
-    limits = zip(estimate.names, moved[: half.size], half, strict=True)
+    count = estimate.values.size
+    before_and_after = estimate.values + (ends[:, : len(always)] @ directions.T)[:, :count]
+    far = np.abs(np.diff(before_and_after, axis=0)[0]) > (estimate.upper - estimate.lower) / 2
+    pairs = zip(estimate.names, far.tolist(), strict=True)
+    moved = tuple(name for name, own in pairs if own and name in PARAMETERS and chosen.terms)
     rivals = (tuple(name for name in lacking if values[name]) for values in chosen.rivals)
     alike = dict.fromkeys(each for each in rivals if len(each) == len(chosen.terms))
     return MissingTerms(
         terms=chosen.terms,
         others=tuple(each for each in alike if each != chosen.terms),
         share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
-        moved=tuple(
-            name for name, step, limit in limits if name in PARAMETERS and abs(step) > limit
-        )
-        if chosen.terms
-        else (),
+        moved=moved,
+        rival=before_and_after[1] if moved else None,
     ), shares

@@ -209,24 +209,18 @@ def unit_errors_of_omega(
     return [_of_omega(1 + worst, *(log for log, _ in near), moves=moves)]
 
 
-def judge_clock(points: Sequence[ResponsePoint]) -> list[Finding]:
-    """Tell by which share sines run faster than their omega, if it is more than its error.
+def clock_error(points: Sequence[ResponsePoint]) -> float:
+    """Return by which share sines run faster than their omega; 0 if it is less than its error.
 
-    The share is the same in all logs; whether the clock or omega is wrong, no log can say.
+    The share is the same in all logs; whether the clock or omega is wrong, no sine can say.
     """
     apart = np.array([point.detuning for point in points])
     if apart.size < 2:  # noqa: PLR2004 - which have a scatter
-        return []
+        return 0.0
     share = float(apart.mean())
     error = float(apart.std(ddof=1)) / math.sqrt(apart.size)
-    if not abs(share) > max(stdtrit(apart.size - 1, 0.5 + CONFIDENCE / 2) * error, SHOWS / 2):
-        return []
-    return [Finding(FindingKind.CLOCK, ("p1",), number=share)]
-
-
-def like_a_clock(points: Sequence[ResponsePoint]) -> tuple[str, ...]:
-    """Return the terms that are not to be tried, where a clock is wrong that looks like them."""
-    return ("mass_inertia",) if judge_clock(points) else ()
+    least = max(stdtrit(apart.size - 1, 0.5 + CONFIDENCE / 2) * error, SHOWS / 2)
+    return share if abs(share) > least else 0.0
 
 
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:

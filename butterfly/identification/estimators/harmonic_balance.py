@@ -31,7 +31,6 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.unit_errors import like_a_clock
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (
@@ -106,7 +105,7 @@ class HarmonicBalance(Estimator):
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
-        always, alias = fit.phasors.names, like_a_clock(points)
+        always = fit.phasors.names
         plain: tuple[TermChoice, HarmonicBalanceFit, SteadyModel] | None = None
         again = False
         while True:
@@ -115,7 +114,7 @@ class HarmonicBalance(Estimator):
             while self.terms is None and (idle := fit.idle):
                 chosen = chosen.without(idle)
                 fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.names))
-            lacking = fit.lacking((*always, *alias), conditions) if self.terms is None else None
+            lacking = fit.lacking(always, conditions) if self.terms is None else None
             if lacking is not None:
                 plain, always = plain or (chosen, fit, robot), (*always, lacking)
             elif again or plain is None:

@@ -21,7 +21,6 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors import like_a_clock
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
@@ -116,26 +115,22 @@ class OutputError(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
-        first, alias = starts(data, self.terms), like_a_clock(data.sines)
+        first = starts(data, self.terms)
         calm = data.take(data.calm)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
-            return self.of_logs(data.logs, first, data.known, alias)
+            return self.of_logs(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        return self.of_logs(calm.logs, first, data.known, alias).with_findings(left_out)
+        return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior = NO_PRIOR,
-        untried: tuple[str, ...] = (),
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-            found = replace(self, horizon=horizon).of_logs(logs, first, known, untried)
+            found = replace(self, horizon=horizon).of_logs(logs, first, known)
             return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
@@ -144,8 +139,6 @@ class OutputError(Estimator):
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         problems = [self.problem(logs, each, reference.fixed) for each in first]
-        if self.terms is None:
-            problems = [each.without(untried) for each in problems]
         wide, rarer = problems[0], self._unseen(first)
         problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[Samples, ...] = ()

@@ -12,6 +12,7 @@ from butterfly.identification.diagnostics.residuals import LogResiduals, Residua
 from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.identify import identify
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES
@@ -107,6 +108,17 @@ def test_a_missing_term_is_seen_and_named(term):
     assert missing.kind is FindingKind.MISSING_TERM
     assert missing.parameters[1:] == misfit.missing.moved
     assert term in missing.parameters[0]
+
+
+@pytest.mark.parametrize("term", MISSING)
+def test_the_intervals_hold_what_a_missing_term_would_give(term):
+    data, _ = _lacking(term)
+    missing = residuals_of(data, FIT(data)).missing
+    assert (missing.rival is None) == (not missing.moved)
+    if missing.rival is not None:
+        found = identify(data, FIT).estimate
+        assert (found.lower <= missing.rival).all()
+        assert (missing.rival <= found.upper).all()
 
 
 @pytest.mark.parametrize("term", ["drag", "stribeck"])
