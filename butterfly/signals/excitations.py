@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -214,13 +214,8 @@ class Table:
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
-        instants, values = self._columns
-        index = np.searchsorted(instants, time, side="right") - 1
-        return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
-
-    @cached_property
-    def _columns(self) -> tuple[Samples, Samples]:
-        return np.array(self.time, dtype=np.float64), np.array(self.values, dtype=np.float64)
+        index = np.searchsorted(self.time, time, side="right")
+        return np.array((0.0, *self.values))[index]
 
 
 Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table
