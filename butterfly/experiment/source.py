@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.experiment.schema import Experiment, TableFile
+from butterfly.experiment.schema import Experiment, SignalSpec, TableFile
 from butterfly.files import locate, require_path, shipped, write_file
 from butterfly.logs.csv import read_columns
 from butterfly.signals.excitations import Table
-from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
+from butterfly.yaml_files import Document, load_yaml, validate, yaml_text
 
 EXPERIMENT = "experiment.yaml"
 """File beside results that says what was done."""
@@ -33,12 +33,6 @@ _HEAD = """\
 # What was asked for these results: the experiment file with all that it extends.
 # `butterfly run` of this file does it again.
 """
-
-
-class _Signals(StrictModel):
-    """The part of an experiment that names files."""
-
-    file: TableFile
 
 
 class Source:
@@ -70,7 +64,7 @@ class Source:
     def _with_digest(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
         if not (isinstance(signal, dict) and set(signal) == {"file"}):
             return signal
-        named = validate(self.documents, signal, _Signals).file
+        named = validate(self.documents, signal, SignalSpec).chosen
         if named not in self.signals:
             path = _allowed(self.path.parent, named.path, self.path)
             digest, table = read_table(path, named.time, named.values)
