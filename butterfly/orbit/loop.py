@@ -144,9 +144,7 @@ def calibrate(
     """Hold the orbit, re-calibrate next to it, and hold it better.
 
     ``believed`` are parameters of the bare hand to begin with, from small swings say, ``zero`` is
-    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. An
-    IdentifiabilityError if a round's logs cannot tell the parameters apart, an InputError if no
-    controller can be built on ``believed``.
+    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
@@ -212,8 +210,8 @@ def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
 def swing(log: Log, zero: float, since: float) -> float:
     """Measure the amplitude in rad that a log has come to, half the mean peak-to-peak swing.
 
-    Turning points count from the stamp ``since`` in s on; ``zero`` is the encoder reading in rad of
-    the hanging hand. NaN if the hand turned over, 0 if it stopped turning back and forth.
+    Turning points count from the stamp ``since`` in s on. NaN if the hand turned over, 0 if it
+    stopped turning back and forth.
     """
     rows = log.time >= since
     time, angle = log.time[rows], log.angle[rows] - zero
@@ -278,9 +276,7 @@ def study_orbit(
 ) -> OrbitStudy:
     """Calibrate, and compare free runs of the generic and the re-calibrated model.
 
-    ``believed`` are parameters of the bare hand, from ``small_swings`` if they were identified;
-    ``zero`` is the encoder reading in rad of the hanging hand. At the orbits of the ``amplitudes``
-    in rad models are re-calibrated and used crosswise.
+    At the orbits of the ``amplitudes`` in rad models are re-calibrated and used crosswise.
     """
     calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
     carried = schedule.added_masses[0]
@@ -327,11 +323,7 @@ def study_orbit(
 def beside_orbit(
     log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
 ) -> FreeRun:
-    """Return a free run from the log's first sample, with its input, where the log is at rest.
-
-    The parameters are of the hand with what it carries; compared are so many periods of a swing
-    from there.
-    """
+    """Return a free run, some periods long, from where a log is at rest, its first sample."""
     start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period

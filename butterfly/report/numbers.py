@@ -58,10 +58,7 @@ def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]
 def chosen_options(
     estimator: Estimator | None, estimate: Estimate, label: str = ""
 ) -> dict[str, Any]:
-    """Return what an estimate was made with: method, terms that it fits, options.
-
-    Of an estimator of which only the label is known there are no options.
-    """
+    """Return what an estimate was made with: method, terms that it fits, options if known."""
     options = {} if estimator is None else asdict(estimator)
     return {
         "method": options.pop("method", label.partition("(")[0]),

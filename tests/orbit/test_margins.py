@@ -34,6 +34,7 @@ def test_without_delay_the_multiplier_is_the_closed_form_and_no_gain_is_too_larg
 ):
     orbit = Orbit.of_amplitude(replace(FREE, p2=1e-3, **changes), amplitude)
     gamma = gain_for(orbit, 0.3)
+    assert multiplier_of(orbit, gamma) == pytest.approx(0.3, rel=1e-12)
     for factor in (0.01, 1.0, 3.0):
         expected = multiplier_of(orbit, factor * gamma)
         margins = loop_margins(orbit, factor * gamma)

@@ -17,12 +17,7 @@ from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath, ControlLoop, Reading
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.sensors import Clock, FilteredDifference
-from tests.orbit.analysis import (
-    invariant,
-    monodromy,
-    multiplier_of,
-    steady_invariant,
-)
+from tests.orbit.analysis import invariant, steady_invariant
 from tests.plant.setting import FINE, JOINTS, robot
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
@@ -106,15 +101,6 @@ def test_state_amplitude_and_energy_name_the_same_orbit():
     speed = math.sqrt(2 * orbit.energy / THESIS.p1)
     assert Orbit.of_state(THESIS, 0.0, speed).upper == pytest.approx(SIXTY, rel=1e-9)
     assert energy(THESIS, 0.0, speed) == pytest.approx(THESIS.p3 * (1 - math.cos(SIXTY)))
-
-
-@pytest.mark.parametrize("wanted", [0.9, 0.5, 0.1])
-def test_the_multipliers_of_the_exact_loop_are_1_and_the_closed_form(wanted):
-    orbit = Orbit.of_amplitude(THESIS, SIXTY)
-    gamma = gain_for(orbit, wanted)
-    assert multiplier_of(orbit, gamma) == pytest.approx(wanted, rel=1e-12)
-    found = np.sort(np.linalg.eigvals(monodromy(orbit, gamma)).real)
-    np.testing.assert_allclose(found, [wanted, 1.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("joint", JOINTS)
