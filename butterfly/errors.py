@@ -67,10 +67,7 @@ _LONGEST = 300  # characters of what a message repeats
 
 
 def shown(text: object, most: int = _LONGEST) -> str:
-    """Return a text as a message shows it: in one line, no longer than need be, and harmless.
-
-    `text`: Whatever a file may hold, controls of terminals included.
-    """
+    """Return any text as a message shows it: in one line, not too long, without controls."""
     said = str(text)
     if len(said) > most:
         said = f"{said[:most]}... ({len(said)} characters)"

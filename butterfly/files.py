@@ -118,11 +118,7 @@ def shipped_experiments() -> list[str]:
 
 
 def locate(path: Path) -> Path:
-    """Resolve what a user typed: a path as given, else a shipped file of that name.
-
-    ``experiments/quickstart.yaml`` and plain ``quickstart`` both find the shipped file from any
-    working directory; a file of the user's own always comes first. InputError if neither exists.
-    """
+    """Resolve what a user typed: a path as given, else a shipped file of that name or stem."""
     if path.exists():
         return path
     for name in shipped_experiments():

@@ -293,18 +293,9 @@ class Answer(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values that JSON can hold; None stands for what is unknown.
-
-        It is what the commands write with ``--json``, and holds no path of this machine.
-        """
-        return document(
-            self.kind,
-            self.title,
-            self.content,
-            verdict=self.judged,
-            summary=self.summary,
-            units=self.units,
-        )
+        """Return what all results say, and the content (see `Result`)."""
+        found = self.kind, self.title, self.content
+        return document(*found, verdict=self.judged, summary=self.summary, units=self.units)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the table that it is about, a row each, units in the names of its columns."""

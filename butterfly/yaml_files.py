@@ -185,12 +185,9 @@ class Document:
     root: Node  # which knows the lines
 
     def line(self, location: Sequence[str]) -> int | None:
-        """Return the line, from 1 on, of a value by its keys and list indices; None if not here.
-
-        Parts that are no keys (the kinds of a union, say) are skipped.
-        """
+        """Return the line, from 1 on, of a value by its keys and list indices; None if not here."""
         node, found = self.root, None
-        for part in location:
+        for part in location:  # those that are no keys are skipped, as the kinds of a union
             key, child = _child(node, part)
             if child is not None:
                 node, found = child, (key or child).start_mark.line + 1

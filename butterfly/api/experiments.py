@@ -44,10 +44,13 @@ _ORBIT_REPORT = "orbit.html"
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class _Done(Answer):
-    """What came of an experiment, in words, and the pages that were written."""
+    """What came of an experiment."""
 
     sentences: tuple[str, ...] = ()
+    """What was found, in words."""
+
     reports: tuple[Path, ...] = ()
+    """The pages that were written."""
 
     def paragraphs(self) -> list[str]:
         """Return what was found, the verdicts first."""
@@ -56,45 +59,27 @@ class _Done(Answer):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Run(_Done):
-    """What an experiment gave: the logs' identifications beside the truth, and its orbit.
-
-    Parameters
-    ----------
-    record
-        What is kept of it.
-    sentences
-        What was found, in words.
-    reports
-        The pages that were written.
-    identifications
-        By estimator; those of a run that was found done as they were saved.
-    """
+    """What an experiment gave: the logs' identifications beside the truth, and its orbit."""
 
     kind: ClassVar[str] = "run"
     table: ClassVar[str] = "estimates"
 
     record: RunRecord
+    """What is kept of it."""
+
     identifications: Mapping[str, Identification]
+    """By estimator; those of a run that was found done as they were saved."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sweep(_Done):
-    """What the runs of a sweep gave, and how many gave nothing.
-
-    Parameters
-    ----------
-    unsuccessful
-        Number of runs without a result.
-    sentences
-        What was found, in words, and how many runs were done.
-    reports
-        The page that was written.
-    """
+    """What the runs of a sweep gave, and how many gave nothing."""
 
     kind: ClassVar[str] = "sweep"
     table: ClassVar[str] = "recovery"
 
     unsuccessful: int
+    """Number of runs without a result."""
 
 
 def simulate(
@@ -210,7 +195,7 @@ def _run_once(
     """Do an experiment's one run in this process, with all cores, and write all of it."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     kept = keep_experiment(source, folder)
-    store.begin()
+    store.begin_sweep(sweep_record(plan))
     result = perform(experiment, threads=jobs, track=track)
     written = _write_logs(experiment, result, folder)
     outcome = outcome_of(task, experiment, result)

@@ -22,18 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class IdentifiedModel:
-    """p1 thdd + p2 thd + p3 sin th = p4 u and the terms beside, with what the hand carries (78).
-
-    Parameters
-    ----------
-    parameters
-        Of the bare hand, SI units.
-    joint
-        How it moves.
-    """
+    """p1 thdd + p2 thd + p3 sin th = p4 u and the terms beside, with what the hand carries (78)."""
 
     parameters: LumpedParameters
+    """Of the bare hand, SI units."""
+
     joint: JointKind = JointKind.HINGE
+    """How it moves."""
 
     def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand with an added mass (78)."""

@@ -15,7 +15,6 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
@@ -176,18 +175,12 @@ class RobotModel(Answer):
         note: str = "",
         besides: Mapping[str, Any] = MappingProxyType({}),
     ) -> RobotModel:
-        """List the parts of a robot, and the lumped parameters with what it carries.
-
-        Of data, the verdict and what is ``besides`` are on the estimate that it rests on.
-        """
+        """List a robot's parts and lumped parameters; ``besides`` is what data's estimate says."""
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
         pairs = (
-            ("hand", _numbers_of(robot.hand)),
-            ("drive", _numbers_of(robot.drive)),
-            ("friction", _numbers_of(robot.friction) or "none"),
-            ("clutch", _numbers_of(robot.clutch) if robot.clutch else "rigid"),
+            *((part, _numbers_of(each)) for part, each in parts.items()),
             ("added mass", str(carried) if carried.mass else "none"),
             ("p1", f"{loaded.p1:.6g} kg m²"),
             ("p2", f"{loaded.p2:.6g} N m s/rad"),
@@ -232,13 +225,16 @@ class RobotModel(Answer):
         return [{"parameter": name, **loaded[name]} for name in names]
 
 
-def _numbers_of(part: object) -> str:
+def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot
     """Name the numbers of one part that are not at their defaults, with their units."""
-    return ", ".join(
+    if part is None:
+        return "rigid"
+    named = (
         f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
-        for each in fields(part)  # type: ignore[arg-type]
+        for each in fields(part)
         if getattr(part, each.name) != each.default
     )
+    return ", ".join(named) or "none"
 
 
 def inspect(
@@ -300,20 +296,15 @@ def robot_of(
     result = saved_identification(path)
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
-    return _twin(result, carried, hand_mass)
-
-
-def _twin(result: Identification, carried: AddedMass, mass: float | None) -> RobotModel:
-    """Return the simulated robot that moves as an identified one."""
     about, found = result.origin, result.estimate
     joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
     if joint is JointKind.SLIDE:
         raise InputError(about["name"], "joint", joint, "a hinge, which the model in MuJoCo has")
     verdict = require_possible(found)
     carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
-    robot, rest = Robot.of_loaded(found.parameters, carried, mass)
+    robot, rest = Robot.of_loaded(found.parameters, carried, hand_mass)
     note = ""
-    if mass is None and robot.hand.mass > HAND_MASS:
+    if hand_mass is None and robot.hand.mass > HAND_MASS:
         note = (
             f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
             f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."

@@ -119,10 +119,9 @@ def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _content(file: Path) -> dict[str, Any]:
+    text = read_file(file, "a saved result")
     try:
-        content = json.loads(read_file(file, "a saved result"))
-    except InputError:
-        raise
+        content = json.loads(text)
     except (ValueError, RecursionError):
         raise InputError(file, "content", "no JSON", "a saved result") from None
     if not isinstance(content, dict):

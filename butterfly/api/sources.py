@@ -285,8 +285,11 @@ def _described(
     try:
         return read_manifest(path, root, given)
     except InputError:
-        _refuse_experiment(path)
-        raise
+        keys = load_yaml(path).content.keys()
+        if "logs" in keys or not keys & _OF_EXPERIMENTS:
+            raise
+        expected = f"data, as `butterfly run {path.name}` makes them in results/"
+        raise InputError(path, "data", "an experiment", expected) from None
 
 
 def _entry_of(
@@ -308,13 +311,6 @@ def _refuse_sweep(folder: Path) -> None:
         logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
         which = f"the logs of one run, as {logs[0]}" if logs else "results with keep_signals: true"
         raise InputError(folder, "data", "the results of a sweep", which)
-
-
-def _refuse_experiment(path: Path) -> None:
-    keys = load_yaml(path).content.keys()
-    if "logs" not in keys and keys & _OF_EXPERIMENTS:
-        expected = f"data, as `butterfly run {path.name}` makes them in results/"
-        raise InputError(path, "data", "an experiment", expected)
 
 
 def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> Manifest:

@@ -82,7 +82,12 @@ def show(
     if out is None:
         if data:
             raise InputError(source, "--out", "nothing", "a picture: only experiments have a run")
-        _watch(source, run, web=web, port=port)
+        from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
+
+        plan = _with_run(source, run)
+        shown = LiveRun(plan.plant.rig, *plan.runs()[run], plan.duration, plan.seeds()[run])
+        with suppress(KeyboardInterrupt):
+            watch(shown, web=web, port=port)
     elif data or angle is not None or out.suffix.lower() not in _FILMS:
         from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
         from butterfly.plant.watch.picture import render  # noqa: PLC0415
@@ -96,15 +101,6 @@ def show(
     else:
         _film(source, run, out, seconds, fps=fps, size=size)
     return ExitCode.DONE
-
-
-def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
-    from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
-
-    plan = _with_run(source, number)
-    shown = LiveRun(plan.plant.rig, *plan.runs()[number], plan.duration, plan.seeds()[number])
-    with suppress(KeyboardInterrupt):
-        watch(shown, web=web, port=port)
 
 
 def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:

@@ -53,10 +53,7 @@ def compare_three(
     mass: float | None = None,
     track: Track = untracked,
 ) -> list[ThreeWay]:
-    """Simulate the logs of these numbers in MuJoCo and by the grey-box equation, from rest.
-
-    ``mass`` in kg is that of MuJoCo's hand (see `butterfly.plant.robot.Robot.of_lumped`).
-    """
+    """Simulate logs by number in MuJoCo, with a hand of a mass in kg, and by the grey box."""
     predictor = data.simulations
     found = []
     for number in track(numbers, "Simulating twice"):

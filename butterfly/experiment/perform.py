@@ -40,10 +40,7 @@ from butterfly.signals.excitations import Table
 def perform(
     experiment: Experiment, *, threads: int | None = None, track: Track = untracked
 ) -> RunResult:
-    """Do one run; whatever goes wrong is recorded with what there was until then.
-
-    The ``threads`` of the simulation are one per core if not given; no result depends on them.
-    """
+    """Do one run (a thread per core if not given); what goes wrong is recorded with the rest."""
     result = RunResult(experiment, threads, track)
     with result.timed("total"):
         try:
@@ -166,17 +163,15 @@ class RunResult:
         found = identification.estimate
         self.identifications[spec.label] = identification
         held_out = np.array(list(identification.held_out.values()))
+        names = (*found.names, *found.known.fixed)
         record = EstimateRecord(
             estimator=spec.label,
             estimate=found,
-            truth={
-                name: float(getattr(self._truth, name))
-                for name in (*found.names, *found.known.fixed)
-            },
+            truth={name: float(getattr(self._truth, name)) for name in names},
             fit=identification.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,
         )
-        self._estimates.append(self._validated(record, data, spec))
+        self._estimates.append(self._validated(record, data, self._threaded(spec)))
 
     def _threaded(self, spec: Estimator) -> Estimator:
         """Return an estimator that takes no more threads than it may."""
@@ -184,19 +179,15 @@ class RunResult:
             return replace(spec, workers=self._threads)
         return spec
 
-    def _validated(self, record: EstimateRecord, data: DataSet, spec: Estimator) -> EstimateRecord:
+    def _validated(
+        self, record: EstimateRecord, data: DataSet, estimator: Estimator
+    ) -> EstimateRecord:
         """Add how well logs that were left out are predicted, if that was asked for."""
-        validation = self._experiment.validation
-        if validation is None:
+        how = self._experiment.validation
+        if how is None:
             return record
         try:
-            held = cross_validate(
-                data,
-                self._threaded(spec),
-                validation.split,
-                folds=validation.folds,
-                track=self._track,
-            )
+            held = cross_validate(data, estimator, how.split, folds=how.folds, track=self._track)
         except ButterflyError as error:
             return replace(record, error=f"nothing could be left out: {error}")
         return replace(record, held_out=held.summary)

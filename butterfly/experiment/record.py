@@ -131,7 +131,7 @@ class OrbitRecord:
             target_rad=rounds[-1].wanted,
             amplitudes_rad=tuple(or_none(each.amplitude) for each in rounds),
             ending=study.calibration.ending,
-            absolute=last.is_absolute,
+            absolute=not last.estimate.ratios,
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(

@@ -25,11 +25,7 @@ from butterfly.signals.excitations import initial_angle
 def simulate(
     experiment: Experiment, *, threads: int | None = None, track: Track = untracked
 ) -> Iterator[Log]:
-    """Simulate every run of an experiment.
-
-    Each run draws from its own random stream, so its log depends on the seed and its place in the
-    experiment only.
-    """
+    """Simulate every run of an experiment, each from the random stream of its own place."""
     rig, runs, seeds = experiment.plant.rig, experiment.runs(), experiment.seeds()
     for log in simulate_runs(rig, runs, experiment.duration, seeds, threads=threads, track=track):
         yield replace(log, source=log.name)

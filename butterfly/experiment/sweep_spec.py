@@ -143,13 +143,8 @@ class SweepSpec(StrictModel):
 
 
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:
-    """Return an experiment's mapping with fields set by their paths.
-
-    Mappings on the way to a field are made if need be. Mappings and lists on the way are copied,
-    all else is shared: a hundred thousand variations must fit into memory. InputError if a path
-    leads through a value that has no parts, or beyond the end of a list.
-    """
-    changed = dict(content)
+    """Return an experiment's mapping with fields set by their paths, made if need be."""
+    changed = dict(content)  # all that is not on a way is shared: many variations fit into memory
     for path, value in overrides.items():
         *way, last = path.split(".")
         place: Any = changed

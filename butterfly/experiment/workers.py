@@ -12,8 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from itertools import islice
 from multiprocessing.context import BaseContext
-from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from pebble import ProcessExpired, ProcessPool
 
@@ -32,22 +31,6 @@ _DIED = f"the worker died {_ATTEMPTS} times"
 _NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
 """Modules that workers need, read once for all of them."""
 
-_NO_TABLES: Tables = MappingProxyType({})
-
-
-class Engine(Protocol):
-    """Does tasks, in any order."""
-
-    def run(
-        self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
-    ) -> Generator[Outcome]:
-        """Yield the outcome of each task as it is done; closed, end what is under way.
-
-        ``work`` is a function of a module, which workers import, of a task and the tables: signals
-        by their digests, which workers are sent once.
-        """
-        ...
-
 
 class LocalEngine:
     """Processes of this machine; one per core if ``jobs`` are not given."""
@@ -57,13 +40,12 @@ class LocalEngine:
             raise InputError("butterfly run", "--jobs", jobs, "a positive number")
         self._jobs = jobs or os.cpu_count() or 1
 
-    def run(
-        self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
-    ) -> Generator[Outcome]:
-        """Yield the outcome of each task as it is done (see `Engine`).
+    def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:
+        """Yield the outcome of each task as it is done; closed, end what is under way.
 
-        A task whose worker dies is tried again; after three times it has failed. The other workers
-        go on meanwhile.
+        ``work`` is a function of a module, which workers import; they are sent the tables (signals
+        by their digests) once. A task whose worker dies is tried again; after three times it has
+        failed. The other workers go on meanwhile.
         """
         pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _one_thread_each():
@@ -79,12 +61,8 @@ class LocalEngine:
     ) -> Generator[Outcome]:
         """Work until nothing is pending, or the pool breaks; what was under way is pending then."""
         running: dict[Future[Outcome], Task] = {}
-        pool = ProcessPool(
-            min(self._jobs, len(pending)),
-            initializer=_begin,
-            initargs=(tables,),
-            context=_context(),
-        )
+        workers = min(self._jobs, len(pending))
+        pool = ProcessPool(workers, initializer=_begin, initargs=(tables,), context=_context())
         try:
             while pending or running:
                 while pending and len(running) < _AHEAD * self._jobs:
@@ -92,8 +70,14 @@ class LocalEngine:
                     pending.popleft()
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
-                    outcome = _outcome(future, running[future], attempts)
-                    task = running.pop(future)
+                    task, outcome = running[future], None
+                    try:
+                        outcome = future.result()
+                    except ProcessExpired:
+                        attempts[task.key] += 1
+                        if attempts[task.key] == _ATTEMPTS:
+                            outcome = task.failed(_DIED)
+                    del running[future]
                     if outcome is None:
                         pending.appendleft(task)
                     else:
@@ -147,24 +131,13 @@ def _scheduled(pool: ProcessPool, work: Work, task: Task) -> Future[Outcome]:
         raise BrokenProcessPool from None
 
 
-def _outcome(future: Future[Outcome], task: Task, attempts: Counter[str]) -> Outcome | None:
-    """Return what came of a task; None if its worker died and it is to be tried again."""
-    try:
-        return future.result()
-    except ProcessExpired:
-        attempts[task.key] += 1
-        return task.failed(_DIED) if attempts[task.key] == _ATTEMPTS else None
-
-
 class DaskEngine:
     """A Dask cluster: a scheduler's, or ``jobs`` processes on this machine, bound to loopback."""
 
     def __init__(self, scheduler: str | None = None, jobs: int | None = None) -> None:
         self._scheduler, self._jobs = scheduler, jobs or os.cpu_count() or 1
 
-    def run(
-        self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
-    ) -> Generator[Outcome]:
+    def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:
         """Yield the outcome of each task as it is done; Dask repeats those whose worker dies."""
         try:
             from distributed import Client, LocalCluster  # noqa: PLC0415 - an extra
@@ -217,6 +190,10 @@ def _on_cluster(
         future.release()
         hand_out()
         yield outcome
+
+
+Engine: TypeAlias = LocalEngine | DaskEngine
+"""Does tasks, in any order."""
 
 
 @contextmanager

@@ -54,8 +54,8 @@ class SimulatedMotion(NamedTuple):
     def squared_error(self) -> float:
         """Return the sum of squares in rad^2 of angles less the measured ones."""
         return sum(
-            float(polynomials.squared_distance(grid, angle, speed, log.time, log.angle))
-            for log, grid, angle, speed in self.pieces
+            float(np.sum((polynomials.interpolate(*run, log.time) - log.angle) ** 2))
+            for log, *run in self.pieces
         )
 
 

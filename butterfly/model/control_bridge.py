@@ -27,19 +27,13 @@ def linearised(
 ) -> control.StateSpace:
     """Linearise about rest: from the command to the angle and the velocity of the loaded hand.
 
-    The input is ``command`` in units of the input, the outputs are the deviations ``angle`` in rad
-    and ``velocity`` in rad/s. States are these, with an armature's lag the motor's ``torque`` in
-    N m, and of the delay ``delay[0]``, ``delay[1]``, ... without a unit of their own. What
-    `Linearisation` leaves out is left out.
+    The outputs are deviations in rad and rad/s from ``angle``, at which some constant input holds
+    the hand. States are these, with an armature's lag the motor's ``torque`` in N m, and those of
+    Padé's approximation of the delay (`DelayStates`): of order 4 right to 1e-6 up to 1.4/delay
+    rad/s, and to 1e-3 up to 3/delay.
 
-    The response is that of `Linearisation` times the error of Padé's approximation (`DelayStates`):
-    of order 4 to 1e-6 up to 1.4/delay rad/s, and to 1e-3 up to 3/delay, that is 140 and 300 rad/s
-    for 10 ms.
-
-    `angle`: In rad, at which some constant input holds it. `pade_order`: Of the approximation of
-    the delay; 0 leaves it out. So is a negative delay, which an estimate may come to and no causal
-    system has. A system whose delay was left out is named ``hand_without_delay``, others ``hand``.
-    Raises InputError if there is no approximation of that order.
+    An order of 0 leaves the delay out, and so is a negative one, which an estimate may come to and
+    no causal system has: the system is then named ``hand_without_delay``, others ``hand``.
     """
     loaded = parameters.with_added_mass(added_mass)
     p = Linearisation.of(loaded, angle)
@@ -72,10 +66,7 @@ def linearised(
 
 
 def transfer_function(parameters: LumpedParameters) -> control.TransferFunction:
-    """G(s) from command to angle about the hanging position (13), the armature's lag included.
-
-    Of the loaded hand; the delay is left out (`linearised` has it).
-    """
+    """G(s) from command to angle of the loaded hand about hanging (13), with the armature's lag."""
     p = Linearisation.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
     return control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
@@ -86,10 +77,9 @@ def nonlinear_system(
 ) -> control.NonlinearIOSystem:
     """Return the whole equation as an input/output system, from command to angle and velocity.
 
-    The armature's lag adds the motor's torque to the states, bristles add their deflection.
-
-    Of the loaded hand, without delay. Friction without bristles changes its sign over `smoothing`
-    rad/s, since python-control's solvers need a continuous right-hand side: it creeps at rest.
+    Of the loaded hand, without delay; an armature's lag and bristles add their states. Friction
+    without bristles changes its sign over `smoothing` rad/s, since python-control's solvers need a
+    continuous right-hand side: it creeps at rest.
     """
     p = parameters
     lagging, bending = p.time_constant > 0, p.bristle_stiffness > 0

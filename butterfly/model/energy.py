@@ -26,10 +26,7 @@ def potential(
     angle: Any,  # noqa: ANN401
     rows: Iterable[Term] = CONSERVATIVE,
 ) -> Any:  # noqa: ANN401
-    """Potential energy in J above that at angle 0: gravity, offset, bias and cogging.
-
-    Of the loaded hand, at angles in rad of any shape; `rows` are the terms that have a potential.
-    """
+    """Potential energy in J of the loaded hand above that at angle 0, by `rows` that have one."""
     total = 0.0 * angle
     for row in rows:
         value = getattr(p, row.name)
@@ -76,11 +73,10 @@ class Orbit:
 
     @classmethod
     def of_energy(cls, parameters: LumpedParameters, target: float) -> Orbit:
-        """Take the orbit of an energy E* in J.
+        """Take the orbit of an energy E* in J, more than at rest, less than where it turns over.
 
-        E* lies between the energy at rest and that at which the hand turns over (an InputError
-        otherwise); for a plain pendulum 0 < E* < 2 p3, the condition that (108) means. A hand with
-        p3 < 0 rests upside down, and swings about pi.
+        For a plain pendulum 0 < E* < 2 p3, the condition that (108) means. A hand with p3 < 0 rests
+        upside down, and swings about pi.
         """
         turn = np.linspace(-math.pi, math.pi, _GRID)
         lowest = turn[np.argmin(potential(parameters, turn))]
@@ -108,20 +104,14 @@ class Orbit:
 
     @classmethod
     def of_amplitude(cls, parameters: LumpedParameters, amplitude: float) -> Orbit:
-        """Take the orbit that turns back at ``amplitude`` rad on the positive side.
-
-        An InputError if there is none.
-        """
+        """Take the orbit that turns back at ``amplitude`` rad on the positive side."""
         if not 0 < amplitude < math.pi:
             raise InputError("orbit", "amplitude", f"{amplitude:g} rad", "between 0 and pi")
         return cls.of_energy(parameters, float(potential(parameters, amplitude)))
 
     @classmethod
     def of_state(cls, parameters: LumpedParameters, angle: float, velocity: float) -> Orbit:
-        """Take the orbit through a state in rad and rad/s.
-
-        An InputError if there is none.
-        """
+        """Take the orbit through a state in rad and rad/s."""
         return cls.of_energy(parameters, float(energy(parameters, angle, velocity)))
 
     @property

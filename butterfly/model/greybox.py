@@ -39,9 +39,8 @@ def simulate(
 
     A step in which the velocity changes sign is split where it vanishes; the joint then sticks
     while the other torques stay within what friction holds, and slips on from the instant at which
-    they do not, so no regularisation parameter enters. Fourth-order accurate between reversals.
-    Each interval is divided into steps short enough for the armature's lag and for the bristles;
-    current and bristles start at 0.
+    they do not, so no regularisation parameter enters. Each interval is divided into steps short
+    enough for the armature's lag and for the bristles; current and bristles start at 0.
 
     `time` has (n,) increasing instants in s, `inputs` (n - 1, 3) values at the start, middle and
     end of each interval, already delayed. Returns (n,) angles in rad and (n,) velocities in rad/s.
@@ -62,11 +61,7 @@ class Columns:
     def of(
         cls, names: Sequence[str], parameters: LumpedParameters, added: AddedMass = NO_ADDED_MASS
     ) -> Columns:
-        """Return the columns for some parameters of the bare hand that carries ``added``.
-
-        `names` are parameters and those of `INITIAL`. An InputError if one is unknown, or the model
-        has no derivative by it at these values.
-        """
+        """Return the columns for parameters of the bare hand with ``added``, or of `INITIAL`."""
         loaded = parameters.with_added_mass(added)
         own = _parts(loaded, added)
         for name in names:
@@ -96,13 +91,6 @@ class Readings:
     into: NDArray[np.int64]  # (n - 1,) number of the sum that an interval gives; -1 for none
     weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
 
-    @classmethod
-    def angles(cls, count: int) -> Readings:
-        """Return those of the angle at the end of each of ``count`` intervals."""
-        weights = np.zeros((4, count))
-        weights[2] = 1.0
-        return cls(into=np.arange(count), weights=weights)
-
 
 def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated of it
     parameters: LumpedParameters,
@@ -112,12 +100,11 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     readings: Readings,
     columns: Columns,
 ) -> tuple[Samples, Samples]:
-    """Simulate as `simulate` does; return what is read off, differentiated.
+    """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
 
-    `time` has (n,) increasing instants in s; `inputs` (q, n - 1, 3) values at the start, middle and
-    end of each interval: the input, already delayed, and as far as `Columns.drives` asks for them
-    its derivatives by delay and the terms of the drive; `start` is in rad and rad/s. Returns (m,)
-    readings and their (m, k) derivatives by the columns.
+    `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
+    already delayed, and as far as `Columns.drives` asks for them its derivatives by delay and the
+    terms of the drive; `start` is in rad and rad/s.
     """
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))

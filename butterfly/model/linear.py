@@ -1,10 +1,4 @@
-"""The model made linear: about rest, seen through a hold, with its delay, or for one swing.
-
-For a sine of finite amplitude harmonic balance keeps the fundamental only: each torque enters by
-its describing function, the term p3 sin th as p3 2 J1(a)/a th, Coulomb friction as j 4 T_c/(pi a)
-th, so that the model stays linear in its parameters (Gelb & Vander Velde, Multiple-Input Describing
-Functions, 1968, ch. 2).
-"""
+"""The model made linear: about rest, with its delay, or for one swing by describing functions."""
 
 from __future__ import annotations
 
@@ -85,76 +79,24 @@ class Linearisation:
         w = np.asarray(omega, dtype=np.float64)
         return self.drive(w) / (self.stiffness - self.inertia * w**2 + self.brake(w))
 
-    @property
-    def resonance(self) -> float:
-        """Frequency in rad/s at which |G(jw)| peaks (73), (77), (79); 0 where it has no peak.
-
-        With x = w^2 the square of the denominator is (k - c x)^2 + x (a - b x)^2; its slope
-        vanishes at a root of a quadratic, the largest of which is the peak. Without the armature's
-        lag, b = 0, there is one root.
-        """
-        b = self.time_constant * self.inertia
-        c = self.inertia + self.time_constant * self.damping
-        a = self.damping + self.back_emf + self.time_constant * self.stiffness
-        if b == 0:
-            damping = a / c if c else 0.0
-            excess = self.stiffness / c - damping * damping / 2 if c else 0.0
-            return math.sqrt(excess) if excess > 0 else 0.0
-        roots = np.roots([3 * b**2, 2 * c**2 - 4 * a * b, a**2 - 2 * c * self.stiffness])
-        squares = [float(root.real) for root in roots if root.imag == 0 and root.real > 0]
-        return math.sqrt(max(squares, default=0.0))
-
 
 def resonance_frequency(parameters: LumpedParameters) -> float:
-    """Frequency in rad/s at which |G(jw)| of the linearisation peaks.
+    """Frequency in rad/s at which |G(jw)| of the linearisation peaks (73), (77), (79), or 0.
 
-    Zero when the damping is so large, or gravity so small, that there is no peak (Lemma 6).
+    With x = w^2 the square of the denominator is (k - c x)^2 + x (a - b x)^2; its slope vanishes
+    at a root of a quadratic, the largest of which is the peak. Without the armature's lag, b = 0,
+    there is one root.
     """
-    return Linearisation.of(parameters).resonance
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeldSystem:
-    """The difference equation y[k+2] + a1 y[k+1] + a0 y[k] = b1 u[k+1] + b0 u[k] (46)."""
-
-    # a1, a0, b1, b0: Its coefficients (47)-(50); the last two in rad per unit of input
-    a1: float
-    a0: float
-    b1: float
-    b0: float
-    step: float  # Sampling period in s
-
-    @classmethod
-    def of(cls, parameters: LumpedParameters, step: float) -> HeldSystem:
-        """Discretise the linearisation about the hanging position.
-
-        An InputError if it is not underdamped (45), or the step not positive.
-        """
-        p = parameters
-        if not step > 0:
-            raise InputError("HeldSystem", "step", step, "a positive number of s")
-        damping = p.p2 / (2 * math.sqrt(p.p1 * p.p3)) if p.p3 > 0 else math.inf
-        if not 0 < damping < 1:
-            raise InputError(
-                "HeldSystem", "damping ratio", f"{damping:.3g}", "between 0 and 1 (45)"
-            )
-        natural = math.sqrt(p.p3 / p.p1)
-        root = math.sqrt(1 - damping**2)
-        decay = math.exp(-step * damping * natural)
-        turn, beta = step * natural * root, math.acos(damping)
-        gain = p.p4 / p.p3
-        return cls(
-            a1=-2 * decay * math.cos(turn),
-            a0=decay**2,
-            b1=gain * (1 - decay / root * math.sin(turn + beta)),
-            b0=gain * (decay**2 + decay / root * math.sin(turn - beta)),
-            step=step,
-        )
-
-    def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """G_q(e^(j w step)) at frequencies in rad/s; it holds for a held input only."""
-        z = np.exp(1j * np.asarray(omega, dtype=np.float64) * self.step)
-        return np.asarray((self.b1 * z + self.b0) / (z**2 + self.a1 * z + self.a0))
+    p = Linearisation.of(parameters)
+    b, c = p.time_constant * p.inertia, p.inertia + p.time_constant * p.damping
+    a = p.damping + p.back_emf + p.time_constant * p.stiffness
+    if b == 0:
+        damping = a / c if c else 0.0
+        excess = p.stiffness / c - damping * damping / 2 if c else 0.0
+        return math.sqrt(excess) if excess > 0 else 0.0
+    roots = np.roots([3 * b**2, 2 * c**2 - 4 * a * b, a**2 - 2 * c * p.stiffness])
+    squares = [float(root.real) for root in roots if root.imag == 0 and root.real > 0]
+    return math.sqrt(max(squares, default=0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,13 +111,10 @@ class DelayStates:
 
     @classmethod
     def of(cls, delay: float, order: int) -> DelayStates:
-        """Approximate exp(-s delay) by a fraction of polynomials, both of the same order.
+        """Approximate exp(-s delay) by a fraction of polynomials of an order up to `HIGHEST_ORDER`.
 
         At w rad/s it is off by (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond (Baker &
         Graves-Morris, Padé Approximants, 1996, 1.2).
-
-        The delay, in s, is above 0 and the order n from 1 to `HIGHEST_ORDER`: an InputError
-        otherwise.
         """
         if not delay > 0:
             raise InputError("Padé", "delay", delay, "a positive number of s")
@@ -205,12 +144,10 @@ class DelayStates:
 def quasi_linear_response(
     parameters: LumpedParameters, omega: ArrayLike, amplitude: ArrayLike
 ) -> NDArray[np.complex128]:
-    """Ratio of the angle's to the input's fundamental when the angle swings with ``amplitude``.
+    """Ratio of the angle's to the input's fundamental of a loaded hand that swings so far.
 
     The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
     cogging, bristles, the drive's) is left out.
-
-    Of the loaded hand; frequencies in rad/s and amplitudes in rad broadcast.
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
@@ -225,12 +162,10 @@ def quasi_linear_response(
 
 
 def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float) -> float:
-    """Return the steady amplitude in rad that a sine will drive the joint to, by harmonic balance.
+    """Return the steady amplitude in rad that a sine drives a loaded joint to, by harmonic balance.
 
     Where several are possible (a pendulum's resonance bends over) it is the largest. Zero if
     Coulomb friction holds the joint, infinite if no swing below pi balances the drive.
-
-    Of the loaded hand; the input has `omega` in rad/s and `amplitude` in its own unit.
     """
     swings = np.linspace(_SMALLEST_SWING, np.pi, 4096)
     excess = swings / np.abs(quasi_linear_response(parameters, omega, swings)) - abs(amplitude)

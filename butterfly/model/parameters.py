@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, total_ordering
-from typing import Any
+from typing import Any, ClassVar
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms
@@ -83,18 +83,11 @@ class TorqueDrive:
     gain: float
     """p4 in N m per unit of command."""
 
+    damping: ClassVar[float] = 0.0  # a current loop adds none,
+    time_constant: ClassVar[float] = 0.0  # and is taken to be fast
+
     def __post_init__(self) -> None:
         require_number("TorqueDrive", positive=True, gain=self.gain)
-
-    @property
-    def damping(self) -> float:
-        """A current loop adds no damping."""
-        return 0.0
-
-    @property
-    def time_constant(self) -> float:
-        """A current loop is taken to be fast."""
-        return 0.0
 
 
 Drive = VoltageDrive | TorqueDrive

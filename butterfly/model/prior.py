@@ -63,10 +63,7 @@ class Known:
         return self.uncertainty == 0
 
     def precision(self, at: float) -> float:
-        """Return the weight of a square that pulls a value as this does there.
-
-        Of Cauchy's density the logarithm counts 2 log(1 + x^2), x = (at - value)/uncertainty.
-        """
+        """Return the weight of a square that pulls a value as this does there."""
         apart = (at - self.value) / self.uncertainty
         return (2 / (1 + apart**2) if self.heavy else 1.0) / self.uncertainty**2
 
@@ -83,16 +80,12 @@ class Known:
 class Prior:
     """All that is known of a robot; what has no uncertainty is known exactly."""
 
-    values: Mapping[str, Known] = field(
-        default_factory=dict
-    )  # By names of `TERMS`, `PHYSICAL` and `SCALES`
+    # By names of `TERMS`, `PHYSICAL` and `SCALES`
+    values: Mapping[str, Known] = field(default_factory=dict)
 
     @classmethod
     def of(cls, given: Mapping[str, Any], source: object = "known") -> Prior:
-        """Read numbers, texts such as ``1 ± 0.02``, or mappings, by name.
-
-        An InputError names the source, and what is no name, no number or no uncertainty.
-        """
+        """Read numbers, texts such as ``1 ± 0.02``, or mappings; ``source`` is named in errors."""
         if not isinstance(given, Mapping):
             raise InputError(str(source), "known", given, "a mapping such as {'p4': 1.0}")
         valid = (*TERMS, *PHYSICAL, *SCALES)
@@ -143,10 +136,7 @@ class Prior:
         return {name: each for name, each in self.parameters.items() if not each.fixed}
 
     def scale(self, carried: AddedMass = NO_ADDED_MASS) -> tuple[str, ...]:
-        """Names of the torques that are known, and are not 0 with what a joint carries.
-
-        Any of them says how large all parameters are: without one the equation is homogeneous.
-        """
+        """Names of torques that are known, and not 0 with what is carried: they set the scale."""
         torques = (name for name in self.parameters if name in TORQUES)
         return tuple(name for name in torques if self._at(name, carried) != 0)
 
@@ -169,10 +159,9 @@ class Prior:
         return balanced or not any(mass.gravity for mass in carried)
 
     def with_default_delay(self, step: float) -> Prior:
-        """Return the same, with what is usual of a delay where nothing is known of it.
+        """Return the same, with half a Cauchy distribution of a delay of which none is told.
 
-        Half a Cauchy distribution from 0 on, its scale some of a clock's steps in s: it decides
-        where the logs say nothing, and gives way where they say something.
+        It decides where the logs say nothing, and gives way where they do; of a clock's ``step``.
         """
         usual = Known(value=0.0, uncertainty=_USUAL_DELAY * step, heavy=True)
         return Prior({"delay": usual}) | self
@@ -196,10 +185,7 @@ class Prior:
         return Prior({name: each for name, each in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
-        """Return this and what somebody else knows of the same robot.
-
-        An InputError if both say something of one thing, and not the same.
-        """
+        """Return this and what another knows of the same robot; InputError where they differ."""
         for name, theirs in other.values.items():
             mine = self.values.get(name, theirs)
             if mine != theirs:
@@ -217,12 +203,7 @@ NO_PRIOR = Prior()
 
 
 def known_of(value: Any, source: object = "known", field: str = "value") -> Known:  # noqa: ANN401 - whatever was given
-    """Read a value with or without an uncertainty.
-
-    `value` is a number, a text (``1 ± 0.02``, ``1+-0.02``), a mapping with ``value`` and
-    ``uncertainty``, a pair of them, or a `Known`; anything else is an InputError that names source
-    and field.
-    """
+    """Read a number, text (``1 ± 0.02``, ``1+-0.02``), mapping, pair or `Known`, or refuse it."""
     number, uncertainty = _parts(value, source, field)
     for part in (number, uncertainty):
         if isinstance(part, bool) or not isinstance(part, Real):
@@ -273,9 +254,6 @@ def _require_possible(source: object, name: str, known: Known) -> None:
         raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
 
 
-_NOWHERE: Mapping[Any, float] = {}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Penalty:
     """What independent knowledge of n values adds to a sum of squares."""
@@ -292,7 +270,7 @@ class Penalty:
         names: Sequence[Hashable],
         known: Mapping[Any, Known],
         variance: float = 1.0,
-        values: Mapping[Any, float] = _NOWHERE,
+        values: Mapping[Any, float] | None = None,
     ) -> Penalty | None:
         """Return that of what is uncertain of values by name; None if it is nothing.
 
@@ -304,7 +282,7 @@ class Penalty:
         mean = np.array([each.value if each else 0.0 for each in own])
         weight = np.array(
             [
-                variance * each.precision(values.get(name, each.value)) if each else 0.0
+                variance * each.precision((values or {}).get(name, each.value)) if each else 0.0
                 for name, each in zip(names, own, strict=True)
             ]
         )

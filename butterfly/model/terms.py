@@ -86,8 +86,7 @@ class FrictionTerms:
 class DriveTerms:
     """What the drive makes of a command u: v/(1 + c |v|), of which a dead zone left v.
 
-    ``v = u - dead_zone sgn u`` where u is larger than that, and 0 where it is not; c is the
-    ``compression``.
+    ``v = u - dead_zone sgn u`` where u is larger than that, and 0 where not; c is ``compression``.
     """
 
     dead_zone: float = 0.0

@@ -47,10 +47,9 @@ class VelocityEstimator(Protocol):
 class Observer:
     """Luenberger's observer with the model: without lag where the model is right.
 
-    The delay, the armature's lag and bristles are left out of it. The parameters are of the hand
-    with what it carries; ``zero`` is the encoder reading in rad where the model's angle is 0. Both
-    poles of the error are at the ``bandwidth`` in rad/s, which amplifies encoder noise s to about
-    2 bandwidth s per reading.
+    Delay, armature's lag and bristles are left out of it. The parameters are of the hand with what
+    it carries; ``zero`` is the encoder reading in rad where the model's angle is 0. Both poles are
+    at the ``bandwidth`` in rad/s, which amplifies encoder noise s to about 2 bandwidth s.
     """
 
     def __init__(
@@ -86,11 +85,9 @@ class EnergyShaping:
     """The control law (103) with (109), to be run on a bench.
 
     v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4, and whatever other friction the
-    model has is compensated like T_c, all of it besides p2 if ``compensate_terms``. The orbit is
-    that of the hand with what it carries, as believed; gamma is in units of the input per rad/s and
-    J; ``zero`` is the encoder reading in rad where the model's angle is 0. A ``kick``, added along
-    the velocity while the energy is below a hundredth of the target's, starts a hand that hangs
-    still, which (109) would leave alone.
+    model has is compensated like T_c. The orbit is that of the hand with what it carries, as
+    believed; gamma is in units of the input per rad/s and J. A ``kick`` along the velocity starts a
+    hand that hangs still, which (109) would leave alone.
     """
 
     def __init__(
@@ -101,12 +98,10 @@ class EnergyShaping:
         zero: float = 0.0,
         velocity: VelocityEstimator | None = None,
         kick: float = 0.0,
-        compensate_terms: bool = True,
     ) -> None:
         self._zero = zero
         self._velocity = velocity or FilteredDifference()
         self._kick = kick
-        self._compensate_terms = compensate_terms
         self._command = 0.0
         self.retune(orbit, gamma)
 
@@ -121,7 +116,7 @@ class EnergyShaping:
         self._gain = math.copysign(gamma, p.p4)
         # Looking for the terms that a hand has takes longer than what is left of the law.
         self._stored = _present(p, CONSERVATIVE)
-        self._braked = _present(p, _FRICTION) if self._compensate_terms else ()
+        self._braked = _present(p, _FRICTION)
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -141,10 +136,7 @@ class EnergyShaping:
 
 
 class Dithered:
-    """A law with a random sum of sines added, of a given share of the law's own running rms.
-
-    ``omega`` is that of the orbit in rad/s; the sines lie between half of it and four times it.
-    """
+    """A law with a random sum of sines added, of a given share of the law's own running rms."""
 
     def __init__(
         self, law: ControlLaw, share: float, omega: float, rng: np.random.Generator

@@ -48,9 +48,10 @@ class OrbitSchedule:
     """An orbit to hold, and what each round of re-calibration next to it does."""
 
     target: Target
-    velocity: Callable[[LumpedParameters, float], VelocityEstimator] = lambda _parameters, _zero: (
+    # of parameters, and the encoder reading in rad of the hanging hand
+    velocity: Callable[[LumpedParameters, float], VelocityEstimator] = lambda *_: (
         FilteredDifference()
-    )  # of parameters, and the encoder reading in rad of the hanging hand
+    )
     multiplier: float = 0.5  # share of a perturbation that is left after one period; sets gamma
     duration: float = 20.0  # of each run in s
     starts: tuple[float, ...]  # rad, a run from each; the first one's amplitude is measured
@@ -144,9 +145,7 @@ def calibrate(
     """Hold the orbit, re-calibrate next to it, and hold it better.
 
     ``believed`` are parameters of the bare hand to begin with, from small swings say, ``zero`` is
-    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. An
-    IdentifiabilityError if a round's logs cannot tell the parameters apart, an InputError if no
-    controller can be built on ``believed``.
+    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
@@ -212,8 +211,8 @@ def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
 def swing(log: Log, zero: float, since: float) -> float:
     """Measure the amplitude in rad that a log has come to, half the mean peak-to-peak swing.
 
-    Turning points count from the stamp ``since`` in s on; ``zero`` is the encoder reading in rad of
-    the hanging hand. NaN if the hand turned over, 0 if it stopped turning back and forth.
+    Turning points count from the stamp ``since`` in s on. NaN if the hand turned over, 0 if it
+    stopped turning back and forth.
     """
     rows = log.time >= since
     time, angle = log.time[rows], log.angle[rows] - zero
@@ -278,9 +277,7 @@ def study_orbit(
 ) -> OrbitStudy:
     """Calibrate, and compare free runs of the generic and the re-calibrated model.
 
-    ``believed`` are parameters of the bare hand, from ``small_swings`` if they were identified;
-    ``zero`` is the encoder reading in rad of the hanging hand. At the orbits of the ``amplitudes``
-    in rad models are re-calibrated and used crosswise.
+    At the orbits of the ``amplitudes`` in rad models are re-calibrated and used crosswise.
     """
     calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
     carried = schedule.added_masses[0]
@@ -324,16 +321,10 @@ def study_orbit(
     )
 
 
-def beside_orbit(
-    log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
-) -> FreeRun:
-    """Return a free run from the log's first sample, with its input, where the log is at rest.
-
-    The parameters are of the hand with what it carries; compared are so many periods of a swing
-    from there.
-    """
+def beside_orbit(log: Log, loaded: LumpedParameters, zero: float) -> FreeRun:
+    """Return a free run of `PERIODS` from where a log is at rest, its first sample."""
     start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
-    rows = log.time - log.time[0] <= periods * period
+    rows = log.time - log.time[0] <= PERIODS * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
     return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

@@ -50,11 +50,8 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
       swing is the orbit of that energy, slowed by what of the command is in phase with the angle.
 
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
-    one, and a wrong p4 moves it too.
-
-    The delay of the orbit's parameters is in the loop, and the lag of its armature, counted as a
-    delay; ``lag`` in s is what the controller adds: half a cycle, and its velocity's. An InputError
-    if the lag is negative, gamma not positive, or the loop does not hold an orbit as it is.
+    one, and a wrong p4 moves it too. The delay of the orbit's parameters is in the loop, and the
+    lag of its armature, counted as a delay; ``lag`` in s is what the controller adds.
     """
     require_number("loop_margins", lag=lag)
     require_number("loop_margins", positive=True, gamma=gamma)
@@ -108,13 +105,13 @@ class _Transverse:
 
         p1 thdd = pull - |p4| gamma [thd (E - E*)](t - delay): (104) with (109), friction made up
         for on time. The late loop has the very same orbit, on which the bracket vanishes, and its
-        variational equation feeds back thd times the change of E. It is integrated over a period,
-        from the upper turning point on.
+        variational equation feeds back thd times the change of E, integrated over a period from the
+        upper turning point on.
 
-        The delay is Padé's of order 8, the steps are those of the Magnus series of fourth order
-        (Iserles & Nørsett, Phil. Trans. R. Soc. A 357, 1999). At a turning point the shift along
-        the orbit is a change of velocity alone and the delay's states do not take part: without
-        the velocity's row and column the monodromy matrix keeps the other multipliers.
+        The delay is Padé's, the steps are those of the Magnus series of fourth order (Iserles &
+        Nørsett, Phil. Trans. R. Soc. A 357, 1999). At a turning point the shift along the orbit is
+        a change of velocity alone and the delay's states do not take part: without the velocity's
+        row and column the monodromy matrix keeps the other multipliers.
         """
         feedback, size = gamma * self.feedback, 2 + _ORDER * (delay > 0)
         rates = np.zeros((self.fall.size, size, size))
@@ -196,10 +193,7 @@ class _Swings:
 
 
 def _exponential(exponents: Samples) -> Samples:
-    """Return Padé's approximation of third order to the exponentials of (n, k, k) matrices.
-
-    SciPy's own goes through them one by one, which takes a hundred times as long.
-    """
+    """Return Padé's third order of exponentials of (n, k, k) matrices; SciPy's own are slower."""
     one, square = np.eye(exponents.shape[-1]), exponents @ exponents
     even, odd = one + square / 10, exponents @ (one / 2 + square / 120)
     return np.asarray(np.linalg.solve(even - odd, even + odd))

@@ -36,9 +36,8 @@ class OnlineRecalibration:
 
     The rows of the past fade as exp(-age/memory) and are solved under the constraints p2, p4,
     friction >= 0; without constraints this is recursive least squares with forgetting (Ljung,
-    System Identification, 2nd ed., 11.2). ``zero`` is the encoder reading in rad of the hanging
-    hand; ``terms`` are estimated besides p2, p3, p4, not those that the options have as candidates;
-    the past fades over ``memory`` s.
+    System Identification, 2nd ed., 11.2). ``terms`` are estimated besides p2, p3, p4, not those
+    that the options have as candidates.
     """
 
     def __init__(
@@ -62,10 +61,7 @@ class OnlineRecalibration:
         self._count = 0
 
     def observe(self, reading: Reading, command: float) -> bool:
-        """Take in a reading and the command that followed it; return whether a row was added.
-
-        After a pause of the loop it begins with an empty window.
-        """
+        """Take in a reading and the command that followed it; return whether a row was added."""
         if self._samples and reading.time - self._samples[-1][0] > self._options.half_width:
             self._samples.clear()
         self._samples.append((reading.time, command, reading.angle - self._zero))
@@ -112,10 +108,7 @@ class OnlineRecalibration:
         return from_ratios(ratios, inertia, self._options.cogging_periods)
 
     def estimate(self) -> Estimate:
-        """Return the current ratios to p1, and how far to trust them.
-
-        An IdentifiabilityError if the motion so far is too short, or does not tell them apart.
-        """
+        """Return the current ratios to p1, and how far to trust them."""
         if len(self._rows) <= 2 * SEGMENT:
             moving = len(self._rows) * SPACING * self._options.half_width
             raise IdentifiabilityError(
@@ -143,9 +136,8 @@ class SelfTuning:
     """An energy-shaping law that replaces its beliefs by on-line estimates as it runs.
 
     Every so many s it is retuned to the target orbit of the present estimates, p1 = ``inertia`` of
-    the hand with what it carries, and to the wanted Floquet multiplier. The estimator must see the
-    commands as they are set: a dither (`Dithered` about the law) belongs into ``commands``, and the
-    ``path`` saturates and rounds them.
+    the hand with what it carries. The estimator must see the commands as they are set: a dither
+    (`Dithered` about the law) belongs into ``commands``; the ``path`` saturates and rounds them.
     """
 
     def __init__(

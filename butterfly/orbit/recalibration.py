@@ -76,10 +76,7 @@ class RecalibrationOptions:
         require_number("recalibration", delay=self.delay)
 
     def averaging(self, log: Log, zero: float) -> Averaging:
-        """Make a log ready to be averaged, its encoder reading ``zero`` rad at angle 0.
-
-        As in a loop that runs on, no test function reaches before its beginning.
-        """
+        """Make a log ready to be averaged, no test function reaching before its beginning."""
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
         running = replace(log, lead=log.lead or Lead(time=log.time[:0], input=log.input[:0]))
         return Averaging(running, zero, self.half_width, settings, self.balance)
@@ -99,33 +96,14 @@ class Recalibration:
     carried: AddedMass | None  # the added mass, if all logs had the same one
     cogging_periods: float
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the n parameters."""
-        return self.estimate.names
-
-    @property
-    def values(self) -> Samples:
-        """(n,) values, in their order."""
-        return self.estimate.values
-
-    @property
-    def is_absolute(self) -> bool:
-        """Whether p1 is known, not ratios to it alone."""
-        return "p1" in self.names
-
     def is_ratio(self, name: str) -> bool:
         """Whether the value of a parameter is one over p1."""
-        return not self.is_absolute and not TERMS[name].of_gain
+        return self.estimate.ratios and not TERMS[name].of_gain
 
     def loaded(self, added: AddedMass = NO_ADDED_MASS, inertia: float = 1.0) -> LumpedParameters:
-        """Return the parameters of the hand carrying a mass.
-
-        Where they are ratios, p1 = ``inertia``; they say nothing of the hand with another mass,
-        which is an IdentifiabilityError.
-        """
-        values = dict(zip(self.names, self.values.tolist(), strict=True))
-        if self.is_absolute:
+        """Return the parameters of the hand carrying a mass; of ratios, with p1 = ``inertia``."""
+        values = dict(zip(self.estimate.names, self.estimate.values.tolist(), strict=True))
+        if not self.estimate.ratios:
             bare = LumpedParameters(**values, cogging_periods=self.cogging_periods)
             return bare.with_added_mass(added)
         if added != self.carried:
@@ -152,8 +130,7 @@ def recalibrate(
     """Estimate p1..p4 and friction terms by constrained linear least squares.
 
     The logs are of runs next to the orbit, none of them quite on it: there the control only makes
-    up for friction. An IdentifiabilityError if they cannot tell the parameters apart; an InputError
-    if one is shorter than a test function.
+    up for friction.
     """
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
@@ -194,7 +171,7 @@ def estimate_of(
     """Return the estimate that equations give, their errors independent between stretches of runs.
 
     Their (m,) rows are of the given runs, without each of which is estimated again where enough are
-    left. An IdentifiabilityError if they are singular for every practical purpose.
+    left.
     """
     solved = CellEquations.of(regression, solution)
     left_out: dict[Hashable, Samples] = {}
@@ -220,20 +197,14 @@ def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, 
 
 
 class LoopEquations:
-    """The equations of all logs of a re-calibration, with any terms.
-
-    ``zero`` is the encoder reading in rad of the hanging hand.
-    """
+    """The equations of all logs of a re-calibration, with any terms."""
 
     def __init__(self, logs: Sequence[Log], zero: float, options: RecalibrationOptions) -> None:
         self._logs, self._delay = logs, options.delay
         self._averagings = [options.averaging(log, zero) for log in logs]
 
     def fit(self, names: tuple[str, ...]) -> tuple[Solution, Regression, NDArray[np.intp]]:
-        """Return values and which are on a bound, the equations that they solve, and their runs.
-
-        Their clusters are stretches of runs; the (m,) numbers tell of which run each row is.
-        """
+        """Return the solution, the equations in clusters of stretches, and each row's run."""
         regression, run = self._equations(names, 0.0)
         solution = regression.solve()
         for _ in range(_COMPRESSION_ROUNDS if "compression" in names else 0):

@@ -195,10 +195,7 @@ class _Armature:
 
 
 def _as_one(column: Samples) -> NDArray[Any]:
-    """View shaft, and hand behind a clutch, as one number: the hand is its imaginary part.
-
-    RK4 only adds and scales, and numbers are several times faster than short arrays.
-    """
+    """View shaft, and hand behind a clutch, as one complex number, which is faster."""
     return column if column.size == 1 else column.view(np.complex128)
 
 
@@ -232,12 +229,11 @@ class GreyBoxJoint(Joint):
         self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
 
     def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
-        """Return the (n,) angles in rad at ``stamps`` in s of a whole run, the joint left as it is.
+        """Return the (n,) angles in rad at ``stamps`` in s of a whole run, of no effect.
 
-        Each of the (n,) commands is held from ``delay`` s after its instant until the next takes
-        effect; before the first there is none. It is what `butterfly.plant.rig.SimulatedMotor`
-        does from cycle to cycle, the same arithmetic in the same order. NaN from the instant on at
-        which the joint has turned beyond `LARGEST_ANGLE`.
+        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
+        the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order. NaN from the
+        instant on at which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
         return np.asarray(_follow(self._constants, self._state, stamps, torques, delay))

@@ -26,7 +26,6 @@ MODEL = "models/butterfly_hand/hand.xml"
 SCENE = "models/butterfly_hand/scene.xml"
 """Its stand, a scale, light, background and a camera, for pictures of it."""
 
-
 NO_CONSTANT = 1e-12
 """Motor constant in N m/A of the parts that MuJoCo calls a motor and that are none: it takes no 0,
 and this adds a damping of 1e-24 N m s/rad."""
@@ -44,8 +43,8 @@ _ROD = 0.004  # m, radius
 def mjcf(robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False) -> str:
     """Return the MJCF text of a robot, which loads in plain MuJoCo, and of what it carries.
 
-    Every number is written so that it reads back bit for bit. A scene is stand, scale, light,
-    background and camera. A robot that MuJoCo alone cannot run is an InputError.
+    Every number is written so that it reads back bit for bit. A robot that MuJoCo alone cannot run
+    is an InputError.
     """
     return text_of(built(robot, added, scene=scene))
 
@@ -53,10 +52,7 @@ def mjcf(robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False)
 def compile_model(
     robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False
 ) -> mujoco.MjModel:
-    """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it.
-
-    `mount` changes what it carries. Without a scene nothing can be seen.
-    """
+    """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it."""
     root = built(robot, added, scene=scene, assisted=True)
     if not scene:  # all that is drawn would cost time where nobody looks
         for parent in root.iter():
@@ -66,10 +62,7 @@ def compile_model(
 
 
 def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
-    """Put a mass on the compiled model of a robot, in place of the one it carries.
-
-    What is drawn of it keeps its size.
-    """
+    """Put a mass on the compiled model of a robot, in place of the one it carries, drawn alike."""
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
     model.body_inertia[body] = robot.inertia_of(added)
@@ -90,11 +83,10 @@ def text_of(root: ElementTree.Element) -> str:
 def built(
     robot: Robot, added: AddedMass, *, scene: bool, assisted: bool = False
 ) -> ElementTree.Element:
-    """Return the shipped model, filled in.
+    """Return the shipped model, filled in, ``assisted`` if `MujocoJoint` is to run it.
 
-    ``assisted``: whether `butterfly.plant.joints.MujocoJoint` is to run it (see `Assistance`). The
-    motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off at
-    1 ms.
+    The motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off
+    at 1 ms.
     """
     friction = robot.loaded(added)
     if Assistance.STICKING in robot.assistance and not assisted:
@@ -191,9 +183,7 @@ def _actuator(kind: str, name: str, attributes: dict[str, str]) -> ElementTree.E
 
 
 def _set_motor(motor: ElementTree.Element, drive: Drive, *, commands_current: bool) -> None:
-    """Fill in the motor; a torque drive, or a motor without back EMF, is a gain (with a lag).
-
-    So is a motor with inductance whose command is to be its current.
+    """Fill in the motor; without back EMF, or with its current for a command, it is a gain.
 
     MuJoCo's dcmotor takes one constant K = sqrt(k_i k_emf) for torque and back EMF. Unequal ones
     are rescaled exactly: with K = k_emf and R' = R k_emf/k_i the torque K/R' (v - K thd) equals
@@ -239,10 +229,7 @@ def disc_radius(mass: float) -> float:
 
 
 def _dress(root: ElementTree.Element, added: AddedMass) -> None:
-    """Draw the added mass: a disc of its size, screwed to the front plate or to a rod beyond it.
-
-    Cameras step back to what is beyond the plate. Nothing drawn has mass or contact of its own.
-    """
+    """Draw the added mass: a disc of its size, screwed to the front plate or to a rod beyond it."""
     if not added.mass:
         return
     body = named(root, "added_mass")

@@ -105,8 +105,7 @@ class CommandPath(DriveTerms):
 class ReplayMotor:
     """A recorded log in the place of a motor: its angles come back, whatever is commanded.
 
-    Tells what a controller, an observer or an estimator would have seen and done on that day. Time
-    starts at 0; between the log's increasing stamps the angle is interpolated.
+    Tells what a controller, an observer or an estimator would have seen and done on that day.
     """
 
     def __init__(self, log: Log) -> None:
@@ -144,10 +143,7 @@ class ReplayMotor:
 
 
 class ControlLoop:
-    """A motor under control: starts it on entering, stops it on leaving, come what may.
-
-    The clock is that of the loop; its jitter is drawn from ``rng``.
-    """
+    """A motor under control: starts it on entering, stops it on leaving, come what may."""
 
     def __init__(
         self, motor: Motor, *, clock: Clock = Clock(), rng: np.random.Generator | None = None
@@ -164,20 +160,15 @@ class ControlLoop:
         self._motor.stop()
 
     def run(self, law: ControlLaw, duration: float, **about: Any) -> Log:  # noqa: ANN401
-        """Read, let the law decide, command, wait for the next cycle; so on for ``duration`` s.
+        """Read, let the law decide, command, wait for the next cycle; so for ``duration`` s.
 
-        ``about`` are fields of the log that describe the run: ``added_mass``, ``excitation``,
-        ``source``. The log has stamps, commands as they were set, and angles as they were read; its
-        velocity is the filtered difference of the angles. A duration that is not positive, or a law
-        or a joint that yields a value that is not finite, is an InputError.
+        ``about`` are fields of the log that describe the run. Commands are logged as they were set,
+        angles as they were read; the velocity is the filtered difference of the angles.
         """
         return self._recorded(self._samples(law, self._clock.cycles(duration, self._rng)), about)
 
     def play(self, signal: Signal, duration: float, **about: Any) -> Log:  # noqa: ANN401
-        """Command a signal, from (n,) stamps in s to (n,) commands, at the cycles' planned stamps.
-
-        The rest is as in `run`.
-        """
+        """Command a signal of (n,) planned stamps in s; the rest is as in `run`."""
         return self._recorded(self.samples(signal, duration), about)
 
     def samples(self, signal: Signal, duration: float) -> Iterator[Sample]:

@@ -107,10 +107,7 @@ class Rig:
 
     @property
     def runs_open_loop(self) -> bool:
-        """Whether a compiled loop can do its runs: the grey box's all, MuJoCo's only some.
-
-        MuJoCo's has a regular clock, and does nothing between its steps.
-        """
+        """Whether a compiled loop can do its runs: MuJoCo's has a regular clock and no help."""
         if self.simulator is Simulator.GREY_BOX:
             return True
         return self.clock.jitter == 0 and self.path.delay == 0 and not self.robot.assistance
@@ -158,10 +155,7 @@ class Rig:
         true: Samples,
         rng: np.random.Generator,
     ) -> Log:
-        """Return the log that `play` makes, of a run that was simulated elsewhere.
-
-        Of it are given (n,) stamps in s, commands as they were set, and true angles in rad.
-        """
+        """Return the log that `play` makes of (n,) stamps, commands and true angles of a run."""
         angle = self.encoder.read(time, true, rng)
         about = self._about(*run)
         log = recorded(time, commands, angle, input_kind=self.robot.input_kind, **about)

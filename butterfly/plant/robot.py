@@ -72,8 +72,7 @@ class Robot:
 
         The mass of the hand in kg cannot be seen in the motion: any that leaves J_p = p1 - (p3^2 +
         p3_offset^2)/(m (g cos tilt)^2) positive moves alike. If not given it is `HAND_MASS`, or
-        more where no hand so light moves so; one that is too small is an InputError, and so is a
-        negative friction. The delay is left out.
+        more where no hand so light moves so. The delay is left out.
         """
         plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
         if not plain.p1 > 0:
@@ -132,11 +131,7 @@ class Robot:
         )
 
     def loaded(self, added: AddedMass) -> LumpedParameters:
-        """Return the lumped parameters of the hand that carries ``added`` (78).
-
-        An InputError if the mass is not on a hinge under Earth's gravity, as the simulated one is,
-        or its weight relieves the bearing of more friction than there is.
-        """
+        """Return the lumped parameters of the hand that carries ``added`` (78), or refuse it."""
         mounted = replace(added, gravity=GRAVITY, joint=JointKind.HINGE)
         if added.inertia_and_moment != mounted.inertia_and_moment:
             found = f"{added} on a {added.joint} under {added.gravity:g} m/s²"

@@ -45,12 +45,9 @@ def simulate_runs(
     """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
 
     The runs share a compiled loop and its threads where nothing has to be done between steps (see
-    `Rig.runs_open_loop`), one thread per core if not said; otherwise each goes through the motor
-    wrapper. The grey box's loop gives the wrapper's log bit for bit, MuJoCo's to within rounding.
-
-    A run is what the robot carries and its excitation; its seed is the source of everything random
-    in it. The logs come in order, named after number, mass and frequency. An InputError if a
-    simulation diverges.
+    `Rig.runs_open_loop`); otherwise each goes through the motor wrapper. The grey box's loop gives
+    the wrapper's log bit for bit, MuJoCo's to within rounding. A run is what the robot carries and
+    its excitation; all that is random in it comes from its seed.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
@@ -133,7 +130,7 @@ def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms =
 
     The input is what its drive delivers, held at its mean over each step, its hold and a delay
     in s accounted for. Steps are short: MuJoCo's Coulomb friction, which creeps at rest, is the
-    sharper the shorter they are. The joint starts at rest; one that diverges is an InputError.
+    sharper the shorter they are.
     """
     joint.reset()
     counts = np.ceil(np.diff(log.time) / _REPLAY_STEP * (1 - 1e-9)).astype(np.intp)

@@ -173,10 +173,10 @@ def stamps_of(cycles: Samples) -> Samples:
 
 
 def filtered_difference(time: Samples, angle: Samples, lag: float = VELOCITY_LAG) -> Samples:
-    """Return (n,) velocities in rad/s, from 0 on, of (n,) angles in rad at increasing stamps in s.
+    """Return (n,) velocities in rad/s, as a controller makes them, of angles at increasing stamps.
 
-    As a controller makes them, and `FilteredDifference` one by one: a backward difference and a
-    low pass of first order with a time constant ``lag`` in s. They lag by it plus half a sample.
+    `FilteredDifference` makes them one by one: a backward difference, and a low pass of first order
+    with a time constant ``lag`` in s. They lag by it plus half a sample.
     """
     steps = np.diff(time)
     keep = np.exp(-steps / lag)
@@ -192,10 +192,7 @@ def _low_passed(keep: Samples, values: Samples) -> Samples:
 
 
 class FilteredDifference:
-    """The `filtered_difference` of readings as they come, in a running control loop.
-
-    It is late by the time constant of its low pass in s, and half a step of the loop.
-    """
+    """The `filtered_difference` of readings as they come, in a running control loop."""
 
     def __init__(self, time_constant: float = 0.003) -> None:
         require_number("FilteredDifference", positive=True, time_constant=time_constant)

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.files import replacing
+from butterfly.files import write_file
 from butterfly.model.kernel.equation import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import DRIVE
@@ -44,10 +44,7 @@ _NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
 
 @dataclass(frozen=True, kw_only=True)
 class StandAlone:
-    """A robot's file: MJCF with light and camera.
-
-    What it leaves out is in it too, a sentence each with what to do about it.
-    """
+    """A robot's file: MJCF with light and camera, and in sentences what it leaves out."""
 
     text: str
     step: float  # s
@@ -55,8 +52,7 @@ class StandAlone:
 
     def write(self, path: Path) -> None:
         """Write the file."""
-        with replacing(path) as draft:
-            draft.write_text(self.text, encoding="utf-8")
+        write_file(path, self.text)
 
 
 def stand_alone(
@@ -71,8 +67,8 @@ def stand_alone(
 ) -> StandAlone:
     """Return a robot that moves by itself in plain MuJoCo, driven by the first of its commands.
 
-    The command's path is that of `butterfly.plant.motor.CommandPath`; a delay that is negative, as
-    an estimate may be, is left out, and so is one of up to 10 us, in silence.
+    The command's path is that of `butterfly.plant.motor.CommandPath`; a negative delay, as an
+    estimate may be, is left out, and in silence one of up to 10 us.
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
@@ -124,9 +120,8 @@ def models(
 ) -> Iterator[str]:
     """Yield the MJCF text of a robot for each set of parameters, for domain randomisation.
 
-    The parameters are of the bare hand, numbers of any kind. The input delay is left out; friction
-    that is larger at rest needs a ``bristle_stiffness`` in N m/rad (`stand_alone` has both). An
-    InputError if no hand of that mass moves so, or such friction has no bristles.
+    The parameters are of the bare hand. The input delay is left out; friction that is larger at
+    rest needs a ``bristle_stiffness`` in N m/rad (`stand_alone` has both).
     """
     for parameters in drawn:
         bends = bristle_stiffness if parameters.stribeck > 0 else 0.0

@@ -58,10 +58,7 @@ def panels(
     spacing: float = 0.05,
     shares: Sequence[float] | None = None,
 ) -> Figure:
-    """Return panels one below the other, each with its title beside, over one axis below.
-
-    ``shares`` of the height are equal if not given.
-    """
+    """Return panels one below the other, each with its title beside, over one axis below."""
     figure = make_subplots(
         rows=len(up), cols=1, shared_xaxes=True, vertical_spacing=spacing, row_heights=shares
     )

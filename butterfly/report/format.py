@@ -44,10 +44,7 @@ def counted(number: float, thing: str) -> str:
 
 
 def with_error(value: float, error: float) -> str:
-    """Write ``value`` to the second digit of its standard error, or to five digits without one.
-
-    A value that is no number is a dash.
-    """
+    """Write ``value`` to the second digit of its standard error, or to five digits without one."""
     if not math.isfinite(value):
         return "–"
     if not (math.isfinite(error) and error > 0):

@@ -203,8 +203,8 @@ class IdentificationPlots:
 def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return frequencies in rad/s from the first log's to the last one's, and swings in rad.
 
-    The swing is that of the logs at their frequencies (their geometric mean where several share
-    one), and between them on straight lines over logarithms.
+    Those of the logs at theirs (the geometric mean of several), on straight lines over logarithms
+    between.
     """
     measured = np.unique([p.omega for p in points])
     swing = [np.mean([np.log(p.amplitude) for p in points if p.omega == w]) for w in measured]

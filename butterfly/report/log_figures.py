@@ -1,7 +1,4 @@
-"""Figures of one log: as recorded, simulated and predicted, and of its residual.
-
-A page has some of them for every log, as a `Series`.
-"""
+"""Figures of one log: as recorded, simulated and predicted, and of its residual."""
 
 from __future__ import annotations
 
@@ -30,7 +27,6 @@ _MOST_SAMPLES = 2**20  # that a spectrum is taken of
 _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
-_SHADE = "rgba(128,128,128,0.22)"  # of a band
 _SHADE = "rgba(128,128,128,0.25)"  # of the band
 
 
@@ -55,10 +51,7 @@ def recorded_figure(log: Log) -> Figure:
 
 
 def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> Figure:
-    """Draw measured and simulated angle, and their difference in its band, against time.
-
-    ``most`` points are enough.
-    """
+    """Draw measured and simulated angle, and their difference in its band, against time."""
     time, angle, simulated, lower, upper, difference = _time_curves(run, band, most)
     way = run.log.added_mass.joint.way
     titles = (f"angle in {way}", f"measured −<br>simulated in {way}")
@@ -148,15 +141,13 @@ def correlation_figure(log: LogResiduals) -> Figure:
     titles = ("autocorrelation", "cross-correlation<br>with the input")
     figure = panels("lag in s", titles, 480, spacing=0.06)
     for row, curve in enumerate((log.autocorrelation, log.cross_correlation), start=1):
-        lag, *limits, values = _band_and_curve(curve)
-        for number, limit in enumerate(limits):
-            style: dict[str, Any] = {"showlegend": False}
-            if number:
-                name = f"{100 * CONFIDENCE:.0f} % band of the sensors"
-                style = {"fill": "tonexty", "fillcolor": _SHADE, "name": name}
-                style["showlegend"] = row == 1
-            line = {"color": GREY, "width": 1, "dash": "dash"}
-            add(figure, row, lag, limit, mode="lines", line=line, hoverinfo="skip", **style)
+        lag, lower, upper, values = _band_and_curve(curve)
+        dashed = {"color": GREY, "width": 1, "dash": "dash"}
+        edge = {"mode": "lines", "line": dashed, "hoverinfo": "skip"}
+        add(figure, row, lag, lower, showlegend=False, **edge)
+        shade = {"fill": "tonexty", "fillcolor": _SHADE, "showlegend": row == 1}
+        name = f"{100 * CONFIDENCE:.0f} % band of the sensors"
+        add(figure, row, lag, upper, name=name, **shade, **edge)
         line = {"color": PALETTE[0], "width": 1.4}
         add(figure, row, lag, values, mode="lines", line=line, name="the log", showlegend=row == 1)
     return figure
@@ -203,10 +194,7 @@ def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
 
 
 def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
-    """Draw angle and bands against time, and below both less the free run.
-
-    The measured angle too, where there was one.
-    """
+    """Draw angle and bands against time, and below both less the free run; if so, ``measured``."""
     way = prediction.run.log.added_mass.joint.way
     titles = (f"angle in {way}", f"less free run, {way}")
     figure = panels("time in s", titles, 460, shares=(0.55, 0.45))

@@ -28,10 +28,7 @@ _SMOOTH = 0.02  # s over which the drawn velocity is averaged
 
 
 def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page:
-    """Put together the report of an orbit's re-calibration.
-
-    `truth` are parameters of the hand with what it carries, where they are known.
-    """
+    """Put together the report of an orbit's re-calibration, beside the truth of the loaded hand."""
     rounds = study.calibration.rounds
     errors = [(name, degrees_said(error)) for name, error in study.errors.items()]
     sections = [
@@ -96,7 +93,7 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
             "input": str(log.input_kind),
         },
         **estimate_numbers(study.estimate),
-        "ratios_to_p1": [name for name in fitted.names if fitted.is_ratio(name)],
+        "ratios_to_p1": [name for name in fitted.estimate.names if fitted.is_ratio(name)],
         "carried": str(log.added_mass),
     }
     if truth is not None:
@@ -126,7 +123,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
         f"Next to the orbit the re-calibrated model's free run is off by "
         f"{degrees_said(study.errors['re-calibrated'])}° rms, the model it began with by "
         f"{degrees_said(generic)}°: {better:.3g} times less.",
-        f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
+        f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.estimate.names)}; "
         f"terms that did not help on held-out data: {rejected}.",
         *estimate_notes(study.estimate),
         *([] if begun is None else [f"What it began with: {estimate_verdict(begun).lines[0]}"]),
@@ -171,7 +168,7 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
     estimate, rows = found.estimate, []
     columns = (estimate.values, estimate.standard_errors, estimate.lower, estimate.upper)
     lines = np.column_stack(columns).tolist()
-    for name, (value, error, *limits) in zip(found.names, lines, strict=True):
+    for name, (value, error, *limits) in zip(estimate.names, lines, strict=True):
         ratio = found.is_ratio(name)
         symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
         true = None if truth is None else getattr(truth, name) / (truth.p1 if ratio else 1.0)

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from numpy.typing import NDArray
 
 from butterfly import __version__
-from butterfly.files import replacing
+from butterfly.files import write_file
 from butterfly.identification.parameter import Parameter
 from butterfly.result import TextTable, write_document
 from butterfly.verdict import Level, Verdict
@@ -152,9 +152,8 @@ class Series:
 def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
     """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
 
-    They are ``begin``, the first number, and ``steps`` from it in units of ``quantum``, less than a
-    screen shows of their range; None stands for what is no number. For a logarithmic axis it is
-    their logarithms that are packed.
+    They are ``begin``, and ``steps`` from it in units of ``quantum``, less than a screen shows of
+    their range; None stands for what is no number. For a logarithmic axis it is logarithms.
     """
     if logarithmic:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -171,10 +170,7 @@ def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
-    """A part of a report: text, a line a paragraph, then figures by name, then tables.
-
-    ``series`` are figures of the log that is chosen, by name.
-    """
+    """A part of a report: text, a line a paragraph, then figures by name, then tables."""
 
     title: str
     text: str = ""
@@ -270,16 +266,11 @@ def _packed(program: str) -> str:
 
 def write_html(page: Page, path: Path) -> None:
     """Write a page as HTML alone."""
-    text = rendered(page)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_file(path, rendered(page))
 
 
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
-    """Write a report as ``path`` (HTML), and its numbers beside it as JSON.
-
-    Its ``figures``, if wanted, go as PNG and SVG to a folder ``NAME-figures`` beside ``NAME.html``.
-    """
+    """Write a report as HTML, and beside it its numbers as JSON, and its ``figures`` if wanted."""
     if figures:
         from butterfly.report.pictures import write_pictures  # noqa: PLC0415 - slow to import
 

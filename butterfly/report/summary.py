@@ -128,10 +128,7 @@ def _thinned(data: DataSet) -> list[str]:
 
 
 def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
-    """Say where the hand hangs in logs, how that was found, and in which of them it is a guess.
-
-    Without gravity there is nothing to say.
-    """
+    """Say where the hand hangs in logs, how that was found, and in which of them it is a guess."""
     if not logs or known.weightless(log.added_mass for log in logs):
         return []
     logs = [thinned(log) for log in logs]

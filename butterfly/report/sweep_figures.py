@@ -118,10 +118,7 @@ class _Axis(NamedTuple):
 
 
 def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
-    """Draw each estimate as a line through the values of its fields, its deviation and its FIT.
-
-    `fields` of the experiment are those that the sweep varied; None where fewer than two vary.
-    """
+    """Draw each estimate as a line through the values of its fields, its deviation and its FIT."""
     rows = table.worst()
     worst = np.abs(rows["deviation"])
     varying = [field for field in fields if len(rows.distinct(field)) >= _FEWEST]

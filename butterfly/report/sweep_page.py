@@ -22,16 +22,12 @@ from butterfly.verdict import VERDICTS
 if TYPE_CHECKING:
     import pyarrow as pa
 
-
 _LISTED = 100  # runs in a table of what went wrong
 _ORBITS = 200  # runs in the table of orbits
 
 
 def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
-    """Put together the report of a sweep.
-
-    `runs` and `estimates` are the tables of its result store.
-    """
+    """Put together the report of a sweep of the tables of its result store."""
     table, fields = Estimates.of(estimates, sweep.fields), sweep.fields
     status, recovered = column(runs, "status"), list(table.recovery())
     summary = _summary(table, status, fields)

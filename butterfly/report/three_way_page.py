@@ -46,10 +46,7 @@ _DOTS = 800  # of a residual torque
 def three_way_page(
     data: DataSet, compared: Sequence[ThreeWay], residuals: Residuals, result: Result
 ) -> Page:
-    """Put together the report of a comparison.
-
-    Each log is simulated twice; `residuals` is of the whole data set, with the same parameters.
-    """
+    """Put together the report of a comparison, with the `residuals` of the whole data set."""
     judged = {log.name: log for log in residuals.logs}
     own = [judged[each.log.name] for each in compared]
     chosen = middle([each.fits["grey box"] for each in compared])

@@ -49,12 +49,10 @@ MIN_COHERENCE = 0.5
 
 
 def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
-    """Return the (n,) mask of the last whole periods of a log.
+    """Return the (n,) mask of the last whole periods of a log, in at most `seconds`.
 
-    Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
-
-    At most `seconds`, if that holds `MIN_PERIODS` periods; as many are used of slower sines. A log
-    shorter than `seconds` is used whole, one shorter than `MIN_PERIODS` periods is an InputError.
+    Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock. Of slower
+    sines it holds `MIN_PERIODS` periods, however long; a shorter log is an InputError.
     """
     period = 2 * math.pi / omega
     available = float(log.time[-1] - log.time[0])
@@ -73,8 +71,7 @@ def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> ND
 def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
     """Return the number of the first sample whose free-run error counts.
 
-    It begins the last ``seconds`` of a sine's log, whose start depends on how the joint came to
-    rest; logs of other inputs count from their first sample.
+    Of a sine's log it begins the last ``seconds``: its start depends on how the joint came to rest.
     """
     if log.excitation is None:
         return 0
@@ -114,11 +111,10 @@ class ResponsePoint:
 def response_point(
     log: Log, seconds: float = STEADY_SECONDS, pole: complex | None = None
 ) -> ResponsePoint:
-    """Fit the steady response of a log whose input is a sine.
+    """Fit the steady response of a log whose input is a sine, from its last `seconds`.
 
-    From the last `seconds`; `pole` is of a transient that is fitted too, a loud one is found
-    unasked (see `with_transient`). An InputError if the log has no sine excitation, is too short or
-    too coarse, or its input is not that sine.
+    `pole` is of a transient that is fitted too; a loud one is found unasked (see `with_transient`).
+    An InputError if the log has no sine, is too short or too coarse, or its input is another.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
@@ -182,10 +178,7 @@ _PADDED = 8
 
 
 def pole_of(time: Samples, values: Samples) -> complex:
-    """Return the pole in 1/s of the decaying oscillation Re{c e^(pole t)} that fits best.
-
-    Of (n,) residuals of a steady response.
-    """
+    """Return the pole in 1/s of the decay Re{c e^(pole t)} that fits (n,) values best."""
     grid = uniform_grid(time, max((time[-1] - time[0]) / _SAMPLES, float(np.diff(time).mean())))
     left = resample(time, values, grid)
     since = grid - grid[0]
@@ -207,12 +200,8 @@ def measured_response(
 ) -> control.FrequencyResponseData:
     """Return what was measured with one added mass: the angle over the input, in rad per unit.
 
-    Frequencies are in rad/s, each once and in order. Logs of one frequency count as one: the gain
-    is that which gives their angles from their inputs with the least sum of squares, so that the
-    larger swings weigh more. A real hand's gain depends on its swing; such logs are averaged.
-
-    Takes what was measured with this added mass, or one that loads alike; an InputError if nothing
-    was.
+    Logs of one frequency count as one: the gain is that which gives their angles from their inputs
+    with the least sum of squares, so that the larger swings weigh more.
     """
     taken = [
         point

@@ -18,29 +18,15 @@ _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rou
 
 
 def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
-    """Return the (m - 1,) means of the input between (m,) increasing edges in s.
-
-    From (n,) increasing stamps in s and the input at each.
-    """
-    return np.asarray(moments(time, inputs, edges, hold)[0])
-
-
-def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
-    """Return the first three Legendre coefficients of the input over each interval.
-
-    c0 + c1 x + c2 (3 x^2 - 1)/2, x from -1 to 1 over the interval, is the parabola that has the
-    input's mean and first and second moment; no step of the input is lost or gained, wherever the
-    edges fall.
-
-    For (m,) increasing edges in s; returns (3, m - 1) coefficients in the input's unit.
-    """
-    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
+    """Return the (m - 1,) means of the input between (m,) increasing edges in s."""
+    return np.asarray(_means(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
 
 def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
     """Return the input over each interval as the parabola that has its moments, and its delay's.
 
-    Returns (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and
+    Its mean, first and second moment are the input's: no step is lost or gained, wherever the edges
+    fall. (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and
     of its derivative by a delay of the input, per s. A held input's moments have a kink where a
     stamp passes an edge; there it is the mean of the slopes on both sides.
     """
@@ -48,13 +34,11 @@ def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample)
 
 
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
-    """Return samples whose sums against those of a smooth signal are integrals of the input.
+    """Return (m,) samples whose sums against those of a smooth signal are integrals of the input.
 
     A continuous signal's values will do. Each step of a held one is spread over the three samples
     about it, so that sum_k g_k u_k times the sampling period is int g u dt for every parabola g,
     wherever the step falls; for other smooth g the error is of fourth order in the period.
-
-    Returns (m,) samples in the input's unit on the (m,) instants of a uniform clock in s.
     """
     if hold is Intersample.FIRST_ORDER_HOLD:
         return np.interp(grid, time, inputs)
@@ -85,24 +69,19 @@ def _at(time, inputs, instant, k, linear):
 
 
 @compiled
-def _moments(time, inputs, edges, linear):
-    """(3, m) Legendre coefficients of the input over each interval."""
-    result = np.empty((3, edges.size - 1))
+def _means(time, inputs, edges, linear):
+    """(m,) means of the input over each interval."""
+    result = np.empty(edges.size - 1)
     k = -1
     for cell in range(edges.size - 1):
-        k, zeroth, first, second, _, _ = _over(
-            time, inputs, edges[cell], edges[cell + 1], k, linear
-        )
-        result[0, cell], result[1, cell], result[2, cell] = _legendre(zeroth, first, second)
+        k, zeroth, _, _, _, _ = _over(time, inputs, edges[cell], edges[cell + 1], k, linear)
+        result[cell] = 0.5 * zeroth
     return result
 
 
 @compiled
 def _parabolas(time, inputs, edges, linear):
-    """(2, m, 3) values of the parabola over each interval, and of its derivative by a delay.
-
-    By partial integration that needs the moments and the input at the edges only.
-    """
+    """As `parabolas`; by partial integration a delay needs moments and the input at edges only."""
     result = np.empty((2, edges.size - 1, 3))
     k = -1
     for cell in range(edges.size - 1):
@@ -134,8 +113,8 @@ def _evaluate(coefficients, result, cell, number):
 def _over(time, inputs, begin, end, k, linear):
     """Integrate the input against 1, x and x^2 piece by piece, x from -1 to 1 over an interval.
 
-    Takes the latest stamp known to be at or before its begin, -1 if there is none; returns the same
-    for its end, the three integrals, and the input at both ends.
+    ``k`` is the latest stamp known to be at or before its begin, -1 if there is none; returns that
+    of its end, the three integrals, and the input at both ends.
     """
     last = time.size - 1
     middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)

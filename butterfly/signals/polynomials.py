@@ -22,44 +22,34 @@ def averages(
 ) -> tuple[NDArray[np.int64], Samples, Samples]:
     """Average the polynomials, and values, over the instants in each interval of a grid.
 
-    What is averaged is linear in the ends of the interval, so that four numbers, worked out once,
-    stand for many instants.
-
+    What is averaged is linear in the ends of the interval: four numbers stand for many instants.
     Returns (n - 1,) numbers of the average of each interval, -1 where it holds no instant; (4, k)
     weights of angle and velocity at its start, and at its end; and (k,) mean values.
     """
-    into = np.empty(grid.size - 1, dtype=np.int64)
-    means = np.empty((5, grid.size - 1))
-    count = _averages(grid, instants, values, into, means)
-    return into, np.ascontiguousarray(means[:4, :count]), means[4, :count].copy()
-
-
-@compiled
-def _cubic(grid, angle, velocity, cell):
-    """Coefficients of 1, s, s^2 and s^3, s running from 0 to 1 over the interval; and 1/length."""
-    length = grid[cell + 1] - grid[cell]
-    start, end = length * velocity[cell], length * velocity[cell + 1]
-    rise = angle[cell + 1] - angle[cell]
-    return (
-        angle[cell],
-        start,
-        3.0 * rise - 2.0 * start - end,
-        start + end - 2.0 * rise,
-        1.0 / length,
+    counts = np.diff(np.searchsorted(instants, grid[1:-1]), prepend=0, append=instants.size)
+    cells = np.repeat(np.arange(counts.size), counts)
+    held, length = counts > 0, np.diff(grid)
+    s = (instants - grid[cells]) * (1.0 / length)[cells]
+    one, two, three, mean = (
+        1.0 / counts[held] * np.bincount(cells, each, grid.size - 1)[held]
+        for each in (s, s * s, s * s * s, values)
     )
+    length = length[held]
+    start = 1.0 - 3.0 * two + 2.0 * three, length * (one - 2.0 * two + three)
+    end = 3.0 * two - 2.0 * three, length * (three - two)
+    return np.where(held, np.cumsum(held) - 1, -1), np.array([*start, *end]), mean
 
 
 @compiled
 def interpolate(grid, angle, velocity, instants):
-    """Return the (m,) angles at increasing instants.
-
-    From (n,) angles in rad and velocities in rad/s on an increasing grid in s. Beyond the grid the
-    outermost polynomials go on.
-    """
+    """Return the (m,) angles at increasing instants; the outermost polynomials go on beyond."""
     result = np.empty(instants.size)
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
-        c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)
+        # of 1, s, s^2 and s^3, s running from 0 to 1 over the interval
+        length, rise = grid[cell + 1] - grid[cell], angle[cell + 1] - angle[cell]
+        c0, c1, end = angle[cell], length * velocity[cell], length * velocity[cell + 1]
+        c2, c3, rate = 3.0 * rise - 2.0 * c1 - end, c1 + end - 2.0 * rise, 1.0 / length
         while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
             s = (instants[k] - grid[cell]) * rate
             result[k] = c0 + s * (c1 + s * (c2 + s * c3))
@@ -67,54 +57,11 @@ def interpolate(grid, angle, velocity, instants):
     return result
 
 
-@compiled
-def squared_distance(grid, angle, velocity, instants, values):
-    """Return the sum of the squared differences of `interpolate` to (m,) values."""
-    k, last, total = 0, grid.size - 2, 0.0
-    for cell in range(grid.size - 1):
-        c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)
-        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
-            s = (instants[k] - grid[cell]) * rate
-            total += (c0 + s * (c1 + s * (c2 + s * c3)) - values[k]) ** 2
-            k += 1
-    return total
-
-
-@compiled
-def _averages(grid, instants, values, into, means):
-    """Fill ``into`` and the columns of ``means``; return how many are filled."""
-    k, last, count = 0, grid.size - 2, 0
-    for cell in range(grid.size - 1):
-        length = grid[cell + 1] - grid[cell]
-        rate, first = 1.0 / length, k
-        one = two = three = value = 0.0  # sums of s, s^2, s^3 and the values
-        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
-            s = (instants[k] - grid[cell]) * rate
-            one += s
-            two += s * s
-            three += s * s * s
-            value += values[k]
-            k += 1
-        into[cell] = -1
-        if k > first:
-            share = 1.0 / (k - first)
-            one, two, three = share * one, share * two, share * three
-            means[0, count] = 1.0 - 3.0 * two + 2.0 * three
-            means[1, count] = length * (one - 2.0 * two + three)
-            means[2, count] = 3.0 * two - 2.0 * three
-            means[3, count] = length * (three - two)
-            means[4, count] = share * value
-            into[cell], count = count, count + 1
-    return count
-
-
 def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
-    """Return the slope of the polynomial that fits the samples about each one best.
+    """Return the (n,) slopes per s of the polynomials that fit the samples about each one best.
 
-    Within ``reach`` of an end, it is that of the polynomial of the first or last window.
-
-    Of (n,) samples, n at least 2 `reach` + 1, `step` s apart; windows reach as many samples to
-    either side. Returns (n,) slopes in the samples' unit over s.
+    Windows reach so many of the samples, `step` s apart, to either side; within ``reach`` of an
+    end it is the polynomial of the first or last window.
     """
     weights = _weights(reach, order)
     width = 2 * reach + 1

@@ -68,10 +68,7 @@ class SineFit:
 
 
 def sine_basis(time: Samples, omega: float, harmonics: int = HARMONICS) -> Samples:
-    """Return what `fit_basis` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
-
-    Returns (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
-    """
+    """Return (1 + 2 H, n) rows for `fit_basis`: 1, cos(k w t) and sin(k w t) for k = 1, 2, ..."""
     basis = np.empty((1 + 2 * harmonics, time.size))
     basis[0] = 1.0
     cosines, sines = basis[1::2], basis[2::2]
@@ -92,45 +89,20 @@ def with_transient(basis: Samples, time: Samples, pole: complex | None) -> Sampl
     return np.vstack([basis, transient.real, transient.imag])
 
 
-def fit_basis(basis: Samples, values: Samples, omega: float, harmonics: int = HARMONICS) -> SineFit:
+def fit_basis(
+    basis: Samples,
+    values: Samples,
+    omega: float,
+    harmonics: int = HARMONICS,
+    equations: tuple[Samples, Samples] | None = None,
+) -> SineFit:
     """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
 
     The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
     time, so that residuals that are correlated from sample to sample, as encoder steps and slow
-    drifts are, do not make it too small.
-
-    `basis` has (m, n) rows of `sine_basis`, at stamps that need not be uniform, then any others to
-    be fitted beside; `omega` is in rad/s.
+    drifts are, do not make it too small. Below those of `sine_basis` the basis may have other rows.
     """
-    return _fit(basis, values, omega, harmonics, _equations(basis, values))
-
-
-def fit_halves(basis: Samples, values: Samples, omega: float) -> tuple[SineFit, complex, complex]:
-    """Fit a signal as a whole, and the phasors of its fundamental in its first and second half.
-
-    The equations of the whole are the sum of those of its halves.
-    """
-    middle = values.size // 2
-    (first, of_first), (second, of_second) = (
-        _equations(basis[:, half], values[half]) for half in (slice(middle), slice(middle, None))
-    )
-    before, after = (
-        complex(*(np.linalg.solve(matrix, moments)[1:3] * _TO_PHASOR))
-        for matrix, moments in ((first, of_first), (second, of_second))
-    )
-    harmonics = basis.shape[0] // 2
-    whole = _fit(basis, values, omega, harmonics, (first + second, of_first + of_second))
-    return whole, before, after
-
-
-def _fit(
-    basis: Samples,
-    values: Samples,
-    omega: float,
-    harmonics: int,
-    equations: tuple[Samples, Samples],
-) -> SineFit:
-    matrix, moments = equations
+    matrix, moments = equations or _equations(basis, values)
     normal = np.linalg.inv(matrix)
     coefficients = normal @ moments
     residual = values - coefficients @ basis
@@ -146,6 +118,22 @@ def _fit(
         covariance=covariance[1:3, 1:3] * np.outer(_TO_PHASOR, _TO_PHASOR),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
+
+
+def fit_halves(basis: Samples, values: Samples, omega: float) -> tuple[SineFit, complex, complex]:
+    """Fit a signal as a whole, and the phasors of its fundamental in its first and second half."""
+    middle = values.size // 2
+    (first, of_first), (second, of_second) = (
+        _equations(basis[:, half], values[half]) for half in (slice(middle), slice(middle, None))
+    )
+    before, after = (
+        complex(*(np.linalg.solve(matrix, moments)[1:3] * _TO_PHASOR))
+        for matrix, moments in ((first, of_first), (second, of_second))
+    )
+    harmonics = basis.shape[0] // 2
+    both = first + second, of_first + of_second
+    whole = fit_basis(basis, values, omega, harmonics, both)
+    return whole, before, after
 
 
 def _equations(basis: Samples, values: Samples) -> tuple[Samples, Samples]:

@@ -13,8 +13,7 @@ _MOST = 2**15  # samples that are looked at, where a signal has more
 def periodogram(values: Samples, step: float) -> tuple[Samples, Samples]:
     """Squared amplitudes |W_k|^2 of the unitary DFT (27)-(28), for k = 1 .. floor(N/2).
 
-    Of (N,) uniform samples `step` s apart. Returns frequencies 2 pi k/(N step) in rad/s, and
-    |W_k|^2 in units of the samples squared.
+    Returns frequencies 2 pi k/(N step) in rad/s, and |W_k|^2 in units of the samples squared.
     """
     n = values.size
     spectrum = np.fft.rfft(values)[1 : n // 2 + 1] / np.sqrt(n)
@@ -31,10 +30,7 @@ def rms_amplitude(centred: Samples) -> float:
 
 
 def dominant_frequency(time: Samples, values: Samples) -> tuple[float, float]:
-    """Return the frequency in rad/s of the one sine that explains most of a signal, and its share.
-
-    Of (n,) samples at stamps in s. The share of the variance is 1 for a sine, 0 for a constant.
-    """
+    """Return the frequency in rad/s of the sine that explains most of a signal, and its share."""
     grid = np.linspace(time[0], time[-1], min(time.size, _MOST))
     if time.size <= _MOST:
         grid = uniform_grid(time)
@@ -60,10 +56,7 @@ def dominant_frequency(time: Samples, values: Samples) -> tuple[float, float]:
 
 
 def uniform_grid(time: Samples, step: float | None = None) -> Samples:
-    """Return uniform instants from the first stamp on, none after the last (25).
-
-    `step` in s; without it the mean one, which keeps the number of samples.
-    """
+    """Return uniform instants from the first stamp on (25); as many as stamps if without a step."""
     if step is None:
         return np.linspace(time[0], time[-1], time.size)
     count = int(np.floor((time[-1] - time[0]) / step * (1 + 1e-12))) + 1

@@ -14,7 +14,8 @@ from butterfly.files import replacing, shipped
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.reading import read_entry
-from butterfly.model.linear import HeldSystem, Linearisation
+from butterfly.model.control_bridge import transfer_function
+from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.method import scripted_amplitude
@@ -28,10 +29,10 @@ _REAL_MASS, _REAL_OMEGA = 0.154, 14.0  # of Figures 9 to 11
 
 
 def write_figure_data(folder: Path, synthetic: Synthetic, root: Path | None = None) -> list[Path]:
-    """Write ``figure_03.csv`` to ``figure_12.csv``, units in the headers.
+    """Write ``figure_03.csv`` to ``figure_12.csv``, units in the headers, and return the files.
 
-    Figures 3 to 8 rest on `synthetic`, 9 to 12 on the 41 real logs in `root`, BUTTERFLY_LOGS or the
-    folder they were fetched to; without them they are left out. Returns the files.
+    Figures 9 to 12 rest on the 41 real logs in `root`, BUTTERFLY_LOGS or the folder they were
+    fetched to; without them they are left out.
     """
     figures = _synthetic(synthetic)
     if has_real_logs(root):
@@ -60,7 +61,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
     omega = np.array(list(sines))
     linear = synthetic.rig.robot.lumped
     curve = np.linspace(0.5, 8.0, 400)
-    held = HeldSystem.of(linear, coarse)
+    held = transfer_function(linear).sample(coarse, "zoh")
 
     def gains(logs: Iterable[Log]) -> Samples:
         return np.array([10 ** (scripted_point(log).gain_db / 20) for log in logs])
@@ -77,7 +78,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
         8: {
             "curve_omega_rad_per_s": curve,
             "linearisation_gain": np.abs(Linearisation.of(linear).response(curve)),
-            "held_linearisation_gain": np.abs(held.response(curve)),
+            "held_linearisation_gain": np.abs(held(np.exp(1j * curve * coarse))),
             "omega_rad_per_s": omega,
             **quiet,
         },

@@ -80,8 +80,6 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
     Kept as scripted: repeated stamps stay in; the bin frequencies are those of a record one sample
     shorter; the centre is (min + max)/2; the gain sums the decimated samples with the undecimated
     step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
-
-    An InputError if the log has no sine excitation or is too short.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
@@ -117,10 +115,8 @@ def fit_resonances(
 ) -> tuple[Samples, Samples]:
     """Minimise (102) over 0 <= p1, p2, p3 <= upper, from several starts.
 
-    Table 5 is not this minimum: it is where the script's optimiser stopped.
-
-    From the resonance in rad/s of each added mass. Returns (3,) p1, p2, p3 and the (m, 3) Jacobian
-    of the m residuals there; `p2` in N m s/rad is fixed if given.
+    Table 5 is not this minimum: it is where the script's optimiser stopped. Returns p1, p2, p3 and
+    the (m, 3) Jacobian of the residuals there; `p2` in N m s/rad is fixed if given.
     """
     measured = np.square(list(resonances.values()))
     bounds = np.asarray(upper, dtype=np.float64)
@@ -145,12 +141,9 @@ def fit_resonances(
 
 
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
-    """Resonance of each added mass by (100), then p1, p2, p3 by (102).
+    """Resonance of each added mass by (100), then p1, p2, p3 by (102); p4 is NaN.
 
-    p4 is not estimated by the thesis: it is NaN here.
-
-    Logs as recorded, repeated stamps not dropped; every `decimation`-th sample is kept. An
-    InputError if an added mass has fewer than two logs.
+    Logs are as recorded, repeated stamps not dropped; every `decimation`-th sample is kept.
     """
     groups: dict[AddedMass, list[Log]] = {}
     for log in logs:

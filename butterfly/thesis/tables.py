@@ -17,8 +17,9 @@ from butterfly.identification.estimators import HarmonicBalance
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
+from butterfly.model.control_bridge import transfer_function
 from butterfly.model.greybox import simulate
-from butterfly.model.linear import HeldSystem, resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -91,8 +92,7 @@ class Row:
 def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     """Compute Tables 1, 2, 4 and 5 and (63), (66) the thesis's way, and the right way beside it.
 
-    Tables 1 and 2 rest on `synthetic`, 4 and 5 on the 41 real logs in `root`, BUTTERFLY_LOGS or the
-    folder they were fetched to; without them they are left out.
+    Tables 4 and 5 rest on the 41 real logs (see `write_figure_data`).
     """
     scripted, right = _table_1(synthetic)
     return [
@@ -133,10 +133,9 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 def complex_fit(points: Sequence[ResponsePoint]) -> tuple[Samples, Samples]:
     """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
 
-    By maximum likelihood of complex responses at three frequencies of one robot or more. Sanathanan
-    and Koerner's iteration, weighted by the measured errors: with each row divided by the
-    denominator of the round before it minimises response errors, whose Gaussian likelihood is the
-    largest there.
+    By maximum likelihood of complex responses of one robot. Sanathanan and Koerner's iteration,
+    weighted by the measured errors: with each row divided by the denominator of the round before it
+    minimises response errors, whose Gaussian likelihood is the largest there.
     """
     if len({point.added_mass for point in points}) > 1:
         raise InputError("resonance", "added mass", "several", "one")
@@ -172,7 +171,8 @@ def _table_1(synthetic: Synthetic) -> tuple[dict[AddedMass, float], dict[AddedMa
 
 def _linearisation(synthetic: Synthetic) -> list[Row]:
     p = synthetic.rig.robot.lumped
-    held = HeldSystem.of(p, COARSE * synthetic.rig.clock.step)
+    discrete = transfer_function(p).sample(COARSE * synthetic.rig.clock.step, "zoh")
+    (_, a1, a0), (b1, b0) = discrete.den[0][0], discrete.num[0][0]
     return [
         Row(
             what="(63) a1 a0 b0",
@@ -182,7 +182,7 @@ def _linearisation(synthetic: Synthetic) -> list[Row]:
         Row(
             what="(66) a1 a0 b1 b0",
             published="-1.9638 0.9878 2.4465 2.4365",
-            obtained=_digits([held.a1, held.a0, held.b1, held.b0]),
+            obtained=_digits([a1, a0, b1, b0]),
         ),
     ]
 

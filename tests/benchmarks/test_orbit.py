@@ -57,7 +57,7 @@ def _errors(seed):
     return [
         {
             name: 100 * (value * scale / getattr(TRUE, name) - 1) if name in EXPECTED else None
-            for name, value in zip(found.names, found.values, strict=True)
+            for name, value in zip(found.estimate.names, found.estimate.values, strict=True)
         }
         for found, scale in cases
     ]
@@ -90,7 +90,7 @@ def _effect(name):
     )
     swings = [f"{math.degrees(each.amplitude):.2f}" for each in study.calibration.rounds]
     before, after = (math.degrees(error) for error in study.errors.values())
-    terms = study.calibration.rounds[-1].recalibration.names
+    terms = study.calibration.rounds[-1].recalibration.estimate.names
     ratio = before / after
     return (
         ratio,
@@ -117,7 +117,7 @@ def _swings(seed):
         calibrate(rig, believed, 0.0, sixty_degrees(duration=20.0), rng=rng)
         for believed in (generic(ROUGH, AGAINST_COULOMB), wrong(TRUE, rng))
     ]
-    lowest = min(each.recalibration.values.min() for loop in loops for each in loop.rounds)
+    lowest = min(each.recalibration.estimate.values.min() for loop in loops for each in loop.rounds)
     assert lowest >= 0
     return [[round(math.degrees(each.amplitude), 2) for each in loop.rounds] for loop in loops]
 

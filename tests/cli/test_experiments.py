@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-import yaml
 
 from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance_regression
 from tests.cli.one_line import assert_one_line_error, done
+from tests.experiment.setting import changed
 
 
 def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
@@ -21,9 +21,7 @@ def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
 
 
 def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path):
-    content = yaml.safe_load(quick.read_text())
-    content["added_masses"] = content["added_masses"][1:2]
-    quick.write_text(yaml.safe_dump(content))
+    changed(quick, added_masses=[{"mass": 0.05, "arm": 0.104}])
     result = butterfly("run", quick, "--out", tmp_path / "out")
     assert_one_line_error(result, "common factor", "add a run")
 
@@ -35,9 +33,7 @@ def test_a_report_that_cannot_be_written_is_one_line(butterfly, quick, tmp_path)
 
 
 def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path):
-    content = yaml.safe_load(quick.read_text())
-    content.update(duration=0.1, excitations=[{"omega": 3.9, "amplitude": 0.9}])
-    quick.write_text(yaml.safe_dump(content))
+    changed(quick, duration=0.1, excitations=[{"omega": 3.9, "amplitude": 0.9}])
     code, _, err = butterfly("simulate", quick, "--out", tmp_path / "logs")
     assert code == 0
     assert "warning: no added mass, 3.9 rad/s: predicted to swing" in err

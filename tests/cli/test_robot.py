@@ -19,6 +19,7 @@ from butterfly.plant.watch import picture
 from butterfly.plant.watch.picture import Painter, RenderingError
 from tests.cli.one_line import assert_one_line_error, done
 from tests.conftest import ROBOT
+from tests.experiment.setting import changed, written
 
 
 @pytest.fixture
@@ -56,11 +57,8 @@ ROUGH = {
 def test_a_film_draws_the_log_that_simulate_writes(
     butterfly, quick_in_mujoco, tmp_path, painted, changes
 ):
-    content = yaml.safe_load(quick_in_mujoco.read_text())
-    content.update(duration=4.0, seed=7)
-    content["plant"].update(changes)
-    experiment = tmp_path / "film.yaml"
-    experiment.write_text(yaml.safe_dump(content))
+    plant = yaml.safe_load(quick_in_mujoco.read_text())["plant"] | changes
+    experiment = changed(quick_in_mujoco, duration=4.0, seed=7, plant=plant)
     film = tmp_path / "hand.gif"
     asked = ("--run", 5, "--seconds", 3, "--fps", 20, "--size", 32)
     code, out, _ = butterfly("show", experiment, "--out", film, *asked)
@@ -161,8 +159,7 @@ def heavy_data(tmp_path_factory):
     content |= {"duration": 12.0, "excitations": sines, "added_masses": masses}
     content["plant"] = {"lumped": lumped, "simulator": "grey-box"}
     folder = tmp_path_factory.mktemp("heavy")
-    (folder / "heavy.yaml").write_text(yaml.safe_dump(content))
-    experiment = read_experiment(folder / "heavy.yaml")
+    experiment = read_experiment(written(folder / "heavy.yaml", **content))
     return write_logs(experiment, simulate(experiment), folder / "data").parent
 
 
@@ -183,9 +180,8 @@ def test_a_mass_that_the_parameters_do_not_allow_is_refused_by_its_option(
 
 
 def test_what_an_exported_model_cannot_do_is_said(butterfly, quick, tmp_path):
-    content = yaml.safe_load(quick.read_text())
-    content["plant"]["path"] = {"resolution": 0.01, "delay": 0.0021, "limit": 5.0}
-    quick.write_text(yaml.safe_dump(content))
+    path = {"resolution": 0.01, "delay": 0.0021, "limit": 5.0}
+    changed(quick, plant=yaml.safe_load(quick.read_text())["plant"] | {"path": path})
     out = done(butterfly("export", quick, "--out", tmp_path / "t.xml"))
     assert "MuJoCo does not round commands" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))

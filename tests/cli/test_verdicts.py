@@ -4,10 +4,10 @@ import json
 import re
 
 import pytest
-import yaml
 
 from butterfly.cli.output import ExitCode
 from tests.cli.one_line import assert_tables_fit, done
+from tests.experiment.setting import changed
 from tests.verdicts import follow_nothing, impossible_data
 
 REPORTED = {"validate", "select", "design"}
@@ -139,9 +139,7 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
 @pytest.mark.slow
 def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monkeypatch):
     follow_nothing(monkeypatch)
-    content = yaml.safe_load(quick.read_text())
-    content["sweep"] = {"repetitions": 2}
-    quick.write_text(yaml.safe_dump(content))
+    changed(quick, sweep={"repetitions": 2})
     said = done(butterfly("run", quick, "--out", tmp_path / "out", "--jobs", 1))
     assert "Verdicts on 2 estimates: " in said
     numbers = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))

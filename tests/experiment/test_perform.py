@@ -18,6 +18,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
+from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import (
     SINGLE,
     THREE_MASSES,
@@ -127,9 +128,7 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(run, butterf
     ],
 )
 def test_an_option_that_says_nothing_of_a_single_run_is_refused(run, butterfly, arguments, part):
-    code, _, err = butterfly("run", run[1], "--out", run[2], *arguments)
-    assert code == 2
-    assert part in err
+    assert_one_line_error(butterfly("run", run[1], "--out", run[2], *arguments), part)
 
 
 def test_a_run_in_which_every_estimator_refused_has_no_result():

@@ -21,6 +21,7 @@ from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import LocalEngine
 from butterfly.identification.data import read_data_set
 from butterfly.logs.manifest import read_manifest
+from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import (
     SINGLE,
     THREE_MASSES,
@@ -213,9 +214,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
 @pytest.mark.usefixtures("undisturbed")
 def test_a_slip_about_results_is_one_line(butterfly, folder, arguments, part):
     verb, place, *words = arguments
-    code, _, err = butterfly("results", verb, folder / place, *words)
-    assert (code, err.count("\n")) == (2, 1)
-    assert part in err
+    assert_one_line_error(butterfly("results", verb, folder / place, *words), part)
 
 
 @pytest.mark.usefixtures("undisturbed")

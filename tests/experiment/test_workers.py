@@ -18,6 +18,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
 from butterfly.experiment.sweep_tables import RUNS
 from butterfly.experiment.workers import DaskEngine, LocalEngine
+from tests.cli.one_line import assert_one_line_error
 from tests.experiment.jobs import EndsWorker, Job, work
 from tests.experiment.setting import small_plan, tables_of
 
@@ -26,7 +27,7 @@ def _seconds(jobs, tmp_path, **how):
     tmp_path.mkdir()
     tasks = [Job(str(k), tmp_path, 0.3, how.get("dies") == k) for k in range(jobs)]
     begun = time.perf_counter()
-    outcomes = dict(LocalEngine(4).run(work, tasks))
+    outcomes = dict(LocalEngine(4).run(work, tasks, {}))
     return time.perf_counter() - begun, outcomes
 
 
@@ -43,7 +44,7 @@ def test_a_worker_that_dies_costs_the_others_next_to_nothing(tmp_path):
 
 def test_what_is_handed_out_is_bounded_and_ends_when_the_engine_is_left(tmp_path):
     tasks = [Job(str(k), tmp_path, 0.05 if k == 0 else 60.0) for k in range(30)]
-    outcomes = LocalEngine(2).run(work, tasks)
+    outcomes = LocalEngine(2).run(work, tasks, {})
     begun = time.perf_counter()
     assert next(outcomes) == ("0", None)
     outcomes.close()
@@ -156,9 +157,5 @@ def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder, monkeypat
     pytest.importorskip("distributed")
     monkeypatch.setattr("butterfly.experiment.workers._ANSWER", "1s")
     small_plan(folder)
-    code, _, err = butterfly(
-        *("run", folder / "small.yaml", "--out", folder / "none", "--engine", "dask"),
-        *("--scheduler", "tcp://127.0.0.1:1"),
-    )
-    assert code == 2
-    assert "--scheduler" in err
+    words = ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--out", folder / "none")
+    assert_one_line_error(butterfly("run", folder / "small.yaml", *words), "--scheduler")

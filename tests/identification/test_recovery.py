@@ -105,7 +105,7 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
     found = recalibrate(wild(robot, masses), 0.0, options)
     loaded = robot.with_added_mass(masses[0])
     ratio = found.is_ratio(term)
-    assert absolute is found.is_absolute
+    assert absolute is (not found.estimate.ratios)
     assert ratio is (not absolute and not TERMS[term].of_gain)
     truth = PRESENT[term][term] / (loaded.p1 if ratio else 1.0)
     _assert_recovered(found.estimate, term, truth, 0.03)

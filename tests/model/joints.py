@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from butterfly.model.greybox import Readings
 from butterfly.model.parameters import LumpedParameters
 
 PENDULUM = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025)
@@ -21,3 +22,8 @@ BRISTLES = {"bristle_stiffness": 2.0, "bristle_damping": 1e-3}
 def instants(time):
     """(n - 1, 3) start, middle and end of each of the intervals between (n,) instants."""
     return np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]])
+
+
+def angle_readings(count):
+    """Readings of the angle at the end of each of ``count`` intervals."""
+    return Readings(into=np.arange(count), weights=np.outer([0.0, 0.0, 1.0, 0.0], np.ones(count)))

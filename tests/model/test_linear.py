@@ -20,7 +20,6 @@ from butterfly.model.greybox import simulate
 from butterfly.model.linear import (
     HIGHEST_ORDER,
     DelayStates,
-    HeldSystem,
     Linearisation,
     predicted_swing,
     quasi_linear_response,
@@ -148,28 +147,6 @@ def test_the_resonance_is_where_the_response_peaks(robot):
     assert found == pytest.approx(peak.x, rel=1e-4)
 
 
-def test_the_coefficients_of_the_held_system_are_the_published_ones_66():
-    held = HeldSystem.of(THESIS, 0.04)
-    found = [round(x, 4) for x in (held.a1, held.a0, held.b1, held.b0)]
-    assert found == [-1.9638, 0.9878, 2.4465, 2.4365]
-
-
-@given(
-    p1=st.floats(1e-3, 1e-1),
-    ratio=st.floats(0.01, 0.9),
-    natural=st.floats(0.5, 20),
-    step=st.floats(1e-3, 0.1),
-)
-def test_the_held_system_is_python_control_s_zero_order_hold(p1, ratio, natural, step):
-    p = LumpedParameters(p1=p1, p2=2 * ratio * natural * p1, p3=natural**2 * p1, p4=2.0)
-    held = HeldSystem.of(p, step)
-    omega = np.array([0.3, 1.0, 2.0]) * natural
-    omega = omega[omega < 3 / step]
-    other = control.sample_system(control.tf([p.p4], [p.p1, p.p2, p.p3]), step, "zoh")
-    expected = np.array([other(np.exp(1j * w * step)) for w in omega])
-    np.testing.assert_allclose(held.response(omega), expected, rtol=1e-7)
-
-
 @given(
     delay=st.floats(1e-5, 10),
     order=st.integers(1, HIGHEST_ORDER),
@@ -193,8 +170,6 @@ def test_a_delay_s_error_is_within_its_bound_no_frequency_is_damped_and_states_d
         (lambda: DelayStates.of(-0.01, 4), "delay"),
         (lambda: DelayStates.of(0.01, 11), "between 1 and 10"),
         (lambda: linearised(replace(WHOLE, delay=0.01), pade_order=-1), "order: got -1"),
-        (lambda: HeldSystem.of(LumpedParameters(p1=1, p2=3, p3=1, p4=1), 0.1), "between 0 and 1"),
-        (lambda: HeldSystem.of(THESIS, 0.0), "step"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, message):

@@ -13,7 +13,7 @@ from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, s
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.signals import hold
-from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, instants
+from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings, instants
 
 ADDED = AddedMass(mass=0.05, arm=0.104)
 SLOW = {"back_emf": 3e-4, "time_constant": 0.0213}
@@ -41,7 +41,7 @@ class _Log:
         self.time = np.cumsum(clock.uniform(0.001, 0.003, 1 + int(grid[-1] / 0.002)))
         self.input = 0.5 * scale * np.sin(4 * self.time)
         self.intersample, self.grid = intersample, grid
-        self.readings = Readings.angles(grid.size - 1)
+        self.readings = angle_readings(grid.size - 1)
 
     def angles(self, parameters, start=START):
         inputs = self._parabolas(parameters.delivered(self.input), parameters)[0]
@@ -125,7 +125,7 @@ def test_a_joint_that_rests_and_breaks_loose_within_one_step_has_the_derivatives
 ):
     joint = LumpedParameters(p1=0.1, p2=0.02, p3=0.03, p4=1.0, coulomb=0.2, bias=0.01)
     inputs = np.array([first, [0.5, 0.3, 0.2]])
-    time, readings = np.array([0.0, 1.0, 1.5]), Readings.angles(2)
+    time, readings = np.array([0.0, 1.0, 1.5]), angle_readings(2)
     late = np.array([[0.3, -0.2, 0.1], [0.1, 0.2, -0.1]])  # what a delay might do to the drive
     names = ["p1", "p2", "p3", "p4", "p3_offset", "coulomb", "bias", "zero", "delay"]
     names += ["velocity"] if speed else []
@@ -201,7 +201,7 @@ def test_a_velocity_that_touches_0_leaves_derivatives_finite(beside):
     time = np.linspace(0, 2, 11)
     inputs = -2.0 * (1.0 - instants(time))
     columns = Columns.of(["coulomb", "stribeck", "p1", "p2", "velocity"], unit)
-    readings = Readings.angles(10)
+    readings = angle_readings(10)
     start = (0.0, 1.0 + beside)
     values, rows = differentiate(unit, time, inputs[None], start, readings, columns)
     expected = (1 - (1 - time[1:]) ** 3) / 3 + beside * time[1:]
@@ -230,7 +230,7 @@ def test_they_solve_the_variational_equations_as_another_integrator_does():
     start = [angle, velocity, *begin.ravel()]
     at = time[1::100]
     expected = solve_ivp(rates, time[[0, -1]], start, "DOP853", at, rtol=1e-12, atol=1e-12).y[2:9]
-    columns, readings = Columns.of(names, p), Readings.angles(time.size - 1)
+    columns, readings = Columns.of(names, p), angle_readings(time.size - 1)
     _, rows = differentiate(p, time, inputs[None], (angle, velocity), readings, columns)
     found = (rows @ columns.mixture)[::100].T
     errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.robot import Clutch
+from tests.independent.integrator import Joint, motion
 from tests.plant.setting import ADDED, HAND, JOINTS, MOTOR, integrated, mujoco_alone, play, robot
 
 TILTED = Hand(mass=0.1, com_distance=0.05, com_offset=0.01, inertia=0.003, tilt=0.1)
@@ -78,40 +78,15 @@ def test_the_joint_breaks_loose_beyond_coulomb_and_stribeck_torque(joint, torque
     assert (pushed.angle > 0.4) == moves
 
 
-def _sliding(log, p):
-    """Angle, integrated to each reversal; the drive is so strong that the joint never sticks."""
-
-    def rhs(_, state, voltage, sign):
-        x, v = state
-        level = p.coulomb + p.stribeck * math.exp(-((v / p.stribeck_velocity) ** 2))
-        torque = p.p4 * voltage - p.p2 * v + _pull(x) - sign * level
-        return [v, torque / p.p1]
-
-    def reversal(_, state, *_args):
-        return state[1]
-
-    reversal.terminal = True
-    options = {"rtol": 1e-12, "atol": 1e-14, "events": reversal, "max_step": 5e-3}
-    state, angles, sign = np.array([0.0, 0.0]), [0.0], -1.0
-    for begin, end, voltage in zip(log.time, log.time[1:], log.input, strict=False):
-        now = begin
-        while now < end:
-            reversal.direction = -sign
-            piece = solve_ivp(rhs, (now, end), state, "DOP853", args=(voltage, sign), **options)
-            now, state = piece.t[-1], piece.y[:, -1]
-            if piece.status == 1:
-                sign = -sign
-                state[1] = 1e-15 * sign
-        angles.append(state[0])
-    return np.array(angles)
-
-
 @pytest.mark.parametrize(("joint", "error"), [(GreyBoxJoint, 1e-7), (MujocoJoint, 2e-3)])
 def test_stribeck_friction_equals_an_integrator_that_stops_at_each_reversal(joint, error):
-    friction = {"viscous": 0.0, "coulomb": 5e-4, "stribeck": 5e-4, "stribeck_velocity": 0.3}
+    friction = {"coulomb": 5e-4, "stribeck": 5e-4, "stribeck_velocity": 0.3}
     driven = robot(hand=TILTED, **friction)
-    log = play(joint(driven, ADDED), amplitude=0.6)
-    np.testing.assert_allclose(log.angle, _sliding(log, driven.loaded(ADDED)), atol=error)
+    log, p = play(joint(driven, ADDED), amplitude=0.6), driven.loaded(ADDED)
+    beside = {"gravity_beside": p.p3_offset, "excess": p.stribeck}
+    alone = Joint(p.p1, p.p2, p.p3, p.p4, p.coulomb, excess_velocity=0.3, **beside)
+    exact, _ = motion(alone, log.time, log.input)
+    np.testing.assert_allclose(log.angle, exact, atol=error)
 
 
 def test_the_added_weight_raises_coulomb_friction():

@@ -1,10 +1,7 @@
 """A joint driven with a recorded log, against an independent integrator."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample, Log
@@ -12,6 +9,7 @@ from butterfly.model.parameters import TorqueDrive
 from butterfly.model.terms import DriveTerms
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.rollout import replay_input
+from tests.independent.integrator import Joint, motion
 from tests.plant.setting import ADDED, JOINTS, robot
 
 ROBOT = robot(TorqueDrive(gain=0.025), viscous=1e-3)
@@ -30,34 +28,15 @@ def _log(intersample, step, inputs, jitter=0.0):
     )
 
 
-def _held(log, at):
-    """The recorded input at an instant, 0 before the first stamp and the last value after all."""
-    if log.intersample is FIRST:
-        return np.interp(at, log.time, log.input, left=0.0)
-    last = np.searchsorted(log.time, at, side="right") - 1
-    return log.input[last] if last >= 0 else 0.0
-
-
 def _integrated(log, delay):
-    """Angle at the stamps, integrated from each change of the delayed input to the next."""
-    p = ROBOT.lumped.with_added_mass(ADDED)
-    edges = np.union1d(log.time, log.time + delay)
-    edges = edges[edges <= log.time[-1]]
-    state, at = np.zeros(2), {log.time[0]: 0.0}
-    for begin, end in pairwise(edges):
-        middle = (begin + end) / 2 - delay
-        value, slope = _held(log, middle), 0.0
-        if log.intersample is FIRST:
-            slope = (_held(log, middle + 1e-6) - _held(log, middle - 1e-6)) / 2e-6
-
-        def rhs(t, y, value=value, slope=slope, middle=middle):
-            torque = p.p4 * (value + slope * (t - delay - middle))
-            return [y[1], (torque - p.p2 * y[1] - p.p3 * np.sin(y[0])) / p.p1]
-
-        piece = solve_ivp(rhs, (begin, end), state, "DOP853", rtol=1e-12, atol=1e-14)
-        state = piece.y[:, -1]
-        at[end] = state[0]
-    return np.array([at[stamp] for stamp in log.time])
+    """Angle at the stamps; a continuous input is held at its mean over twentieths of a step."""
+    p, parts = ROBOT.lumped.with_added_mass(ADDED), 20 if log.intersample is FIRST else 1
+    count = log.time.size
+    time = np.interp(np.arange(parts * (count - 1) + 1) / parts, np.arange(count), log.time)
+    middles = time + 0.5 * np.diff(time, append=time[-1])
+    inputs = np.interp(middles, log.time, log.input) if parts > 1 else log.input
+    joint = Joint(p.p1, p.p2, p.p3, p.p4, delay=delay)
+    return motion(joint, time, inputs)[0][::parts]
 
 
 @pytest.mark.parametrize("joint", JOINTS)

@@ -11,8 +11,8 @@ from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder, Faults
-from butterfly.signals.excitations import FreeDecay
-from tests.plant.setting import ADDED, MOTOR, SINE, robot
+from butterfly.signals.excitations import Chirp, FreeDecay, Multisine
+from tests.plant.setting import ADDED, FINE, MOTOR, SINE, robot
 
 PLAIN = Rig(robot=robot(coulomb=3e-4))
 STICKS = {"coulomb": 3e-4, "stribeck": 3e-4}
@@ -33,35 +33,44 @@ PLAY = Clutch(backlash=0.01, rotor_inertia=1e-3)
 RIGS = NEEDING_THE_WRAPPER | {
     "plain": PLAIN,
     "clutch": Rig(robot=robot(clutch=PLAY, coulomb=3e-4)),
-    "shaped commands": replace(PLAIN, path=CommandPath(limit=0.2, resolution=0.01)),
+    "shaped commands": replace(PLAIN, encoder=FINE, path=CommandPath(limit=0.2, resolution=0.01)),
     "compression, noise, faults": ROUGH,
-    "grey box": replace(PLAIN, simulator=Simulator.GREY_BOX),
-    "grey box with delay": replace(
-        PLAIN, simulator=Simulator.GREY_BOX, path=CommandPath(delay=0.003)
-    ),
 }
 
 
-def _logs(rig, runs):
-    return list(simulate_runs(rig, runs, 0.3, np.random.SeedSequence(3).spawn(len(runs))))
+RUNS = [
+    (ADDED, SINE),
+    (AddedMass(), FreeDecay(angle=0.3)),
+    (ADDED, Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=0.3)),
+    (ADDED, Chirp(start=2.0, stop=8.0, duration=3.0, amplitude=0.2)),
+]
+NAMES = ["run000_50g_4rads", "run001_0g_signal", "run002_50g_signal", "run003_50g_signal"]
+
+
+def _logs(rig, runs, threads=1):
+    seeds = np.random.SeedSequence(3).spawn(len(runs))
+    return list(simulate_runs(rig, runs, 0.3, seeds, threads=threads))
 
 
 @pytest.mark.parametrize("name", RIGS)
 def test_the_compiled_loop_runs_what_it_can_and_gives_the_log_of_the_wrapper(name, monkeypatch):
+    """Whatever the number of threads."""
     rig = RIGS[name]
     played, play = [], Rig.play
     monkeypatch.setattr(Rig, "play", lambda *run: played.append(run) or play(*run))
-    runs = [(ADDED, SINE), (AddedMass(), FreeDecay(angle=0.3))]
-    logs = _logs(rig, runs)
+    logs, others = _logs(rig, RUNS), _logs(rig, RUNS, threads=3)
     assert bool(played) == (name in NEEDING_THE_WRAPPER) == (not rig.runs_open_loop)
-    assert [log.name for log in logs] == ["run000_50g_4rads", "run001_0g_signal"]
-    for log, run, seed in zip(logs, runs, np.random.SeedSequence(3).spawn(2), strict=True):
+    assert [log.name for log in logs] == NAMES
+    seeds = np.random.SeedSequence(3).spawn(len(RUNS))
+    for log, other, run, seed in zip(logs, others, RUNS, seeds, strict=True):
         single = rig.play(*run, 0.3, np.random.default_rng(seed))
+        np.testing.assert_array_equal(log.angle, other.angle)
         np.testing.assert_allclose(log.time, single.time, atol=1e-12)
         np.testing.assert_allclose(log.input, single.input, atol=1e-12)
         step = 2 * math.pi / rig.encoder.steps  # a reading on the edge may round either way
-        assert np.abs(log.angle - single.angle).max() < 1.01 * step
-        assert log.source == single.source
+        reach = 1e-10 if step < 1e-9 else 1.01 * step
+        assert np.abs(log.angle - single.angle).max() < reach
+        assert (log.source, log.added_mass) == (single.source, run[0])
 
 
 def test_a_law_meets_the_clock_path_encoder_and_faults_of_the_rig():

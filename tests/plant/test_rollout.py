@@ -8,11 +8,10 @@ from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import AddedMass, TorqueDrive, VoltageDrive
 from butterfly.plant.mjcf import compile_model, mount
-from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.signals.excitations import Chirp, FreeDecay, Multisine, Table
+from butterfly.signals.excitations import FreeDecay, Table
 from tests.plant.setting import ADDED, FINE, MOTOR, grey_box, robot
 from tests.signals.sines import fit_sine
 
@@ -100,34 +99,6 @@ def test_a_seed_fixes_everything():
 def test_a_run_of_no_length_is_refused(duration):
     with pytest.raises(InputError, match="duration"):
         _run(robot(), duration=duration)
-
-
-def test_the_compiled_loop_and_the_wrapper_give_the_same_logs_of_any_number_of_threads():
-    masses = [AddedMass(mass=0.03 * k, arm=0.104) for k in range(3)]
-    inputs = [
-        *(Sine(omega=w, amplitude=0.3) for w in (2.0, 4.5, 9.0)),
-        Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=0.3),
-        Chirp(start=2.0, stop=8.0, duration=3.0, amplitude=0.2),
-        FreeDecay(angle=0.6),
-    ]
-    runs = [(mass, signal) for mass in masses for signal in inputs]
-    rig = Rig(
-        robot=robot(coulomb=5e-4),
-        clock=Clock(step=0.0025),
-        encoder=FINE,
-        path=CommandPath(limit=0.25, resolution=0.01),
-    )
-    seeds = np.random.SeedSequence(0).spawn(len(runs))
-    one, three = (list(simulate_runs(rig, runs, 3.0, seeds, threads=k)) for k in (1, 3))
-    assert len(one) == 18
-    for log, again, (mass, signal), seed in zip(one, three, runs, seeds, strict=True):
-        single = rig.play(mass, signal, 3.0, np.random.default_rng(seed))
-        np.testing.assert_array_equal(log.angle, again.angle)
-        assert log.added_mass == mass
-        assert log.excitation == (signal if isinstance(signal, Sine) else None)
-        np.testing.assert_allclose(log.time, single.time, atol=1e-12)
-        np.testing.assert_allclose(log.input, single.input, atol=1e-12)
-        np.testing.assert_allclose(log.angle, single.angle, atol=1e-10)
 
 
 def test_mujoco_s_coulomb_friction_follows_the_set_valued_one_in_a_wide_decay_to_rest():

@@ -49,11 +49,10 @@ _MOST = 3 * MAX_REVERSALS + 4  # rows that one part of an interval may take
 
 @compiled
 def differentiate(time, drives, state, c, into, weights, values, column, initial, moved, rows):
-    """Write (m,) sums of angle and velocity at both ends of intervals, by (4, m) weights.
+    """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
-    Interval k writes the sum ``into[k]``, unless that is negative; the (m, k) derivatives of the
-    sums by the columns go into ``rows``. ``initial`` is (4, k) derivatives of the state;
-    `butterfly.model.greybox.differentiate` has the other arrays.
+    Interval k writes the sum ``into[k]``, unless that is negative. ``initial`` is (4, k)
+    derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays.
     """
     tape = np.zeros((_ROWS, TAPE_WIDTH))
     stages = np.zeros((4, 4, RATE + 1))

@@ -58,10 +58,7 @@ def end(drives, begin, share, h, c, stages, tangents, column):
 
 @compiled
 def reverse(drives, begin, share, h, c, stages, tangents, column):
-    """Correct the derivatives where the velocity vanishes, at an instant that they move.
-
-    With F the end of the step, F_v(share) = 0 defines the share: d share = -S_v/(dF_v/d share).
-    """
+    """Correct the derivatives where the velocity vanishes: F_v(share) = 0 at the step's end F."""
     by_begin = _by_begin(drives, begin, share, c, stages)
     by_share = _by_share(drives, begin, share, h, c, stages)
     grazes = abs(by_share[V]) < _GRAZING * h
@@ -110,10 +107,7 @@ def _by_share(drives, begin, share, h, c, stages):
 
 @compiled
 def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
-    """Differentiate a rest to the interval's end; the motor's torque, ``motor`` at first, goes on.
-
-    The derivatives of the angle stay; those of the velocity vanish.
-    """
+    """Differentiate a rest to the interval's end; the motor's torque, first ``motor``, goes on."""
     for j in range(column.size):
         tangents[V, j] = 0.0
     if c.lag == 0.0:

@@ -249,10 +249,7 @@ def drive_slope(drives, fraction):
 
 @compiled
 def exceeds_at(drives, begin, load, most):
-    """Return where a parabola and a load first exceed ``most`` from a fraction on, and their sign.
-
-    The fraction is 1 where they do not; at ``begin`` they do not yet.
-    """
+    """Return where from ``begin`` on a parabola and a load exceed ``most`` (1: not), and how."""
     start, middle, end = drives
     bend = 2.0 * (start - 2.0 * middle + end)
     slope = end - start - bend

@@ -32,10 +32,7 @@ _COOKIE = "butterfly-viewer"
 def serve(
     model: mujoco.MjModel, data: mujoco.MjData, advance: Callable[[], None], port: int = 0
 ) -> None:
-    """Show a simulation, which ``advance`` steps on by a frame, to a browser until it is stopped.
-
-    Port 0 picks a free one; one that is taken is an InputError.
-    """
+    """Show a simulation, which ``advance`` steps on by a frame, to a browser until stopped."""
     config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
     with _guarded(_bound(port)), launch_web.launch(config, plugins=[Front()]) as handle:
         handle.sync(model, data)
@@ -72,10 +69,7 @@ class Guard:
         return f"{_COOKIE}-{self.port}"
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
-        """Return why a request for a path, with its query, is not answered; None if it is.
-
-        Headers are found by names of any case.
-        """
+        """Return why a request for a path, with its query, is not answered; None if it is."""
         own = {f"{name}:{self.port}" for name in _NAMES}
         if headers.get("Host") not in own:
             return "asked for under another name than this machine's own"

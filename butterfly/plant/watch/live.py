@@ -26,10 +26,10 @@ _FRAME = 0.01  # s of rest between two frames
 class LiveRun:
     """One run of a rig, sample by sample, in a MuJoCo model that a viewer can show.
 
-    Its samples are those of the run's log, before the rig's faults befall them. After the last it
-    starts again, with the same seed; so it does when a viewer resets the state. MuJoCo's joint is
-    the ``model`` with its ``data``, so that a hand that is pulled in the viewer gives way; the grey
-    box is only drawn in it. ``sample`` is the latest.
+    Its samples are those of the run's log, before the rig's faults befall them. After the last, or
+    when a viewer resets the state, it starts again, with the same seed. MuJoCo's joint is the
+    ``model`` with its ``data``, so that a hand that is pulled in the viewer gives way; the grey box
+    is only drawn in it.
     """
 
     def __init__(
@@ -95,8 +95,7 @@ class RealTime:
     def catch_up(self) -> None:
         """Step up to now, for 20 ms on the wall clock or a single sample at most.
 
-        A machine too slow for real time shows slow motion: whoever is half a second late, after a
-        pause too, goes on from where he is.
+        Whoever is half a second late, after a pause or on a slow machine, goes on from where he is.
         """
         now = self._clock()
         if not abs(now - self._origin - self._run.elapsed) < _PAUSE:
@@ -108,11 +107,7 @@ class RealTime:
 
 
 def watch(run: LiveRun, *, web: bool = False, port: int = 0) -> None:
-    """Show a run in real time, until the viewer is closed or Ctrl-C is pressed.
-
-    With ``web`` the viewer is served to a browser on this machine, at a free port for 0; without it
-    opens a window, or raises a RenderingError where there is no display.
-    """
+    """Show a run in real time, until the viewer is closed or Ctrl-C is pressed."""
     pace = RealTime(run)
     if web:
         from butterfly.plant.watch import browser  # noqa: PLC0415 - slow to import, seldom wanted

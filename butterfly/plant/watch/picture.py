@@ -36,10 +36,7 @@ class RenderingError(ButterflyError):
 
 
 class Painter:
-    """Draws one robot at any angle; a context manager, since it holds a drawing surface.
-
-    Pictures are ``size`` pixels wide and high. A RenderingError if MuJoCo finds no way to draw.
-    """
+    """Draws one robot at any angle; a context manager, since it holds a drawing surface."""
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
         model = compile_model(robot, added, scene=True)
@@ -90,11 +87,7 @@ def film(
     size: int = 480,
     track: Track = untracked,
 ) -> None:
-    """Draw a recorded motion as a film with time and angle, in the format of the file's ending.
-
-    The motion is of (n,) instants in s and angles in rad; the file .gif, .webp, or .mp4, which
-    needs the extra ``video``.
-    """
+    """Draw a motion, (n,) instants in s and angles in rad, as a film of the file's format."""
     ending = path.suffix.lower()
     if ending not in (*_PILLOW, _FFMPEG):
         raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")

@@ -15,7 +15,7 @@ from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.watch.live import LiveRun, RealTime, watch
 from butterfly.plant.watch.picture import RenderingError
 from butterfly.signals.excitations import FreeDecay
-from tests.plant.setting import ADDED, FINE, MOTOR, SINE, robot
+from tests.plant.setting import ADDED, MOTOR, SINE, robot
 
 ROUGH = Rig(
     robot=robot(replace(MOTOR, inductance=0.002), coulomb=3e-4),
@@ -71,15 +71,6 @@ def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation
     np.testing.assert_array_equal(seen[:, 2], log.angle[:count])
     np.testing.assert_allclose(shown, seen[:, 2], atol=1e-3)  # encoder and its noise apart
     assert np.ptp(shown) > 0.02
-
-
-def test_a_watched_run_is_that_of_the_compiled_loop_too():
-    rig = Rig(robot=robot(), encoder=FINE, path=CommandPath(limit=0.02))
-    (log,) = simulate_runs(rig, [(ADDED, SINE)], 0.5, [SEED])
-    assert rig.runs_open_loop
-    seen, shown = _watched(rig)
-    np.testing.assert_allclose(seen[:, 2], log.angle[: len(seen)], atol=1e-10)
-    np.testing.assert_allclose(shown, log.angle[: len(seen)], atol=1e-10)
 
 
 @pytest.mark.parametrize("simulator", Simulator)

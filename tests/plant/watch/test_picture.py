@@ -6,25 +6,16 @@ import pytest
 from PIL import Image, ImageSequence
 
 from butterfly.errors import InputError
-from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
-from butterfly.plant.robot import Robot
-from butterfly.plant.watch.picture import Painter, RenderingError, caption_text, captioned, film
+from butterfly.plant.watch.picture import caption_text, captioned, film
+from tests.plant.setting import ADDED, robot, skip_where_nothing_is_drawn
 
-ROBOT = Robot(
-    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-    drive=TorqueDrive(gain=1.0),
-    friction=Friction(),
-)
-ADDED = AddedMass(mass=0.05, arm=0.104)
+ROBOT = robot()
 TIMES = np.array([0.0, 1.0])
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _can_draw():
-    try:
-        Painter(ROBOT, ADDED, 32).__exit__()
-    except RenderingError as error:
-        pytest.skip(str(error))
+    skip_where_nothing_is_drawn()
 
 
 def _mass_column(picture):
