@@ -195,7 +195,7 @@ def _run_once(
     """Do an experiment's one run in this process, with all cores, and write all of it."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     kept = keep_experiment(source, folder)
-    store.begin()
+    store.begin_sweep(sweep_record(plan))
     result = perform(experiment, threads=jobs, track=track)
     written = _write_logs(experiment, result, folder)
     outcome = outcome_of(task, experiment, result)

@@ -212,14 +212,6 @@ class Estimates:
         """Those whose deviation from the truth is known, which is not 0."""
         return self.take(np.isfinite(self["deviation"]))
 
-    def deviations(self) -> tuple[float, float, float]:
-        """Return median, rms and largest size of the known deviations; NaN without any."""
-        known = self.deviating["deviation"]
-        if not known.size:
-            return math.nan, math.nan, math.nan
-        rms = float(np.sqrt(np.mean(known**2)))
-        return float(np.median(known)), rms, float(np.abs(known).max())
-
     @property
     def coverage(self) -> float:
         """Share of the intervals that hold the truth; NaN if there is no interval."""
@@ -266,9 +258,11 @@ class Estimates:
         for estimator in self.estimators:
             for parameter in self.distinct("parameter"):
                 group = self.where(estimator=estimator, parameter=parameter)
-                runs = int(group["value"].size)
-                if runs:
-                    spread = group.deviations()
+                known, spread = group.deviating["deviation"], (math.nan, math.nan, math.nan)
+                if known.size:
+                    rms = float(np.sqrt(np.mean(known**2)))
+                    spread = float(np.median(known)), rms, float(np.abs(known).max())
+                if runs := int(group["value"].size):
                     yield Recovery(estimator, parameter, runs, *spread, group.coverage)
 
 
