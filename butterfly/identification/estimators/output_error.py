@@ -24,11 +24,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.free_run_residuals import (
-    LOCAL,
-    TRIED,
-    FreeRunResiduals,
-)
+from butterfly.identification.estimators.free_run_residuals import LOCAL, TRIED, FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import (
     Equations,
     LogEquations,

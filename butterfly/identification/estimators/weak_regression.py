@@ -27,11 +27,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import (
-    CellEquations,
-    Regression,
-    Solution,
-)
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
