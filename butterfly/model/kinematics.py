@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,52 +19,17 @@ from scipy.special import dawsn, j1
 from butterfly.arrays import Samples
 
 
-class Settings(Protocol):
-    """What a motion takes from the friction terms of a joint."""
-
-    @property
-    def cogging_periods(self) -> float:
-        """Periods of the cogging torque in a turn."""
-
-    @property
-    def stribeck_velocity(self) -> float:
-        """In rad/s."""
-
-
 class Motion(NamedTuple):
     """What a torque may depend on: numbers, or arrays of one shape."""
 
     angle: Any  # In rad from hanging down
     velocity: Any  # In rad/s
     direction: Any  # Sign of the velocity
-    input: Any  # As the drive delivers it
-    weight: Any  # Added weight on the bearing in N, where it is not in T_c already
     periods: float  # Of cogging in a turn
     stribeck_velocity: float  # In rad/s
+    input: Any = 0.0  # As the drive delivers it
+    weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
-
-    @classmethod
-    def of(
-        cls,
-        settings: Settings,
-        angle: Any,  # noqa: ANN401
-        velocity: Any,  # noqa: ANN401
-        *,
-        input: Any = 0.0,  # noqa: A002, ANN401 - the log's name for it
-        weight: Any = 0.0,  # noqa: ANN401
-        carried: Any = 0.0,  # noqa: ANN401
-    ) -> Motion:
-        """Return a motion of a joint."""
-        return cls(
-            angle=angle,
-            velocity=velocity,
-            direction=np.sign(velocity),
-            input=input,
-            weight=weight,
-            periods=settings.cogging_periods,
-            stribeck_velocity=settings.stribeck_velocity,
-            carried=carried,
-        )
 
 
 @dataclass(frozen=True)
