@@ -13,7 +13,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import dawsn, j1
 
 from butterfly.arrays import Samples
@@ -67,28 +67,25 @@ class Term:
     offered: frozenset[str] = frozenset()
 
 
-def gravity_describing_function(amplitude: ArrayLike) -> Samples:
+def gravity_describing_function(a: Samples) -> Samples:
     """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
 
     That of ``sin(N th)`` is N times that of N a.
     """
-    a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(2.0 * j1(a) / a)
 
 
-def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:
+def coulomb_describing_function(a: Samples) -> NDArray[np.complex128]:
     """Gain j 4/(pi a) of ``sgn(thd)`` on a sinusoidal angle of amplitude a > 0 in rad, in 1/rad."""
-    a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(4j / (np.pi * a))
 
 
 def stribeck_describing_function(
-    omega: ArrayLike, amplitude: ArrayLike, velocity: float
+    omega: Samples, a: Samples, velocity: float
 ) -> NDArray[np.complex128]:
     """Gain of ``sgn(thd) exp(-(thd/v_s)^2)`` on a sinusoidal angle of amplitude a in rad, in 1/rad.
 
     With b = a w/v_s it is j 4/(pi a) D(b)/b, D Dawson's integral.
     """
-    a = np.asarray(amplitude, dtype=np.float64)
-    b = a * np.asarray(omega, dtype=np.float64) / velocity
+    b = a * omega / velocity
     return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)
