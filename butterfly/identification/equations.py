@@ -235,6 +235,17 @@ class CellEquations:
         change[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], (pull / size)[free])[0]
         return np.asarray(change / size)
 
+    def apart(self, changes: Samples) -> tuple[Samples, Samples]:
+        """Return what the values, following, leave of (k, n) changes of them by cell.
+
+        And its (k,) information; both are zeros where the cells cannot tell it from others.
+        """
+        pulls = np.einsum("kmn,kn->km", self.curvature, changes)
+        rest = changes - self.change_by(pulls.sum(axis=0))
+        information = np.einsum("kn,kmn,km->k", rest, self.curvature, rest)
+        told = information.sum() > ROUNDING * np.sum(changes * pulls)
+        return (rest, information) if told else (np.zeros_like(rest), np.zeros(len(rest)))
+
     @property
     def free(self) -> NDArray[np.bool_]:
         """(n,) which values no bound holds, and the cells tell."""

@@ -44,9 +44,7 @@ class FreeRun:
     @cached_property
     def fit(self) -> float:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
-            error = float(np.sum((self.simulated - self.log.angle) ** 2))
-        return fit_of(error, _spread(self.log))
+        return fit_of(self.rms, self.log.rms_motion)
 
     @cached_property
     def velocity_fit(self) -> float:
@@ -62,17 +60,19 @@ class FreeRun:
             measured, error = (
                 slope(resample(self.log.time, each, grid), reach, 2, step) for each in angles
             )
-            return fit_of(float(error @ error), float(np.sum((measured - measured.mean()) ** 2)))
+            return fit_of(float(np.sqrt(np.mean(error**2))), float(np.std(measured)))
 
     @property
     def followed(self) -> float:
         """How well the log is followed: the lower FIT in per cent, of angle or velocity."""
         return min(self.fit, self.velocity_fit)
 
-    @property
+    @cached_property
     def rms(self) -> float:
         """Rms error in rad."""
-        return float(np.sqrt(np.mean((self.simulated - self.log.angle) ** 2)))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = self.simulated - self.log.angle
+            return float(np.sqrt(error @ error / error.size))
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,6 @@ class Simulations:
         self._horizons: dict[LumpedParameters, float] = {}
         self._fits: dict[tuple[int, Setting], float] = {}
         self._followed: dict[tuple[int, Setting], float] = {}
-        self._spreads = [_spread(log) for log in logs]
 
     def __reduce__(self) -> tuple[object, ...]:
         """Leave what is kept behind in copies."""
@@ -229,19 +228,10 @@ class Simulations:
         """FIT of one log, as that of its free run, without keeping the angles."""
         key = number, setting
         if key not in self._fits:
-            simulation = self.simulation(number, setting)
-            motion = simulation.run(setting.parameters, setting.zero, setting.velocity)
-            self._fits[key] = fit_of(motion.squared_error(), self._spreads[number])
+            self._fits[key] = setting.run(self.simulation(number, setting)).fit
         return self._fits[key]
 
 
-def fit_of(squared_error: float, spread: float) -> float:
-    """Return FIT in per cent; none of an angle that stands still, or of one that diverges."""
-    if not spread or not math.isfinite(squared_error):
-        return -math.inf
-    return 100 * (1 - math.sqrt(squared_error / spread))
-
-
-def _spread(log: Log) -> float:
-    """Sum of squares in rad^2 of the measured angle about its mean."""
-    return float(np.sum((log.angle - log.angle.mean()) ** 2))
+def fit_of(error: float, motion: float) -> float:
+    """Return FIT in per cent, of rms error and motion; none of one that is still or diverges."""
+    return 100 * (1 - error / motion) if motion and math.isfinite(error) else -math.inf

@@ -51,13 +51,6 @@ class SimulatedMotion(NamedTuple):
             ]
         )
 
-    def squared_error(self) -> float:
-        """Return the sum of squares in rad^2 of angles less the measured ones."""
-        return sum(
-            float(np.sum((polynomials.interpolate(*run, log.time) - log.angle) ** 2))
-            for log, *run in self.pieces
-        )
-
 
 class Simulation:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.

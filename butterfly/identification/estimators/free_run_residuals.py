@@ -352,7 +352,7 @@ def _first_guess(
 
 def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     """Size of each parameter whose torque would be a tenth of the motor's, as large for p1, p3."""
-    swing = float(np.median([np.std(log.angle) for log in logs]))
+    swing = float(np.median([log.rms_motion for log in logs]))
     command = float(np.median([1.0, *(np.std(log.input) for log in logs)])) or 1.0
     rate = float(np.median([log.excitation.omega for log in logs if log.excitation] or [5.0]))
     inertia = abs(start.p1) + max(log.added_mass.inertia for log in logs)

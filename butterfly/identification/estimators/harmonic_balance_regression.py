@@ -260,16 +260,13 @@ class HarmonicBalanceFit:
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
         return lacking_term(nested.equations, tried, conditions)
 
-    def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
-        """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
+    def values_of(self, unknowns: dict[str, float]) -> dict[str, float]:
+        """Return the values of parameters from unknowns of `nested`."""
         gain = unknowns.get("p4", self.parameters.p4) or np.inf
-        products = {
-            n: getattr(self.parameters, n) + each / gain
-            for n, each in unknowns.items()
-            if TERMS[n].of_gain
+        return {
+            name: getattr(self.parameters, name) + each / gain if TERMS[name].of_gain else each
+            for name, each in unknowns.items()
         }
-        found = unknowns | products
-        return np.array([found.get(name, 0.0) for name in names])
 
 
 def _regression(

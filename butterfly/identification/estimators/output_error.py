@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal
 
@@ -30,7 +30,6 @@ from butterfly.identification.estimators.free_run_residuals import (
     FreeRunResiduals,
 )
 from butterfly.identification.estimators.gauss_newton import Loss, Minimum
-from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.weighed_logs import weighed
 from butterfly.identification.inference.agreement import contrasts_of
@@ -46,7 +45,7 @@ from butterfly.identification.levels import FEW, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
+from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
@@ -120,31 +119,18 @@ class OutputError(Estimator):
         calm = data.take(data.calm)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
-            return self.of_starts(data.logs, first, data.known)
+            return self.of_logs(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
+        return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
-        self,
-        logs: Sequence[Log],
-        start: LumpedParameters,
-        zeros: Mapping[AddedMass, float],
-        known: Prior = NO_PRIOR,
-    ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly (see `of_starts`)."""
-        return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
-
-    def of_starts(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior = NO_PRIOR,
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-            found = replace(self, horizon=horizon).of_starts(logs, first, known)
+            found = replace(self, horizon=horizon).of_logs(logs, first, known)
             return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
@@ -152,9 +138,7 @@ class OutputError(Estimator):
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
-        problems = [
-            self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
-        ]
+        problems = [self.problem(logs, each, reference.fixed) for each in first]
         wide, rarer = problems[0], self._unseen(first)
         problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[Samples, ...] = ()
@@ -185,7 +169,10 @@ class OutputError(Estimator):
         if with_scatter := weighed(problem, end):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
+        local: dict[AddedMass | str | None, dict[str, float]] = {}
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        for (name, whose), value in [*ended][problem.shared :]:
+            local.setdefault(whose, {})[name] = value
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
@@ -199,7 +186,7 @@ class OutputError(Estimator):
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),
-            local=local_values(list(ended)[problem.shared :]),
+            local=local,
             masses=masses,
             known=known,
             horizon=self.horizon or math.inf,
@@ -224,14 +211,12 @@ class OutputError(Estimator):
                     raise InputError(self.method, field, name, expected)
 
     def problem(
-        self,
-        logs: Sequence[Log],
-        start: LumpedParameters,
-        zeros: Mapping[AddedMass, float],
-        known: Prior = NO_PRIOR,
+        self, logs: Sequence[Log], first: Start, known: Prior = NO_PRIOR
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised."""
-        horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
+        start, zeros, horizon = first.parameters, first.zeros, self.horizon
+        if horizon is None:
+            horizon = horizon_of(logs, start, zeros)
         every = known.fitted((*PARAMETERS, *self._names((log.added_mass for log in logs), known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return FreeRunResiduals.of(

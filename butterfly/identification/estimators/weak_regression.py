@@ -31,7 +31,6 @@ from butterfly.identification.equations import (
     CellEquations,
     Regression,
     Solution,
-    scaled_least_squares,
 )
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
@@ -273,7 +272,10 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     ]
     regression = fit.about.regression([each.windows for each in pairs], moving)
     through = fit.about.regression([each.instruments for each in pairs], moving)
-    regression = _corrected(regression, through, fit, pairs)
+    # what the simulations lack of balance is taken from the logs
+    simulated = np.array([each.instruments is not each.windows for each in pairs])
+    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
+    regression = replace(regression, target=regression.target + error)
     more, wanted = regression.known_rows
     rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
     multiplied = np.concatenate([through.rows, more])
@@ -297,15 +299,6 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     return replace(fit, regression=through, solved=solved)
 
 
-def _corrected(
-    regression: Regression, through: Regression, fit: WeakFit, pairs: Sequence[Seen]
-) -> Regression:
-    """Take from equations of the logs what those of their simulations lack of balance."""
-    simulated = np.array([each.instruments is not each.windows for each in pairs])
-    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
-    return replace(regression, target=regression.target + error)
-
-
 def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
     """Solve equations that are multiplied by instruments."""
     scale = np.linalg.norm(multiplied, axis=0)
@@ -321,27 +314,15 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
 def offset_covariance(
     fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
 ) -> Samples:
-    """(n, n) covariance that uncertain zeros add to n parameters."""
+    """(n, n) covariance that (k, logs) errors of zeros add to n parameters."""
+    solved, errors = fit.solved, zip(pairs, uncertain.T, strict=True)
+    slopes = np.concatenate([np.outer(_slopes(fit, each), own) for each, own in errors])
+    pulls = slopes.T @ fit.regression.jacobian(solved.values)
     added = np.zeros((len(names), len(names)))
-    if not uncertain.size:
-        return added
-    slopes = [_slopes(fit, each) for each in pairs]
-    errors = np.column_stack(
-        [
-            np.concatenate([size * slope for size, slope in zip(row, slopes, strict=True)])
-            for row in uncertain
-        ]
-    )
-    free = ~fit.solved.on_bound
-    more, _ = (
-        (np.empty((0, free.size)), None) if fit.solved.prior is None else fit.solved.prior.rows()
-    )
-    rows = np.concatenate([fit.regression.jacobian(fit.solved.values), more])[:, free]
-    errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
-    moved = -scaled_least_squares(rows, errors)
-    found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
-    places = [list(names).index(name) for name in found]
-    added[np.ix_(places, places)] = moved @ moved.T
+    places = [list(names).index(name) for name in solved.names]
+    for pull in pulls:
+        moved = solved.change_by(pull)
+        added[np.ix_(places, places)] += np.outer(moved, moved)
     return added
 
 
