@@ -44,7 +44,6 @@ from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
-from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
@@ -355,7 +354,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = Motion.of(start, angle, velocity, weight=weight, input=command * np.sin(_PHASES))
+    motion = start.motion(angle, velocity, weight=weight, input=command * np.sin(_PHASES))
     sizes = {
         "p1": inertia,
         "p3": torque / swing,
