@@ -291,6 +291,11 @@ class Log:
         return time, np.concatenate([self.lead.input, self.input])
 
     @cached_property
+    def rms_motion(self) -> float:
+        """Rms angle in rad about its mean."""
+        return float(np.std(self.angle))
+
+    @cached_property
     def rms_speed(self) -> float:
         """Rms velocity in rad/s, over spans that are long against noise."""
         every = min(max(1, round(_SPAN / self.mean_step)), self.time.size // 2)
@@ -306,7 +311,7 @@ class Log:
         time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
         if not self.rms_speed > 0:
             return rest
-        span = _REACH * min(float(np.std(angle)), _WIDE) / self.rms_speed
+        span = _REACH * min(self.rms_motion, _WIDE) / self.rms_speed
         count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
         time, angle = time[:count], angle[:count]
         if self.lead is None and not _moves(time, angle, self.rms_speed):

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.model.kinematics import Motion, Term
+from butterfly.model.kinematics import Term
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, torque_of
 
@@ -38,7 +38,7 @@ def potential(
 
 def pull(p: LumpedParameters, angle: float) -> float:
     """Torque in N m of the potential at an angle in rad: its slope, downwards."""
-    return -torque_of(p, Motion.of(p, angle, 0.0), CONSERVATIVE)  # type: ignore[no-any-return]
+    return -torque_of(p, p.motion(angle, 0.0), CONSERVATIVE)  # type: ignore[no-any-return]
 
 
 def stiffness(p: LumpedParameters, angle: float) -> float:
@@ -47,7 +47,7 @@ def stiffness(p: LumpedParameters, angle: float) -> float:
     The imaginary part of the slope at a complex angle next to the real one, which is exact to
     rounding (Squire & Trapp, SIAM Review 40, 1998).
     """
-    beside = Motion.of(p, angle + 1j * _ASIDE, 0.0)
+    beside = p.motion(angle + 1j * _ASIDE, 0.0)
     return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 

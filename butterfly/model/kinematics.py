@@ -10,25 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import dawsn, j1
 
 from butterfly.arrays import Samples
-
-
-class Settings(Protocol):
-    """What a motion takes from the friction terms of a joint."""
-
-    @property
-    def cogging_periods(self) -> float:
-        """Periods of the cogging torque in a turn."""
-
-    @property
-    def stribeck_velocity(self) -> float:
-        """In rad/s."""
 
 
 class Motion(NamedTuple):
@@ -37,34 +25,11 @@ class Motion(NamedTuple):
     angle: Any  # In rad from hanging down
     velocity: Any  # In rad/s
     direction: Any  # Sign of the velocity
-    input: Any  # As the drive delivers it
-    weight: Any  # Added weight on the bearing in N, where it is not in T_c already
     periods: float  # Of cogging in a turn
     stribeck_velocity: float  # In rad/s
+    input: Any = 0.0  # As the drive delivers it
+    weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
-
-    @classmethod
-    def of(
-        cls,
-        settings: Settings,
-        angle: Any,  # noqa: ANN401
-        velocity: Any,  # noqa: ANN401
-        *,
-        input: Any = 0.0,  # noqa: A002, ANN401 - the log's name for it
-        weight: Any = 0.0,  # noqa: ANN401
-        carried: Any = 0.0,  # noqa: ANN401
-    ) -> Motion:
-        """Return a motion of a joint."""
-        return cls(
-            angle=angle,
-            velocity=velocity,
-            direction=np.sign(velocity),
-            input=input,
-            weight=weight,
-            periods=settings.cogging_periods,
-            stribeck_velocity=settings.stribeck_velocity,
-            carried=carried,
-        )
 
 
 @dataclass(frozen=True)
@@ -102,28 +67,25 @@ class Term:
     offered: frozenset[str] = frozenset()
 
 
-def gravity_describing_function(amplitude: ArrayLike) -> Samples:
+def gravity_describing_function(a: Samples) -> Samples:
     """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
 
     That of ``sin(N th)`` is N times that of N a.
     """
-    a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(2.0 * j1(a) / a)
 
 
-def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:
+def coulomb_describing_function(a: Samples) -> NDArray[np.complex128]:
     """Gain j 4/(pi a) of ``sgn(thd)`` on a sinusoidal angle of amplitude a > 0 in rad, in 1/rad."""
-    a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(4j / (np.pi * a))
 
 
 def stribeck_describing_function(
-    omega: ArrayLike, amplitude: ArrayLike, velocity: float
+    omega: Samples, a: Samples, velocity: float
 ) -> NDArray[np.complex128]:
     """Gain of ``sgn(thd) exp(-(thd/v_s)^2)`` on a sinusoidal angle of amplitude a in rad, in 1/rad.
 
     With b = a w/v_s it is j 4/(pi a) D(b)/b, D Dawson's integral.
     """
-    a = np.asarray(amplitude, dtype=np.float64)
-    b = a * np.asarray(omega, dtype=np.float64) / velocity
+    b = a * omega / velocity
     return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)

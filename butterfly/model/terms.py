@@ -66,6 +66,11 @@ class FrictionTerms:
         """Return every term by its name."""
         return {field.name: getattr(self, field.name) for field in fields(FrictionTerms)}
 
+    def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
+        """Return a motion in rad and rad/s of a joint with these terms, and ``more`` of it."""
+        periods, slow = self.cogging_periods, self.stribeck_velocity
+        return Motion(angle, velocity, np.sign(velocity), periods, slow, **more)
+
     @property
     def holding(self) -> float:
         """T_c + T_s, the largest torque in N m that friction withstands at rest."""
@@ -78,7 +83,7 @@ class FrictionTerms:
 
     def level(self, velocity: float) -> float:
         """Return g(v) in N m at a velocity in rad/s."""
-        sliding = Motion.of(self, 0.0, velocity)._replace(direction=1.0)
+        sliding = self.motion(0.0, velocity)._replace(direction=1.0)
         return float(torque_of(self, sliding, DRY))
 
 
