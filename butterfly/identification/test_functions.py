@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
-from butterfly.model.kinematics import Motion, Term
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid

@@ -12,9 +12,8 @@ from scipy.optimize import brentq
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.model.kinematics import Term
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, Term, torque_of
 
 _GRID = 721  # angles at which the potential is looked at
 _POINTS = 1000  # of the quadrature over half a period

@@ -10,9 +10,8 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
-from butterfly.model.kinematics import Term
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Term, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
