@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -56,11 +57,6 @@ def _of_orbit(value: Callable[[OrbitRecord], Any], kind: pa.DataType = _NUMBER) 
     return kind, lambda record: value(record.orbit) if record and record.orbit else None
 
 
-def _of_parameter(name: str) -> Column[Found]:
-    """Column of something that a parameter's record says."""
-    return _NUMBER, lambda row: getattr(row.parameter, name)
-
-
 def _of_fit(which: str, statistic: str) -> Column[Found]:
     """Column of a statistic of FIT, if there is one."""
     return _NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None)
@@ -99,7 +95,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "on_bound": (_TRUTH, lambda row: row.parameter.on_bound),
     "known": (_TRUTH, lambda row: row.parameter.known),
     **{
-        name: _of_parameter(name)
+        name: (_NUMBER, attrgetter(f"parameter.{name}"))
         for name in (
             *("value", "standard_error", "lower", "upper", "least_left_out", "largest_left_out"),
             *("true", "deviation"),

@@ -253,15 +253,16 @@ def _of_log(data: DataSet, number: int, draws: ParameterDraws, wanted: Container
     )
     jacobian = rows @ mixture
     square = log.rms_motion**2 or _TINY
-    shown = samples_of_bands(log) if log.name in wanted else slice(0)
+    shown = samples_of_bands(log) if log.name in wanted else None
     start = setting.run(simulation).rms ** 2 / square
     risen, angles = [], []
     for each in draws.estimates(setting.horizon):
         run = data.simulations.setting(number, each).run(simulation)
         risen.append(run.rms**2 / square - start)
-        angles.append(run.simulated[shown])
+        if shown is not None:
+            angles.append(run.simulated[shown])
     scale, kept = errors.size * square, None
-    if log.name in wanted:
+    if angles:
         kept = DrawnRun(log=log, setting=setting, angles=np.array(angles))
     return _Followed(
         start=start,

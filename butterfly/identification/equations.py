@@ -21,7 +21,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.levels import CLEARLY, FEW, ROUNDING
+from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 
@@ -331,15 +331,6 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     for factor, each in zip(whole, both, strict=True):
         factor[: len(each)] = np.linalg.qr(each, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
-
-
-def pulled_below(rows: Samples, residuals: Samples, covariance: Samples) -> NDArray[np.bool_]:
-    """(n,) which parameters (m,) equations would have well below their values, were there no bound.
-
-    ``rows``, ``residuals``, ``covariance``: (m, n), (m,) and (n, n).
-    """
-    step = scaled_least_squares(rows, -residuals)
-    return np.asarray(step < -CLEARLY * np.sqrt(np.diag(covariance)))
 
 
 def scaled_least_squares(rows: Samples, target: Samples) -> Samples:

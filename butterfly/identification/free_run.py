@@ -13,7 +13,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.prediction_horizon import horizon_of
-from butterfly.identification.segments import Segments, is_segmented, simulation_of
+from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import Simulation, grid_step
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
@@ -115,14 +115,17 @@ class Setting:
 
     def simulation(self, log: Log, first: int = 0) -> Simulation | Segments:
         """Return what simulates a log, of which the samples from number ``first`` on count."""
-        known = self.velocity is not None
-        return simulation_of(log, self.parameters, self.horizon, first, velocity_known=known)
+        if self._segments(log, first):
+            return Segments(log, self.parameters, self.horizon, first)
+        return Simulation(log, self.parameters, first)
 
     def kind(self, log: Log) -> tuple[float, float | None]:
         """Return on what a log's simulation depends: step in s, and horizon of segments."""
+        return grid_step(log, self.parameters), self.horizon if self._segments(log) else None
+
+    def _segments(self, log: Log, first: int = 0) -> bool:
         known = self.velocity is not None
-        segmented = is_segmented(log, self.parameters, self.horizon, velocity_known=known)
-        return grid_step(log, self.parameters), self.horizon if segmented else None
+        return is_segmented(log, self.parameters, self.horizon, first=first, velocity_known=known)
 
     def run(self, simulation: Simulation | Segments) -> FreeRun:
         """Simulate a log."""

@@ -204,24 +204,6 @@ class _Segment:
         return _About(*expansion, left[:, felt], explained, step)
 
 
-def simulation_of(
-    log: Log,
-    parameters: LumpedParameters,
-    horizon: float = math.inf,
-    first: int = 0,
-    *,
-    velocity_known: bool = False,
-    free: bool = False,
-    warm: bool = False,
-) -> Simulation | Segments:
-    """Make a log ready to be simulated, whole or in segments (see `is_segmented`, `Segments`)."""
-    if is_segmented(
-        log, parameters, horizon, first=first, velocity_known=velocity_known, free=free
-    ):
-        return Segments(log, parameters, horizon, first, warm=warm)
-    return Simulation(log, parameters, first)
-
-
 def is_segmented(
     log: Log,
     parameters: LumpedParameters,

@@ -10,9 +10,8 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
-from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Term, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
@@ -70,7 +69,7 @@ class Observer:
         else:
             p, step = self._p, time - self._time
             error = angle - self._angle
-            motion = Motion.of(p, self._angle, self._velocity)
+            motion = p.motion(self._angle, self._velocity)
             if abs(self._velocity) <= _STANDSTILL:
                 motion = motion._replace(direction=0.0)
             torque = p.p4 * p.delivered(command) - torque_of(p, motion, _STATIC)
@@ -126,7 +125,7 @@ class EnergyShaping:
         excess = energy(p, angle, speed, self._stored) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
         if self._braked and abs(speed) > _STANDSTILL:
-            command += torque_of(p, Motion.of(p, angle, speed), self._braked) / p.p4
+            command += torque_of(p, p.motion(angle, speed), self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         command += math.copysign(p.dead_zone, command)
         if excess < (1 - _STARTED) * (self._rest - self._target):

@@ -255,11 +255,6 @@ class OrbitStudy:
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
 
-    @property
-    def generic(self) -> LumpedParameters:
-        """Parameters of the loaded hand that the loop began with."""
-        return self.calibration.rounds[0].believed
-
 
 def study_orbit(
     rig: RunLaw,

@@ -75,16 +75,6 @@ def test_what_differs_from_log_to_log_can_be_fitted(logs):
     assert np.median(DataSet.of(turned).simulations.fits(estimate)) > 99
 
 
-def test_a_robust_loss_is_not_misled_by_a_log_that_jumps(logs):
-    angle = logs[1].angle.copy()
-    angle[6000:6600] += 0.5
-    spoilt = [logs[0], replace(logs[1], angle=angle), *logs[2:]]
-    plain, robust = (_fit(spoilt, loss=loss).parameters for loss in (Loss.LINEAR, Loss.CAUCHY))
-    robust_error, plain_error = (abs(p.coulomb / ROBOT.coulomb - 1) for p in (robust, plain))
-    assert robust_error < 2e-3
-    assert plain_error > 5 * robust_error
-
-
 def test_one_added_mass_and_an_unknown_term_are_refused(logs):
     data = DataSet.of(logs[:4])
     with pytest.raises(IdentifiabilityError, match="common factor"):

@@ -14,7 +14,7 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import identify
-from butterfly.identification.segments import Segments, simulation_of
+from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
@@ -122,9 +122,10 @@ def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
 def test_whole_logs_from_rest_are_simulated_as_they_were():
     time = STEP * np.arange(800)
     log = driven(JOINT, time, 0.5 * np.sin(3 * time))
-    assert isinstance(simulation_of(log, ROBOT), Simulation)
-    assert isinstance(simulation_of(log.piece(200, 800), ROBOT), Segments)
-    assert isinstance(simulation_of(log.piece(200, 800), ROBOT, velocity_known=True), Simulation)
+    free, known = (Setting(parameters=ROBOT, zero=0.0, velocity=each) for each in (None, 0.1))
+    assert isinstance(free.simulation(log), Simulation)
+    assert isinstance(free.simulation(log.piece(200, 800)), Segments)
+    assert isinstance(known.simulation(log.piece(200, 800)), Simulation)
 
 
 def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before():

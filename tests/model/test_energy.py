@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 
 from butterfly.model.energy import potential, pull, stiffness
-from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import DRIVE, TERMS, torque_of
@@ -38,7 +37,7 @@ def test_the_torques_of_the_table_are_those_of_the_equation(velocity):
     angle, command = 0.6, 0.02
     loaded = SLIDING.with_added_mass(ADDED)
     expected = _torque(loaded, angle, velocity, command)
-    motion = Motion.of(loaded, angle, velocity, input=command)
+    motion = loaded.motion(angle, velocity, input=command)
     rows = [row for row in TERMS.values() if row.basis and row.name not in {"load", *DRIVE}]
     assert -torque_of(loaded, motion, rows) == pytest.approx(expected, rel=1e-12)
 

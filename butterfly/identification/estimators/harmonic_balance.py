@@ -126,14 +126,7 @@ class HarmonicBalance(Estimator):
             chosen, fit, robot = plain
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
-            points,
-            fit,
-            _NAME,
-            said,
-            reference,
-            chosen=chosen,
-            rest=known,
-            conditions=conditions,
+            points, fit, _NAME, said, reference, chosen=chosen, rest=known, conditions=conditions
         )
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:

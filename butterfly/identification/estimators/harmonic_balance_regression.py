@@ -25,7 +25,6 @@ from butterfly.identification.inference.term_choice import (
     submodels_of,
 )
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
@@ -146,7 +145,7 @@ class Phasors:
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         swung = np.array([mass.swung for mass in self.masses])
-        motion = Motion.of(settings, 0.0, 0.0, weight=weight, carried=swung)
+        motion = settings.motion(0.0, 0.0, weight=weight, carried=swung)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()

@@ -126,17 +126,12 @@ class WeakForm(Estimator):
         zeros = data.equilibria
         uncertain = offset_errors(data.offsets) if data.hangs else None
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
-        guessed = data.guessed
-        if guessed:
-            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed)
-            found = found.with_findings(care)
-        if not data.unread:
-            return found
+        if data.guessed:
+            found = found.with_findings(Finding(FindingKind.ZERO_GUESSED, logs=data.guessed))
         apart = max(zeros.values()) - min(zeros.values())
-        if apart < _APART:
-            return found
-        care = Finding(FindingKind.REST_APART, number=apart)
-        return found.with_findings(care)
+        if data.unread and apart >= _APART:
+            found = found.with_findings(Finding(FindingKind.REST_APART, number=apart))
+        return found
 
     def of_logs(
         self,

@@ -27,11 +27,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import (
-    CellEquations,
-    Regression,
-    Solution,
-)
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
@@ -244,6 +240,10 @@ class Seen(NamedTuple):
     windows: Windows
     instruments: Windows
 
+    def moving(self, delay: float) -> NDArray[np.bool_]:
+        """Whether the joint moves in each test function, in both."""
+        return self.windows.moving(delay) & self.instruments.moving(delay)
+
 
 def seen(
     logs: Sequence[Log],
@@ -266,10 +266,7 @@ def seen(
 def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     """Return the fit of some logs through their instruments; what a bound holds stays there."""
     names = fit.solved.names
-    moving = [
-        windows.moving(fit.about.delay) & instruments.moving(fit.about.delay)
-        for windows, instruments in pairs
-    ]
+    moving = [each.moving(fit.about.delay) for each in pairs]
     regression = fit.about.regression([each.windows for each in pairs], moving)
     through = fit.about.regression([each.instruments for each in pairs], moving)
     # what the simulations lack of balance is taken from the logs
@@ -328,11 +325,7 @@ def offset_covariance(
 
 def _slopes(fit: WeakFit, each: Seen) -> Samples:
     """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
-    used = each.windows.moving(fit.about.delay) & each.instruments.moving(fit.about.delay)
-    names = ("p1", "p3", "p3_offset")
-    signals = each.instruments.averaging.signals(names, delay=fit.about.delay)
-    inertia, sine, cosine = (signals.mean[name][used] for name in names)
+    used = each.moving(fit.about.delay)
+    rows, _ = each.instruments.equations(("p3", "p3_offset"), fit.about, used)
     moment = fit.values["p3"] + each.instruments.added.gravity_moment
-    offset = fit.values.get("p3_offset", 0.0)
-    size = float(np.linalg.norm(inertia)) or 1.0
-    return np.asarray((offset * sine - moment * cosine) / size)
+    return np.asarray(rows @ [fit.values.get("p3_offset", 0.0), -moment])
