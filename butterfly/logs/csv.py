@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from csv import reader as csv_reader
@@ -17,7 +18,7 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import read_file, write_file
+from butterfly.files import read_file, require_file, write_file
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     VELOCITY,
@@ -32,6 +33,8 @@ from butterfly.logs.units import AS_IS, UNITS, Heading, Units, units_spelt, with
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
 _COMMENTS = ("#", "%", "//")
+_WIDEST = 10_000  # columns
+_LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
 _SAMPLE = 60  # lines that show how a file is delimited
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # but for those before and within brackets
@@ -75,9 +78,9 @@ def read_csv(
 ) -> Log:
     """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
 
-    Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off is dropped and
-    counted. A row below the names may hold units. Without a map a column ``velocity`` is read too,
-    if it holds numbers.
+    Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off, or has no
+    end, is dropped and counted. A row below the names may hold units. Without a map a column
+    ``velocity`` is read too, if it holds numbers.
     """
     wanted = checked_map(path, DEFAULT_COLUMNS if columns is None else columns)
     table = _table(path, list(wanted.values()), () if columns else (VELOCITY,))
@@ -127,6 +130,9 @@ def holds_table(path: Path) -> bool:
 
 def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ()) -> TextColumns:
     """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
+    require_file(path, "an existing file")
+    with path.open("rb") as file:
+        _require_narrow(path, _Line(1, file.readline(_LONGEST_LINE).decode("latin-1")))
     try:
         with csv.open_csv(path) as beginning:
             schema = beginning.schema
@@ -137,7 +143,9 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
         plain = all(_is_number_type(schema.types[number]) for number in numbers)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
-            return TextColumns(names=names, columns=columns)
+            cut = int(not _is_ended(path))
+            whole = {number: each[: each.size - cut] for number, each in columns.items()}
+            return TextColumns(names=names, columns=whole, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
@@ -145,6 +153,20 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
         found = f"{table.headless} above rows of {len(table.columns)} numbers"
         raise InputError(path, "header", found, _BY_NUMBER)
     return table
+
+
+def _require_narrow(path: Path, line: _Line) -> None:
+    """Refuse a line of more cells than anybody logs: pyarrow would make room for each."""
+    cells = max(len(line.text.split(None if each == " " else each)) for each in _DELIMITERS)
+    if cells > _WIDEST:
+        raise InputError(path, f"line {line.number}", f"{cells} cells", f"up to {_WIDEST} columns")
+
+
+def _is_ended(path: Path) -> bool:
+    """Whether the last line has its end: of one without, a part may be missing."""
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read() in {b"\n", b"\r"}
 
 
 def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
@@ -179,17 +201,23 @@ def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
 
 def read_text_table(path: Path) -> TextColumns:
     """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
-    size = path.stat().st_size if path.is_file() else 0
+    size = require_file(path, "an existing file")
     require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     comments = [line for line in filled if line.text.lstrip().startswith(_COMMENTS)]
     body = [line for line in filled if not line.text.lstrip().startswith(_COMMENTS)]
+    for line in body:
+        if len(line.text) > _WIDEST:
+            _require_narrow(path, line)
     delimiter, first = _dialect(path, body)
     width = len(_cells(body[first].text, delimiter))
+    while first and _is_without_names(_cells(body[first - 1].text, delimiter)):
+        first -= 1
     rows = body[first:]
-    cut = _is_cut(rows[-2:], delimiter, width, ended=not lines[-1].strip())
+    unended = rows[-1].number == len(lines)
+    cut = unended or len(_cells(rows[-1].text, delimiter)) < width
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
     names, units = _names_and_units(heads)
@@ -271,10 +299,9 @@ def _is_value(cell: str) -> bool:
     return is_number(cell) or cell.lower() in _MISSING
 
 
-def _is_cut(rows: list[_Line], delimiter: str, width: int, *, ended: bool) -> bool:
-    """Whether the last line lacks values, or breaks off in a number that the row before has."""
-    before, last = (_cells(line.text, delimiter) for line in (rows[0], rows[-1]))
-    return len(last) < width or (not ended and _is_value(before[-1]) and not _is_value(last[-1]))
+def _is_without_names(cells: list[str]) -> bool:
+    """Whether a line above the first full row is one too, its numbers missing, and no header."""
+    return any(cells) and len(cells) > 1 and all(map(_is_value, cells))
 
 
 def _heads(

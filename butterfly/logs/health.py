@@ -110,7 +110,7 @@ class Health:
             (self.backward_stamps, "backward stamp", "dropped", lost),
             (self.non_finite, "sample", "not finite, dropped", lost),
             (self.wraps, "jump", "by a turn undone", False),
-            (self.cut_lines, "last line", "cut off, dropped", False),
+            (self.cut_lines, "last line", "that lacks its end, dropped", False),
             (self.idle, "sample", "with the same input throughout", False),
         ]
         found = [

@@ -276,9 +276,12 @@ class Log:
 
     def _column(self, name: str) -> Samples:
         try:
-            given = np.asarray(getattr(self, name))
+            column = getattr(self, name)
+            given = np.asarray(column)
             if given.dtype.kind in _NO_NUMBERS:
                 raise TypeError
+            if isinstance(column, np.ma.MaskedArray):  # what is masked is missing
+                given = np.where(np.ma.getmaskarray(column), np.nan, given)
             return given.astype(np.float64, copy=False)
         except (TypeError, ValueError):
             raise InputError(self.source, name, "values that are no numbers", "numbers") from None

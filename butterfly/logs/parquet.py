@@ -12,7 +12,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in
+from butterfly.files import most_in, require_file
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Heading, Units
@@ -29,6 +29,7 @@ def read_parquet(
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
     """Read a log (see `read_log`); columns that are not asked for are ignored."""
+    require_file(path, "an existing Parquet file")
     try:
         with parquet.ParquetFile(path) as file:
             schema = file.schema_arrow
@@ -38,8 +39,6 @@ def read_parquet(
                     del places[field]
             headings = {field: _heading(schema, k) for field, k in places.items()}
             arrays = _columns(path, file, places)
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing Parquet file") from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first = str(error).splitlines()[0]
         raise InputError(path, "content", first, "a whole Parquet file") from None

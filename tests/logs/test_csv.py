@@ -1,6 +1,9 @@
 """Text files as people write them."""
 
+import tracemalloc
+
 import numpy as np
+import pyarrow
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -84,13 +87,17 @@ def test_lines_above_the_header_are_told(tmp_path):
     assert log.reading.layout == ("semicolons between columns", "lines above the table: 2")
 
 
-@pytest.mark.parametrize("ending", ["0.23", "0.23,1.0", "0.23,1.0,-", "0.23,1.0,1.5e-", "0."])
+@pytest.mark.parametrize(
+    "ending", ["0.23", "0.23,1.0", "0.23,1.0,-", "0.23,1.0,1.5e-", "0.", "0.23,1.0,1", "0.23,1,1.5"]
+)
 def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([",".join(NAMES), *_lines()[:-1], ending]))
     log = read_csv(path, **KIND)
     assert (log.time.size, log.reading.cut_lines) == (23, 1)
     _same(log)
+    path.write_text(path.read_text().replace(",", ";"))
+    assert read_csv(path, **KIND).time.size == 23
 
 
 @pytest.mark.parametrize(
@@ -173,7 +180,7 @@ def test_other_columns_may_hold_texts_and_the_wanted_ones_any_order(tmp_path):
 )
 def test_a_table_that_may_be_a_log_has_samples_of_three_columns(tmp_path, rows, columns, holds):
     path = tmp_path / "table.txt"
-    path.write_text("\n".join(" ".join([f"{k}.5"] * columns) for k in range(rows)))
+    path.write_text("".join(" ".join([f"{k}.5"] * columns) + "\n" for k in range(rows)))
     assert holds_table(path) is holds
 
 
@@ -235,3 +242,38 @@ def test_a_row_with_one_known_unit_is_a_row_of_units(tmp_path):
     lines[1] = "[PWM];[PWM];[PWM]"
     with pytest.raises(InputError, match="time: got the unit 'PWM'"):
         _read(tmp_path, lines)
+
+
+def test_a_last_line_with_its_end_or_before_a_comment_stays(tmp_path):
+    path = tmp_path / "log.csv"
+    for end in ("\n", "\r\n", "\n# stopped by hand"):
+        path.write_bytes("\n".join([",".join(NAMES), *_lines()]).encode() + end.encode())
+        log = read_csv(path, **KIND)
+        assert (log.time.size, log.reading.cut_lines) == (24, 0)
+
+
+@pytest.mark.parametrize("row", ["nan;nan;nan", "0.0;nan;nan", "NaN;;"])
+@pytest.mark.parametrize("header", ["% time;input;angle", "time;input;angle"])
+def test_a_first_row_whose_numbers_are_missing_is_no_header(tmp_path, header, row):
+    log = _read(tmp_path, [header, row, *_lines(";")])
+    assert log.time.size == 25
+    assert np.isnan(log.angle[0])
+    with pytest.raises(InputError, match="line 2: got 2 values; expected 3"):
+        _read(tmp_path, [header, "nan;", *_lines(";")], {"time": 0, "input": 1, "angle": 2})
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+@pytest.mark.parametrize("line", [1, 2, 40])
+def test_a_line_of_more_columns_than_anybody_logs_is_refused_in_little_memory(
+    tmp_path, delimiter, line
+):
+    lines = [delimiter.join(NAMES), *_lines(delimiter), *_lines(delimiter)]
+    lines[line - 1] = delimiter.join(["1.5"] * 400_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=rf"line {line}: got \d+ cells; expected up to 10000"):
+            _read(tmp_path, lines)
+        assert tracemalloc.get_traced_memory()[1] < 60e6
+    finally:
+        tracemalloc.stop()
+    assert pyarrow.default_memory_pool().bytes_allocated() < 1e6
