@@ -163,9 +163,14 @@ class Result(ABC):
         return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
 
     def shown_lines(self) -> list[str]:
-        """Return what `print` shows of the table, aligned; nothing where it would be long."""
+        """Return what `print` shows of the table, numbers at the right; nothing if not `short`."""
         rows = self.shown_rows() if self.short else []
-        return aligned(rows) if rows else []
+        table = [list(row) for row in rows[:1]] + [list(row.values()) for row in rows]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        return [
+            "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
+            for line in table
+        ]
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -312,16 +317,6 @@ class Answer(Result):
     def drawn_as(self, page: Page) -> Self:
         """Return the same with a page, whose tables a command prints unless there are others."""
         return replace(self, live=page, printed=self.printed or page.text_tables)
-
-
-def aligned(rows: Sequence[dict[str, str]]) -> list[str]:
-    """Return a table as lines of text, numbers at the right."""
-    table = [list(rows[0]), *(list(row.values()) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    return [
-        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
-        for line in table
-    ]
 
 
 def cell_text(value: object) -> str:

@@ -80,42 +80,33 @@ def validate(
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        raise _translate(documents, content, schema, error, source) from None
+        slips = error.errors()
     except ArithmeticError as error:
         found = f"numbers of which nothing can be calculated ({error.args[-1]})"
         raise InputError(_source(documents, [], source), "content", found, "usual ones") from None
-
-
-def _translate(
-    documents: Sequence[Document],
-    content: dict[str, Any],
-    schema: type[BaseModel],
-    error: ValidationError,
-    origin: object,
-) -> InputError:
-    unknown = [e for e in error.errors() if e["type"] in _UNKNOWN_KEY]
-    first = (unknown or error.errors())[0]  # a slip in a key is also a missing key, which says less
+    unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
+    first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
     field = _field(content, location, lacking=first["type"] == "missing")
-    source = _source(documents, location, origin)
+    where = _source(documents, location, source)
     if unknown:
         names = _fields_at(schema, location[:-1])
-        return InputError(source, field, "an unknown key", nearest(location[-1], names))
+        raise InputError(where, field, "an unknown key", nearest(location[-1], names))
     if first["type"] == "missing":
-        return InputError(source, field, "nothing", "a value (this key is required)")
+        raise InputError(where, field, "nothing", "a value (this key is required)")
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
+        named = cause.field
         if not location:  # of the whole file, by a rule that names the field
-            source = _source(documents, [cause.field], origin)
-            return InputError(source, cause.field, cause.value, cause.expected)
-        inner = cause.field.startswith(f"{field}.")
-        named = cause.field if inner else f"{field}.{cause.field}"
-        return InputError(source, named, cause.value, cause.expected)
+            where = _source(documents, [named], source)
+        elif not named.startswith(f"{field}."):
+            named = f"{field}.{named}"
+        raise InputError(where, named, cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     value = repr(first["input"])
     if len(value) > _LONGEST:
         value = value[:_LONGEST] + " ..."
-    return InputError(source, field, value, _PLAINER.get(message, message))
+    raise InputError(where, field, value, _PLAINER.get(message, message))
 
 
 def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from butterfly.api.sources import Named
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.perform import RunResult, outcome_of, perform
-from butterfly.experiment.record import FAILED, OK, RunRecord
+from butterfly.experiment.record import OK, REFUSED, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import data_set_of, file_of, write_logs
 from butterfly.experiment.simulate import simulate as simulated_logs
@@ -168,8 +168,12 @@ def run(
     tasks = chosen_of(plan.tasks, only)  # what cannot be done leaves nothing behind
     if plan.experiment.sweep is None and engine == "local":
         kept = None if force else ResultStore(folder).latest(tasks[0].key)
-        if kept is not None and kept.status != FAILED:
-            return _found_done(folder, kept, plan.experiment.plant.robot.lumped)
+        if kept is not None and kept.status == REFUSED:
+            raise ButterflyError(kept.reason)
+        if kept is not None and kept.status == OK:
+            found = _kept_run(folder, kept, plan.experiment.plant.robot.lumped, {})
+            again = "1 run: found done; --force does it again."
+            return replace(found, sentences=(*found.sentences, again))
         return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
     keep_experiment(source, folder)
@@ -195,7 +199,7 @@ def _run_once(
     """Do an experiment's one run in this process, with all cores, and write all of it."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     kept = keep_experiment(source, folder)
-    store.begin()
+    store.begin_sweep(sweep_record(plan))
     result = perform(experiment, threads=jobs, track=track)
     written = _write_logs(experiment, result, folder)
     outcome = outcome_of(task, experiment, result)
@@ -244,31 +248,18 @@ def _run_once(
     store.end_sweep(replace(sweep_record(plan), beside=beside))
     if result.error is not None:
         raise result.error
-    whole = _run_of(content, record, answers, truth, folder=folder)
+    whole = _kept_run(folder, record, truth, answers)
     return whole if page is None else replace(whole, printed=(*whole.printed, *page.text_tables))
 
 
-def _found_done(folder: Path, record: RunRecord, truth: LumpedParameters) -> Run:
-    """Return what is kept of a run that was done before."""
-    if record.status != OK:
-        raise ButterflyError(record.reason)
-    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    made = [each.estimator for each in record.estimates if each.estimate is not None]
-    answers = dict(zip(made, map(Identification.from_dict, content["estimates"]), strict=True))
-    found = _run_of(content, record, answers, truth, folder=folder)
-    again = "1 run: found done; --force does it again."
-    return replace(found, sentences=(*found.sentences, again))
-
-
-def _run_of(
-    content: Mapping[str, Any],
-    record: RunRecord,
-    answers: Mapping[str, Identification],
-    truth: LumpedParameters,
-    *,
-    folder: Path,
+def _kept_run(
+    folder: Path, record: RunRecord, truth: LumpedParameters, made: Mapping[str, Identification]
 ) -> Run:
-    """Return a run of what its file says, whether just done or found done."""
+    """Return a run as its file says, its identifications as they were made, or else saved."""
+    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    names = [each.estimator for each in record.estimates if each.estimate is not None]
+    saved = zip(names, map(Identification.from_dict, content["estimates"]), strict=True)
+    answers = made or dict(saved)
     paragraphs = [text for each in answers.values() for text in each.paragraphs()]
     of_orbit = [] if content["orbit"] is None else content["orbit"]["summary"]
     return Run.from_dict(

@@ -15,7 +15,6 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
@@ -297,20 +296,15 @@ def robot_of(
     result = saved_identification(path)
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
-    return _twin(result, carried, hand_mass)
-
-
-def _twin(result: Identification, carried: AddedMass, mass: float | None) -> RobotModel:
-    """Return the simulated robot that moves as an identified one."""
     about, found = result.origin, result.estimate
     joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
     if joint is JointKind.SLIDE:
         raise InputError(about["name"], "joint", joint, "a hinge, which the model in MuJoCo has")
     verdict = require_possible(found)
     carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
-    robot, rest = Robot.of_loaded(found.parameters, carried, mass)
+    robot, rest = Robot.of_loaded(found.parameters, carried, hand_mass)
     note = ""
-    if mass is None and robot.hand.mass > HAND_MASS:
+    if hand_mass is None and robot.hand.mass > HAND_MASS:
         note = (
             f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
             f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."

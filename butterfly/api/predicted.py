@@ -226,7 +226,12 @@ def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]
         f"FIT{fit.over} "
         f"{fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
     ]
-    inside = {name: _share(predictions, name) for name in predictions[0].bands}
+    sizes = [each.samples.size for each in predictions]
+    shares = {
+        name: [each.bands[name].share(each.measured) for each in predictions]
+        for name in predictions[0].bands
+    }
+    inside = {name: 100 * np.average(each, weights=sizes) for name, each in shares.items()}
     if OF_NEW_LOG in inside:
         sentences.append(
             f"{inside[OF_NEW_LOG]:.1f} % of the measured samples lie inside the band of a new log, "
@@ -238,10 +243,3 @@ def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]
             "hold the motion of the model, not what the model misses."
         )
     return sentences
-
-
-def _share(predictions: Sequence[Prediction], name: str) -> float:
-    """Share in per cent of all measured samples inside a band."""
-    shares = [each.bands[name].share(each.measured) for each in predictions]
-    sizes = [each.samples.size for each in predictions]
-    return 100 * float(np.average(shares, weights=sizes))

@@ -178,7 +178,12 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
                 gc.enable()
             ended: ExitCode | None = command(*bound.args, **bound.kwargs)
         except UnusableError as refused:
-            _write_refusal(COMMANDS[name].answer, refused.reasons)
+            from butterfly.result import document  # noqa: PLC0415 - slow to import
+            from butterfly.verdict import Level, Verdict  # noqa: PLC0415
+
+            verdict = Verdict(Level.WARNING, refused.reasons)
+            kind, title = COMMANDS[name].answer, "Nothing is made of values that no joint has"
+            write_json(document(kind, title, {}, verdict=verdict, summary=verdict.lines))
             raise
         return ended
 
@@ -252,16 +257,6 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
         # its own message lists all commands after the one that is meant
         return str(error).partition(" Available commands")[0]
     return str(error)
-
-
-def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:
-    """Write the verdict on values that no joint has, as the answer."""
-    from butterfly.result import document  # noqa: PLC0415 - slow to import
-    from butterfly.verdict import Level, Verdict  # noqa: PLC0415
-
-    verdict = Verdict(Level.WARNING, reasons)
-    title = "Nothing is made of values that no joint has"
-    write_json(document(kind, title, {}, verdict=verdict, summary=verdict.lines))
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:

@@ -26,7 +26,7 @@ _INFORMATIVE = 0.9  # share of a prior's uncertainty; logs that leave more of it
 _SINGULAR = 1e12  # condition number of a correlation matrix
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ParameterChange:
     """One parameter, or a ratio of two, before and after."""
 
@@ -35,9 +35,8 @@ class ParameterChange:
     after: float
     error: float  # standard error of the difference, not less than the intervals say
     freedom: float  # degrees of freedom of that error; infinite if not known
-    probability: float  # of so large a difference by chance, of this parameter alone
-    corrected: float  # the same, corrected by Holm for the number of parameters that are tested
-    detectable: float  # difference that would have been found four times in five
+    count: int  # of parameters that are tested
+    corrected: float = math.nan  # probability, corrected by Holm for their number; NaN of a ratio
 
     @property
     def difference(self) -> float:
@@ -49,6 +48,17 @@ class ParameterChange:
         """The difference over the size of the value before; NaN of one that is hardly known."""
         known = abs(self.before) > 2 * self.error
         return self.difference / abs(self.before) if known else math.nan
+
+    @property
+    def probability(self) -> float:
+        """Of so large a difference by chance, of this parameter alone."""
+        freedom = min(self.freedom, _ALMOST_NORMAL)
+        return float(2 * stdtr(freedom, -abs(self.difference) / self.error)) if self.error else 1.0
+
+    @property
+    def detectable(self) -> float:
+        """Difference that would have been found four times in five."""
+        return self.error * float(_quantile(self.freedom, 1 - _OF_EACH / self.count / 2) + _POWER)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -102,10 +112,16 @@ def change(before: Estimate, after: Estimate) -> Change:
         )
     sides = [_Side.of(estimate, names) for estimate in (before, after)]
     difference = sides[1].values - sides[0].values
-    errors = np.hypot(sides[0].errors, sides[1].errors)
-    freedom = _welch(sides)
-    columns = zip(names, sides[0].values, sides[1].values, errors, freedom, strict=True)
-    alone = [_compared(*each, count=len(names)) for each in columns]
+    (one, of_one), (other, of_other) = ((side.errors**2, side.freedom) for side in sides)
+    with np.errstate(divide="ignore"):  # where both are infinite
+        # of the sum of two variances (Welch, Biometrika 34, 1947)
+        freedom = (one + other) ** 2 / (one**2 / of_one + other**2 / of_other)
+    columns = (sides[0].values, sides[1].values, np.sqrt(one + other), freedom)
+    rows = zip(names, *(column.tolist() for column in columns), strict=True)
+    alone = [
+        ParameterChange(name, first, second, error, degrees, len(names))
+        for name, first, second, error, degrees in rows
+    ]
     corrected = _holm(np.array([each.probability for each in alone])).tolist()
     parameters = tuple(
         replace(each, corrected=holm) for each, holm in zip(alone, corrected, strict=True)
@@ -116,24 +132,6 @@ def change(before: Estimate, after: Estimate) -> Change:
         joint_probability=_joint_probability(difference, covariance, float(np.median(freedom))),
         ratio=_clearest_ratio(parameters, sides),
         untested=untested,
-    )
-
-
-def _compared(
-    name: str, before: float, after: float, error: float, freedom: float, *, count: int
-) -> ParameterChange:
-    """Test one of so many parameters, corrected for their number as if it were the clearest."""
-    tail = float(_tails((after - before) / error, freedom)) if error > 0 else 1.0
-    least = float(_quantile(freedom, 1 - _OF_EACH / count / 2)) + _POWER
-    return ParameterChange(
-        name=name,
-        before=float(before),
-        after=float(after),
-        error=float(error),
-        freedom=float(freedom),
-        probability=tail,
-        corrected=min(1.0, count * tail),
-        detectable=least * float(error),
     )
 
 
@@ -208,14 +206,6 @@ def _uncertain(estimate: Estimate, name: str) -> bool:
     return bool(estimate.covariance[row, row] > 0 and np.isfinite(limits).all())
 
 
-def _welch(sides: Sequence[_Side]) -> Samples:
-    """(n,) degrees of freedom of the sum of two variances (Welch, Biometrika 34, 1947)."""
-    one, other = ((side.errors**2, side.freedom) for side in sides)
-    total = (one[0] + other[0]) ** 2
-    with np.errstate(divide="ignore"):  # where both are infinite
-        return np.asarray(total / (one[0] ** 2 / one[1] + other[0] ** 2 / other[1]))
-
-
 def _holm(tails: Samples) -> Samples:
     """Return (n,) probabilities, corrected for how many are looked at."""
     order = np.argsort(tails)
@@ -250,21 +240,15 @@ def _clearest_ratio(
     for row, name in enumerate(names):
         if name not in GROWING.intersection(PARAMETERS) or row == base:
             continue
-        ratios = [side.values[row] / side.values[base] for side in sides]
+        ratios = [float(side.values[row] / side.values[base]) for side in sides]
         errors = []
         for side, ratio in zip(sides, ratios, strict=True):
             slope = np.array([1 / side.values[row], -1 / side.values[base]])
             pair = side.covariance[np.ix_([row, base], [row, base])]
             errors.append(abs(ratio) * math.sqrt(max(float(slope @ pair @ slope), 0.0)))
-        one, other = ratios
-        error, freedom = math.hypot(*errors), parameters[row].freedom
-        found.append(_compared(f"{name}/p1", one, other, error, freedom, count=len(names)))
+        moved = replace(parameters[row], before=ratios[0], after=ratios[1], corrected=math.nan)
+        found.append(replace(moved, name=f"{name}/p1", error=math.hypot(*errors)))
     return min(found, key=lambda each: each.probability, default=None)
-
-
-def _tails(deviation: Samples | float, freedom: Samples | float) -> Samples:
-    """Return the probability of so many standard errors or more, on either side."""
-    return np.asarray(2 * stdtr(np.minimum(freedom, _ALMOST_NORMAL), -np.abs(deviation)))
 
 
 def _quantile(freedom: Samples | float, level: float) -> Samples:

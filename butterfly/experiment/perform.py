@@ -163,7 +163,7 @@ class RunResult:
         found = identification.estimate
         self.identifications[spec.label] = identification
         held_out = np.array(list(identification.held_out.values()))
-        names = (*found.names, *found.known.fixed)
+        names, how = (*found.names, *found.known.fixed), self._experiment.validation
         record = EstimateRecord(
             estimator=spec.label,
             estimate=found,
@@ -171,23 +171,17 @@ class RunResult:
             fit=identification.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,
         )
-        self._estimates.append(self._validated(record, data, self._threaded(spec)))
+        if how is not None:
+            plain, track = self._threaded(spec), self._track
+            try:
+                held = cross_validate(data, plain, how.split, folds=how.folds, track=track)
+                record = replace(record, held_out=held.summary)
+            except ButterflyError as error:
+                record = replace(record, error=f"nothing could be left out: {error}")
+        self._estimates.append(record)
 
     def _threaded(self, spec: Estimator) -> Estimator:
         """Return an estimator that takes no more threads than it may."""
         if self._threads is not None and isinstance(spec, OutputError) and spec.workers == 0:
             return replace(spec, workers=self._threads)
         return spec
-
-    def _validated(
-        self, record: EstimateRecord, data: DataSet, estimator: Estimator
-    ) -> EstimateRecord:
-        """Add how well logs that were left out are predicted, if that was asked for."""
-        how = self._experiment.validation
-        if how is None:
-            return record
-        try:
-            held = cross_validate(data, estimator, how.split, folds=how.folds, track=self._track)
-        except ButterflyError as error:
-            return replace(record, error=f"nothing could be left out: {error}")
-        return replace(record, held_out=held.summary)

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from butterfly.errors import InputError
 from butterfly.experiment.methods import (
     DEFAULT_OF_EXPERIMENTS,
     ESTIMATORS,
@@ -256,18 +255,6 @@ class Experiment(StrictModel):
             raise ValueError(f"a name that a folder can have, of up to {LONGEST_NAME} characters")
         return name
 
-    @field_validator("terms")
-    @classmethod
-    def _offered(
-        cls, terms: tuple[str, ...] | None, info: ValidationInfo
-    ) -> tuple[str, ...] | None:
-        if terms is not None and "method" in info.data:
-            try:
-                ESTIMATORS[info.data["method"]]().with_terms(terms)
-            except InputError as error:
-                raise ValueError(f"{error.expected} (of {info.data['method']})") from None
-        return terms
-
     @model_validator(mode="after")
     def _possible(self) -> Experiment:
         believed = self.control is not None and self.control.believed is not None
@@ -287,7 +274,7 @@ class Experiment(StrictModel):
     def _one_way_to_name_estimators(self) -> Experiment:
         if self.estimators and {"method", "terms"} & self.model_fields_set:
             raise ValueError("either estimators, or method and terms")
-        labels = [each.label for each in self.estimators]
+        labels = [each.label for each in self.all_estimators]  # which refuse terms of others
         if len(set(labels)) < len(labels):
             raise ValueError("estimators that differ: the results of each go by its name")
         return self

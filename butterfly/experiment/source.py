@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.experiment.schema import Experiment, TableFile
+from butterfly.experiment.schema import Experiment, SignalSpec, TableFile
 from butterfly.files import locate, require_path, shipped, write_file
 from butterfly.logs.csv import read_columns
 from butterfly.signals.excitations import Table
-from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
+from butterfly.yaml_files import Document, load_yaml, validate, yaml_text
 
 EXPERIMENT = "experiment.yaml"
 """File beside results that says what was done."""
@@ -35,36 +35,27 @@ _HEAD = """\
 """
 
 
-class _Signals(StrictModel):
-    """The part of an experiment that names files."""
-
-    file: TableFile
-
-
 class Source:
     """An experiment file and what it extends, in its own folder, below or shipped, merged."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._documents = _chain(path)
-        self.paths = [document.path for document in self._documents]
-        """The file, and those that it extends."""
+        self.documents = _chain(path)
         content: dict[str, Any] = {}
-        for document in reversed(self._documents):
+        for document in reversed(self.documents):
             content = _merged(content, _seen_from(path.parent, document))
         content.pop("extends", None)
         self.content = content
         """The merged mapping; files of signals are named as they lie from the file's folder on."""
         self.tables: dict[str, Table] = {}
         """Signals that were read from files so far, by their digests."""
-        self.signals: dict[TableFile, Path] = {}
-        """These files."""
-        self._digests: dict[TableFile, str] = {}
+        self.signals: dict[TableFile, tuple[Path, str]] = {}
+        """These files: where they lie, and the digests of their tables."""
 
     def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
         """Validate the merged content, or a variation of it, its files of signals included."""
         read = self.with_digests(content or self.content)
-        return validate(self._documents, filled(read, self.tables), Experiment)
+        return validate(self.documents, filled(read, self.tables), Experiment)
 
     def with_digests(self, content: dict[str, Any]) -> dict[str, Any]:
         """Read the files of signals that a content names, and put their digests in their places."""
@@ -73,14 +64,13 @@ class Source:
     def _with_digest(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
         if not (isinstance(signal, dict) and set(signal) == {"file"}):
             return signal
-        named = validate(self._documents, signal, _Signals).file
-        if named not in self._digests:
+        named = validate(self.documents, signal, SignalSpec).chosen
+        if named not in self.signals:
             path = _allowed(self.path.parent, named.path, self.path)
             digest, table = read_table(path, named.time, named.values)
             self.tables[digest] = table
-            self._digests[named] = digest
-            self.signals[named] = path
-        return {"table": self._digests[named]}
+            self.signals[named] = path, digest
+        return {"table": self.signals[named][1]}
 
 
 def read_experiment(path: str | PathLike[str]) -> Experiment:
@@ -102,12 +92,13 @@ def keep_experiment(source: Source, folder: Path) -> list[str]:
     Read again, it is the same: its runs have the same addresses. A sweep was planned before, so
     that its signals are known. InputError if a file would take the place of one that was read.
     """
-    signals = {str(named.path): path for named, path in source.signals.items()}
+    signals = {str(named.path): path for named, (path, _) in source.signals.items()}
     within = {name: _below(path, source.path.parent) for name, path in signals.items()}
     text = yaml_text(_with_paths(source.content, lambda path: within.get(path, path)))
     contents = {EXPERIMENT: (_HEAD + text).encode()}
     contents |= {within[name]: path.read_bytes() for name, path in signals.items()}
-    read = [path.resolve() for path in (*source.paths, *signals.values())]
+    extended = [document.path for document in source.documents]
+    read = [path.resolve() for path in (*extended, *signals.values())]
     for name, content in contents.items():
         place = folder / name
         if place.resolve() in read and place.read_bytes() == content:

@@ -78,15 +78,6 @@ class ResultStore:
         whole = record is not None and self.holds(record) and _hold(self.folder, sweep.beside)
         return record if whole else None
 
-    def begin(self) -> None:
-        """Note that something else is done here from now on (see `latest`)."""
-        path = self.folder / SWEEP
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            expected = "a file that can be written"
-            raise InputError(path, "path", error.strerror or error, expected) from None
-
     def write(self, outcome: Outcome) -> None:
         """Write the files of a run, then its record, each whole or not at all."""
         key = outcome.record.key
@@ -100,7 +91,7 @@ class ResultStore:
         return _hold(self.files_path(record.key), record.files)
 
     def begin_sweep(self, sweep: SweepRecord) -> None:
-        """Write what is asked; tables of before are what they were."""
+        """Write what is asked, which is not done yet; tables of before are what they were."""
         with suppress(InputError):
             sweep = replace(sweep, tables=self.sweep().tables)
         write_file(self.folder / SWEEP, sweep.to_json())

@@ -111,13 +111,6 @@ class SweepSpec(StrictModel):
         """Paths of the fields that vary, in order."""
         return list(dict.fromkeys(path for part in self._axes for row in part for path in row))
 
-    @property
-    def _count(self) -> int:
-        """How many runs there are."""
-        drawn = (spec.count for spec in (self.random, self.latin_hypercube) if spec)
-        values = (len(each) for each in self.grid.values())
-        return math.prod((*values, *drawn, len(self.rows) or 1, self.repetitions))
-
     def points(self, seed: int, source: object = "sweep") -> Iterator[tuple[Overrides, int, int]]:
         """Yield the overrides, the repetition and the seed of each run, in order.
 
@@ -125,8 +118,10 @@ class SweepSpec(StrictModel):
         a sweep that grows keeps the runs that it had. A seed that is set is that of its first
         repetition; those of the others are derived from it.
         """
-        runs = f"{self._count:,} runs"
-        require_room(source, "sweep", runs, _BYTES_PER_RUN * self._count)
+        drawn = (spec.count for spec in (self.random, self.latin_hypercube) if spec)
+        values = (len(each) for each in self.grid.values())
+        count = math.prod((*values, *drawn, len(self.rows) or 1, self.repetitions))
+        require_room(source, "sweep", f"{count:,} runs", _BYTES_PER_RUN * count)
         axes: list[list[Overrides]] = [
             [dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())],
             self.rows or [{}],

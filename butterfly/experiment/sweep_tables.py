@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -56,11 +57,6 @@ def _of_orbit(value: Callable[[OrbitRecord], Any], kind: pa.DataType = _NUMBER) 
     return kind, lambda record: value(record.orbit) if record and record.orbit else None
 
 
-def _of_parameter(name: str) -> Column[Found]:
-    """Column of something that a parameter's record says."""
-    return _NUMBER, lambda row: getattr(row.parameter, name)
-
-
 def _of_fit(which: str, statistic: str) -> Column[Found]:
     """Column of a statistic of FIT, if there is one."""
     return _NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None)
@@ -99,7 +95,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "on_bound": (_TRUTH, lambda row: row.parameter.on_bound),
     "known": (_TRUTH, lambda row: row.parameter.known),
     **{
-        name: _of_parameter(name)
+        name: (_NUMBER, attrgetter(f"parameter.{name}"))
         for name in (
             *("value", "standard_error", "lower", "upper", "least_left_out", "largest_left_out"),
             *("true", "deviation"),
@@ -212,14 +208,6 @@ class Estimates:
         """Those whose deviation from the truth is known, which is not 0."""
         return self.take(np.isfinite(self["deviation"]))
 
-    def deviations(self) -> tuple[float, float, float]:
-        """Return median, rms and largest size of the known deviations; NaN without any."""
-        known = self.deviating["deviation"]
-        if not known.size:
-            return math.nan, math.nan, math.nan
-        rms = float(np.sqrt(np.mean(known**2)))
-        return float(np.median(known)), rms, float(np.abs(known).max())
-
     @property
     def coverage(self) -> float:
         """Share of the intervals that hold the truth; NaN if there is no interval."""
@@ -266,9 +254,11 @@ class Estimates:
         for estimator in self.estimators:
             for parameter in self.distinct("parameter"):
                 group = self.where(estimator=estimator, parameter=parameter)
-                runs = int(group["value"].size)
-                if runs:
-                    spread = group.deviations()
+                known, spread = group.deviating["deviation"], (math.nan, math.nan, math.nan)
+                if known.size:
+                    rms = float(np.sqrt(np.mean(known**2)))
+                    spread = float(np.median(known)), rms, float(np.abs(known).max())
+                if runs := int(group["value"].size):
                     yield Recovery(estimator, parameter, runs, *spread, group.coverage)
 
 

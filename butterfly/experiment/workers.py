@@ -70,8 +70,14 @@ class LocalEngine:
                     pending.popleft()
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
-                    outcome = _outcome(future, running[future], attempts)
-                    task = running.pop(future)
+                    task, outcome = running[future], None
+                    try:
+                        outcome = future.result()
+                    except ProcessExpired:
+                        attempts[task.key] += 1
+                        if attempts[task.key] == _ATTEMPTS:
+                            outcome = task.failed(_DIED)
+                    del running[future]
                     if outcome is None:
                         pending.appendleft(task)
                     else:
@@ -123,15 +129,6 @@ def _scheduled(pool: ProcessPool, work: Work, task: Task) -> Future[Outcome]:
         return pool.schedule(_work_here, (work, task))
     except RuntimeError:  # as pebble says that the pool is broken
         raise BrokenProcessPool from None
-
-
-def _outcome(future: Future[Outcome], task: Task, attempts: Counter[str]) -> Outcome | None:
-    """Return what came of a task; None if its worker died and it is to be tried again."""
-    try:
-        return future.result()
-    except ProcessExpired:
-        attempts[task.key] += 1
-        return task.failed(_DIED) if attempts[task.key] == _ATTEMPTS else None
 
 
 class DaskEngine:

@@ -252,21 +252,22 @@ def _of_log(data: DataSet, number: int, draws: ParameterDraws, wanted: Container
         draws.estimate.names, setting.parameters, setting.zero, setting.velocity
     )
     jacobian = rows @ mixture
-    count, square = log.time.size, float(np.var(log.angle)) or _TINY
-    instants = log.time[samples_of_bands(log) if log.name in wanted else slice(0)]
-    motion = simulation.run(setting.parameters, setting.zero, setting.velocity)
-    start = motion.squared_error() / count / square
+    square = log.rms_motion**2 or _TINY
+    shown = samples_of_bands(log) if log.name in wanted else None
+    start = setting.run(simulation).rms ** 2 / square
     risen, angles = [], []
     for each in draws.estimates(setting.horizon):
-        own = data.simulations.setting(number, each)
-        motion = simulation.run(own.parameters, own.zero, own.velocity)
-        risen.append(motion.squared_error() / count / square - start)
-        angles.append(motion.at(instants))
-    scale = errors.size * square
+        run = data.simulations.setting(number, each).run(simulation)
+        risen.append(run.rms**2 / square - start)
+        if shown is not None:
+            angles.append(run.simulated[shown])
+    scale, kept = errors.size * square, None
+    if angles:
+        kept = DrawnRun(log=log, setting=setting, angles=np.array(angles))
     return _Followed(
         start=start,
         slope=jacobian.T @ errors / scale,
         curvature=jacobian.T @ jacobian / scale,
         risen=np.array(risen),
-        run=DrawnRun(log=log, setting=setting, angles=np.array(angles)) if instants.size else None,
+        run=kept,
     )

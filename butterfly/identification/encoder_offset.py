@@ -130,11 +130,11 @@ def _of_mass(pairs: Sequence[tuple[Log, ResponsePoint | None]], home: float) -> 
 
 def _guess(logs: Sequence[Log], home: float) -> EncoderOffset:
     """Guess the mean of the log that moves least; one that turns tells its start, or nothing."""
-    still = min(logs, key=lambda log: float(np.std(log.angle)))
+    still = min(logs, key=lambda log: log.rms_motion)
     if _turns(still):
         value, uncertainty = float(still.angle[0]), math.pi / math.sqrt(3)
     else:
-        value, uncertainty = float(np.mean(still.angle)), float(np.std(still.angle))
+        value, uncertainty = float(np.mean(still.angle)), still.rms_motion
     return EncoderOffset(value=near(value, home), uncertainty=uncertainty, kind=OffsetKind.GUESS)
 
 

@@ -21,7 +21,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.levels import CLEARLY, FEW, ROUNDING
+from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 
@@ -235,6 +235,17 @@ class CellEquations:
         change[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], (pull / size)[free])[0]
         return np.asarray(change / size)
 
+    def apart(self, changes: Samples) -> tuple[Samples, Samples]:
+        """Return what the values, following, leave of (k, n) changes of them by cell.
+
+        And its (k,) information; both are zeros where the cells cannot tell it from others.
+        """
+        pulls = np.einsum("kmn,kn->km", self.curvature, changes)
+        rest = changes - self.change_by(pulls.sum(axis=0))
+        information = np.einsum("kn,kmn,km->k", rest, self.curvature, rest)
+        told = information.sum() > ROUNDING * np.sum(changes * pulls)
+        return (rest, information) if told else (np.zeros_like(rest), np.zeros(len(rest)))
+
     @property
     def free(self) -> NDArray[np.bool_]:
         """(n,) which values no bound holds, and the cells tell."""
@@ -320,15 +331,6 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     for factor, each in zip(whole, both, strict=True):
         factor[: len(each)] = np.linalg.qr(each, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
-
-
-def pulled_below(rows: Samples, residuals: Samples, covariance: Samples) -> NDArray[np.bool_]:
-    """(n,) which parameters (m,) equations would have well below their values, were there no bound.
-
-    ``rows``, ``residuals``, ``covariance``: (m, n), (m,) and (n, n).
-    """
-    step = scaled_least_squares(rows, -residuals)
-    return np.asarray(step < -CLEARLY * np.sqrt(np.diag(covariance)))
 
 
 def scaled_least_squares(rows: Samples, target: Samples) -> Samples:

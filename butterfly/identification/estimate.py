@@ -47,11 +47,11 @@ class Estimate:
     lower: Samples  # (n,) limits of the 95 % intervals
     upper: Samples
     # (n,) estimates without the logs of one added mass, or one run; none if there are too few
-    left_out: Mapping[Hashable, Samples]
-    condition: float  # number of the column-scaled regression, or Jacobian
-    on_bound: tuple[str, ...]  # parameters held by a bound
-    ending: Ending
-    findings: tuple[Finding, ...]  # what can and cannot be concluded
+    left_out: Mapping[Hashable, Samples] = field(default_factory=dict)
+    condition: float = math.nan  # number of the column-scaled regression, or Jacobian
+    on_bound: tuple[str, ...] = ()  # parameters held by a bound
+    ending: Ending = Ending.CONVERGED
+    findings: tuple[Finding, ...] = ()  # what can and cannot be concluded
     fixed: dict[str, float] = field(default_factory=dict)  # at others than the model's defaults
     # in rad/s by added mass, where the method rests on them
     resonances: dict[AddedMass, float] = field(default_factory=dict)

@@ -13,7 +13,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.prediction_horizon import horizon_of
-from butterfly.identification.segments import Segments, is_segmented, simulation_of
+from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import Simulation, grid_step
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
@@ -44,9 +44,7 @@ class FreeRun:
     @cached_property
     def fit(self) -> float:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
-            error = float(np.sum((self.simulated - self.log.angle) ** 2))
-        return fit_of(error, _spread(self.log))
+        return fit_of(self.rms, self.log.rms_motion)
 
     @cached_property
     def velocity_fit(self) -> float:
@@ -62,17 +60,19 @@ class FreeRun:
             measured, error = (
                 slope(resample(self.log.time, each, grid), reach, 2, step) for each in angles
             )
-            return fit_of(float(error @ error), float(np.sum((measured - measured.mean()) ** 2)))
+            return fit_of(float(np.sqrt(np.mean(error**2))), float(np.std(measured)))
 
     @property
     def followed(self) -> float:
         """How well the log is followed: the lower FIT in per cent, of angle or velocity."""
         return min(self.fit, self.velocity_fit)
 
-    @property
+    @cached_property
     def rms(self) -> float:
         """Rms error in rad."""
-        return float(np.sqrt(np.mean((self.simulated - self.log.angle) ** 2)))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = self.simulated - self.log.angle
+            return float(np.sqrt(error @ error / error.size))
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,17 @@ class Setting:
 
     def simulation(self, log: Log, first: int = 0) -> Simulation | Segments:
         """Return what simulates a log, of which the samples from number ``first`` on count."""
-        known = self.velocity is not None
-        return simulation_of(log, self.parameters, self.horizon, first, velocity_known=known)
+        if self._segments(log, first):
+            return Segments(log, self.parameters, self.horizon, first)
+        return Simulation(log, self.parameters, first)
 
     def kind(self, log: Log) -> tuple[float, float | None]:
         """Return on what a log's simulation depends: step in s, and horizon of segments."""
+        return grid_step(log, self.parameters), self.horizon if self._segments(log) else None
+
+    def _segments(self, log: Log, first: int = 0) -> bool:
         known = self.velocity is not None
-        segmented = is_segmented(log, self.parameters, self.horizon, velocity_known=known)
-        return grid_step(log, self.parameters), self.horizon if segmented else None
+        return is_segmented(log, self.parameters, self.horizon, first=first, velocity_known=known)
 
     def run(self, simulation: Simulation | Segments) -> FreeRun:
         """Simulate a log."""
@@ -147,7 +150,6 @@ class Simulations:
         self._horizons: dict[LumpedParameters, float] = {}
         self._fits: dict[tuple[int, Setting], float] = {}
         self._followed: dict[tuple[int, Setting], float] = {}
-        self._spreads = [_spread(log) for log in logs]
 
     def __reduce__(self) -> tuple[object, ...]:
         """Leave what is kept behind in copies."""
@@ -229,19 +231,10 @@ class Simulations:
         """FIT of one log, as that of its free run, without keeping the angles."""
         key = number, setting
         if key not in self._fits:
-            simulation = self.simulation(number, setting)
-            motion = simulation.run(setting.parameters, setting.zero, setting.velocity)
-            self._fits[key] = fit_of(motion.squared_error(), self._spreads[number])
+            self._fits[key] = setting.run(self.simulation(number, setting)).fit
         return self._fits[key]
 
 
-def fit_of(squared_error: float, spread: float) -> float:
-    """Return FIT in per cent; none of an angle that stands still, or of one that diverges."""
-    if not spread or not math.isfinite(squared_error):
-        return -math.inf
-    return 100 * (1 - math.sqrt(squared_error / spread))
-
-
-def _spread(log: Log) -> float:
-    """Sum of squares in rad^2 of the measured angle about its mean."""
-    return float(np.sum((log.angle - log.angle.mean()) ** 2))
+def fit_of(error: float, motion: float) -> float:
+    """Return FIT in per cent, of rms error and motion; none of one that is still or diverges."""
+    return 100 * (1 - error / motion) if motion and math.isfinite(error) else -math.inf

@@ -32,14 +32,7 @@ from butterfly.model.parameters import (
     LumpedParameters,
 )
 from butterfly.model.prior import PHYSICAL, Prior
-from butterfly.result import (
-    Result,
-    TextTable,
-    document,
-    text,
-    texts,
-    write_document,
-)
+from butterfly.result import Result, TextTable, document, text, texts, write_document
 from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
 

@@ -13,7 +13,6 @@ from scipy.optimize import minimize_scalar
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.diagnostics.plausibility import judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
@@ -165,11 +164,6 @@ def given_estimate(
         covariance=np.full((count, count), np.nan),
         lower=unknown,
         upper=unknown,
-        left_out={},
-        condition=math.nan,
-        on_bound=(),
-        ending=Ending.CONVERGED,
-        findings=(),
         fixed={name: value for name, value in found.items() if name not in PARAMETERS},
         local=local,
         input_kind=None if data is None else data.input_kind,

@@ -117,7 +117,7 @@ def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
     found = []
     further = math.sqrt(1 + 1 / len(data.masses))
     for number, log in enumerate(data.logs):
-        motion = float(np.std(log.angle))
+        motion = log.rms_motion
         if not motion:
             continue
         others = estimate.left_out.get(log.added_mass)

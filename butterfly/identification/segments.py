@@ -52,7 +52,7 @@ class Segments:
         )
         self._edges = [*before, *(first + k for k in after)]
         ends = [*self._edges[1:], log.time.size]
-        rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
+        rate = log.rms_speed / (log.rms_motion or 1.0)
         self._segments = [
             _Segment(log.piece(begin, end), parameters, rate, warm=warm)
             for begin, end in zip(self._edges, ends, strict=True)
@@ -143,7 +143,7 @@ class _Segment:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
         self._warm, self._near = warm, log.initial_state
-        self._spread = float(np.var(log.angle))
+        self._spread = log.rms_motion**2
         self._sought = 1 if log.initial_state.velocity == 0 else len(_START)
 
     def expanded(
@@ -202,24 +202,6 @@ class _Segment:
         step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))
         step *= self._units
         return _About(*expansion, left[:, felt], explained, step)
-
-
-def simulation_of(
-    log: Log,
-    parameters: LumpedParameters,
-    horizon: float = math.inf,
-    first: int = 0,
-    *,
-    velocity_known: bool = False,
-    free: bool = False,
-    warm: bool = False,
-) -> Simulation | Segments:
-    """Make a log ready to be simulated, whole or in segments (see `is_segmented`, `Segments`)."""
-    if is_segmented(
-        log, parameters, horizon, first=first, velocity_known=velocity_known, free=free
-    ):
-        return Segments(log, parameters, horizon, first, warm=warm)
-    return Simulation(log, parameters, first)
 
 
 def is_segmented(

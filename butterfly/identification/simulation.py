@@ -38,24 +38,17 @@ _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 class SimulatedMotion(NamedTuple):
     """The motion of a log: pieces of it, and of each the grid in s, angle in rad and velocity."""
 
-    pieces: tuple[tuple[Log, Samples, Samples, Samples], ...]  # angles from the encoder's zero
+    pieces: tuple[tuple[Samples, Samples, Samples], ...]  # angles from the encoder's zero
 
     def at(self, instants: Samples) -> Samples:
         """Return the angles in rad at increasing instants in s."""
-        begins = [log.time[0] for log, *_ in self.pieces[1:]]
+        begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
         return np.concatenate(
             [
-                polynomials.interpolate(grid, angle, speed, own)
-                for (_, grid, angle, speed), own in zip(self.pieces, groups, strict=True)
+                polynomials.interpolate(*piece, own)
+                for piece, own in zip(self.pieces, groups, strict=True)
             ]
-        )
-
-    def squared_error(self) -> float:
-        """Return the sum of squares in rad^2 of angles less the measured ones."""
-        return sum(
-            float(np.sum((polynomials.interpolate(*run, log.time) - log.angle) ** 2))
-            for log, *run in self.pieces
         )
 
 
@@ -97,7 +90,7 @@ class Simulation:
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters)[0]
         angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
-        return SimulatedMotion(((self.log, self.grid, zero + angle, speed),))
+        return SimulatedMotion(((self.grid, zero + angle, speed),))
 
     def linearised(
         self,

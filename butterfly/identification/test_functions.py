@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
-from butterfly.model.kinematics import Motion, Term
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
@@ -156,7 +155,7 @@ class Averaging:
         self._rests = log.initial_state.velocity == 0
         mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
         velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]
-        self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
+        self._motion = settings.motion(angle, velocity, weight=log.added_mass.weight)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
         self._places: dict[int, _Place] = {}

@@ -65,7 +65,7 @@ def cross_validate(
         for number, stretch in samples.items():
             squares[number] += _squares(predictor.run(number, found), stretch)
         horizon = min(horizon, predictor.horizon(found))
-    fits = np.array([fit_of(*each) if each.any() else np.nan for each in squares])
+    fits = np.array([fit_of(*each) if each.any() else np.nan for each in np.sqrt(squares)])
     return CrossValidation(division=division, fits=fits, estimates=estimates, horizon=horizon)
 
 

@@ -20,7 +20,7 @@ from butterfly.errors import InputError, nearest, size_text
 from butterfly.files import most_in, replacing, require_file
 from butterfly.logs.formats import ColumnMap, checked_map
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import AS_IS, Heading, Units
 
 _MATRIX = "D"
 _SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
@@ -47,11 +47,17 @@ def read_mat(
     """
     if columns is None:
         arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
+        headings = {field: Heading(name=_MATRIX, number=k) for k, field in enumerate(arrays)}
     else:
         mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
-        variables, names = _load(path, {parts[0] for parts in mapping.values()})
+        said: dict[str, dict[str, str]] = {}
+        variables, names = _load(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
-    return Log(**arrays, source=str(path), **properties).converted(units)
+        named = {field: ".".join(own) for field, own in mapping.items()}
+        headings = {
+            field: Heading(name=each, said=said.get(each, {})) for field, each in named.items()
+        }
+    return Log.of_columns(arrays, headings, units, source=str(path), **properties)
 
 
 def write_mat(log: Log, path: Path) -> None:
@@ -167,14 +173,19 @@ _HEADER, _VERSION, _ORDER = 128, slice(124, 126), slice(126, 128)
 _HDF5 = b"\x00\x02"
 
 
-def _load(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
-    """Return variables, the wanted ones among them if they are there, and the names of all."""
+def _load(
+    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]] | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return variables, the wanted ones among them if they are there, and the names of all.
+
+    What attributes say of units, which only version 7.3 has, is added to ``said``.
+    """
     require_file(path, "an existing .mat file")
     try:
         with path.open("rb") as file:
             header = file.read(_HEADER)
             if header[_VERSION] == _HDF5:
-                return _load73(path, wanted)
+                return _load73(path, wanted, {} if said is None else said)
             data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
             found = _load4(data) if 0 in header[:4] else _load5(data)
     except InputError:
@@ -361,6 +372,7 @@ def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever 
 
 # Version 7.3 is HDF5.
 
+_UNIT_KEYS = {"unit", "units", "Unit", "Units"}  # attributes
 _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
@@ -368,7 +380,9 @@ _PLAIN = {"double", "single", "logical", "char", "struct"} | {
 _OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
-def _load73(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
+def _load73(
+    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]]
+) -> tuple[dict[str, Any], list[str]]:
     try:
         import h5py  # noqa: PLC0415 - an extra
     except ImportError:
@@ -379,6 +393,10 @@ def _load73(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[s
     def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
         """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
         nonlocal left
+        for key in _UNIT_KEYS & node.attrs.keys():
+            text = node.attrs[key]
+            text = text.decode() if isinstance(text, bytes) else str(text)
+            said.setdefault(node.name.strip("/").replace("/", "."), {})[f"attribute {key}"] = text
         kind = node.attrs.get("MATLAB_class", b"")
         if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
             return MatlabObject(kind.decode())

@@ -9,7 +9,6 @@ import control
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.model.kinematics import Motion
 from butterfly.model.linear import DelayStates, Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
@@ -89,7 +88,7 @@ def nonlinear_system(
     def update(_: float, state: Samples, command: Any, __: Any) -> list[float]:  # noqa: ANN401
         now = dict(zip(names, map(float, state), strict=True))
         v = now["velocity"]
-        motion = Motion.of(p, now["angle"], v)._replace(direction=math.tanh(v / smoothing))
+        motion = p.motion(now["angle"], v)._replace(direction=math.tanh(v / smoothing))
         back_emf = p.back_emf * v if lagging else 0.0
         drive = p.p4 * p.delivered(float(np.ravel(command)[0])) - back_emf
         torque = back_emf - torque_of(p, motion, sliding)

@@ -12,9 +12,8 @@ from scipy.optimize import brentq
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, Term, torque_of
 
 _GRID = 721  # angles at which the potential is looked at
 _POINTS = 1000  # of the quadrature over half a period
@@ -38,7 +37,7 @@ def potential(
 
 def pull(p: LumpedParameters, angle: float) -> float:
     """Torque in N m of the potential at an angle in rad: its slope, downwards."""
-    return -torque_of(p, Motion.of(p, angle, 0.0), CONSERVATIVE)  # type: ignore[no-any-return]
+    return -torque_of(p, p.motion(angle, 0.0), CONSERVATIVE)  # type: ignore[no-any-return]
 
 
 def stiffness(p: LumpedParameters, angle: float) -> float:
@@ -47,7 +46,7 @@ def stiffness(p: LumpedParameters, angle: float) -> float:
     The imaginary part of the slope at a complex angle next to the real one, which is exact to
     rounding (Squire & Trapp, SIAM Review 40, 1998).
     """
-    beside = Motion.of(p, angle + 1j * _ASIDE, 0.0)
+    beside = p.motion(angle + 1j * _ASIDE, 0.0)
     return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.model.energy import stiffness
-from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
@@ -151,7 +150,7 @@ def quasi_linear_response(
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
-    motion = Motion.of(parameters, 0.0, 0.0)
+    motion = parameters.motion(0.0, 0.0)
     torque = linear.brake(w)
     for row in _DESCRIBED:
         value = getattr(parameters, row.name)

@@ -254,9 +254,6 @@ def _require_possible(source: object, name: str, known: Known) -> None:
         raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
 
 
-_NOWHERE: Mapping[Any, float] = {}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Penalty:
     """What independent knowledge of n values adds to a sum of squares."""
@@ -273,7 +270,7 @@ class Penalty:
         names: Sequence[Hashable],
         known: Mapping[Any, Known],
         variance: float = 1.0,
-        values: Mapping[Any, float] = _NOWHERE,
+        values: Mapping[Any, float] | None = None,
     ) -> Penalty | None:
         """Return that of what is uncertain of values by name; None if it is nothing.
 
@@ -285,7 +282,7 @@ class Penalty:
         mean = np.array([each.value if each else 0.0 for each in own])
         weight = np.array(
             [
-                variance * each.precision(values.get(name, each.value)) if each else 0.0
+                variance * each.precision((values or {}).get(name, each.value)) if each else 0.0
                 for name, each in zip(names, own, strict=True)
             ]
         )

@@ -6,32 +6,101 @@ The equation of motion says that all torques add up to nothing,
 
 the motor's with the basis -u. Whatever needs a fact about a parameter (its unit, its bound, its
 torque, its potential, which estimators offer it) takes it from here; the compiled kernel and the
-MJCF are written by hand and held to this table by a test. A further term is a field of
-`FrictionTerms` and a row below, a line in `butterfly.plant.mjcf`, and in `butterfly.model.kernel` a
-constant with its number, a torque and its derivatives (`equation`; and where a joint breaks loose,
-`events`, if it acts at rest).
+MJCF are written by hand and held to this table by a test. docs/house.md says what a further term
+touches.
+
+A describing function is the gain of a nonlinear torque on a sinusoidal angle: with
+th(t) = Re{a e^(j w t)} it is the fundamental of the torque over that of the angle (Gelb & Vander
+Velde, Multiple-Input Describing Functions, 1968, ch. 2).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from typing import Any
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import dawsn, j1
 
 from butterfly.arrays import Samples
-from butterfly.model.kinematics import (
-    Motion,
-    Term,
-    coulomb_describing_function,
-    gravity_describing_function,
-    stribeck_describing_function,
-)
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 """The parameters that estimators find unasked, in their order."""
+
+
+class Motion(NamedTuple):
+    """What a torque may depend on: numbers, or arrays of one shape."""
+
+    angle: Any  # In rad from hanging down
+    velocity: Any  # In rad/s
+    direction: Any  # Sign of the velocity
+    periods: float  # Of cogging in a turn
+    stribeck_velocity: float  # In rad/s
+    input: Any = 0.0  # As the drive delivers it
+    weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
+    carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
+
+
+@dataclass(frozen=True)
+class Term:
+    """A row: one parameter and what it does."""
+
+    name: str  # As in code,
+    symbol: str  # and as printed
+    unit: str  # In which "unit" is the input's
+    meaning: str
+    _: KW_ONLY
+    lower: float = -math.inf  # Least value that an estimate can have
+    # Braking torque per unit of the parameter, where it is a function of the `Motion`
+    basis: Callable[[Motion], Any] | None = None
+    # 2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle
+    derivative: int = 0
+    # Energy per unit of the parameter at an angle, with the periods of cogging in a turn; its slope
+    # is the basis
+    potential: Callable[[Any, float], Any] | None = None
+    # Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and the
+    # `Motion` that holds weight and settings
+    describing: Callable[[Samples, Samples, Motion], Any] | None = None
+    # Whether it holds the joint at rest: a friction level times the sign of the velocity
+    dry: bool = False
+    of_gain: bool = False  # Whether what enters the equation is p4 times the parameter
+    sign_observable: bool = True  # Whether motion tells the sign
+    state: str = ""  # What it makes a state of the joint, if anything
+    # Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and the
+    # rate in rad/s of the motion
+    size: Callable[[float, float], float] | None = None
+    # What a residual torque of this shape is called; empty for one that is not looked for
+    looks_like: str = ""
+    follows: str = ""  # The term without which it says nothing
+    # Names of the estimators that can estimate it when asked to
+    offered: frozenset[str] = frozenset()
+
+
+def gravity_describing_function(a: Samples) -> Samples:
+    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
+
+    That of ``sin(N th)`` is N times that of N a.
+    """
+    return np.asarray(2.0 * j1(a) / a)
+
+
+def coulomb_describing_function(a: Samples) -> NDArray[np.complex128]:
+    """Gain j 4/(pi a) of ``sgn(thd)`` on a sinusoidal angle of amplitude a > 0 in rad, in 1/rad."""
+    return np.asarray(4j / (np.pi * a))
+
+
+def stribeck_describing_function(
+    omega: Samples, a: Samples, velocity: float
+) -> NDArray[np.complex128]:
+    """Gain of ``sgn(thd) exp(-(thd/v_s)^2)`` on a sinusoidal angle of amplitude a in rad, in 1/rad.
+
+    With b = a w/v_s it is j 4/(pi a) D(b)/b, D Dawson's integral.
+    """
+    b = a * omega / velocity
+    return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +135,11 @@ class FrictionTerms:
         """Return every term by its name."""
         return {field.name: getattr(self, field.name) for field in fields(FrictionTerms)}
 
+    def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
+        """Return a motion in rad and rad/s of a joint with these terms, and ``more`` of it."""
+        periods, slow = self.cogging_periods, self.stribeck_velocity
+        return Motion(angle, velocity, np.sign(velocity), periods, slow, **more)
+
     @property
     def holding(self) -> float:
         """T_c + T_s, the largest torque in N m that friction withstands at rest."""
@@ -78,7 +152,7 @@ class FrictionTerms:
 
     def level(self, velocity: float) -> float:
         """Return g(v) in N m at a velocity in rad/s."""
-        sliding = Motion.of(self, 0.0, velocity)._replace(direction=1.0)
+        sliding = self.motion(0.0, velocity)._replace(direction=1.0)
         return float(torque_of(self, sliding, DRY))
 
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
-from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Term, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
@@ -70,7 +69,7 @@ class Observer:
         else:
             p, step = self._p, time - self._time
             error = angle - self._angle
-            motion = Motion.of(p, self._angle, self._velocity)
+            motion = p.motion(self._angle, self._velocity)
             if abs(self._velocity) <= _STANDSTILL:
                 motion = motion._replace(direction=0.0)
             torque = p.p4 * p.delivered(command) - torque_of(p, motion, _STATIC)
@@ -85,9 +84,9 @@ class EnergyShaping:
     """The control law (103) with (109), to be run on a bench.
 
     v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4, and whatever other friction the
-    model has is compensated like T_c, if ``compensate_terms``. The orbit is that of the hand with
-    what it carries, as believed; gamma is in units of the input per rad/s and J. A ``kick`` along
-    the velocity starts a hand that hangs still, which (109) would leave alone.
+    model has is compensated like T_c. The orbit is that of the hand with what it carries, as
+    believed; gamma is in units of the input per rad/s and J. A ``kick`` along the velocity starts a
+    hand that hangs still, which (109) would leave alone.
     """
 
     def __init__(
@@ -98,12 +97,10 @@ class EnergyShaping:
         zero: float = 0.0,
         velocity: VelocityEstimator | None = None,
         kick: float = 0.0,
-        compensate_terms: bool = True,
     ) -> None:
         self._zero = zero
         self._velocity = velocity or FilteredDifference()
         self._kick = kick
-        self._compensate_terms = compensate_terms
         self._command = 0.0
         self.retune(orbit, gamma)
 
@@ -118,7 +115,7 @@ class EnergyShaping:
         self._gain = math.copysign(gamma, p.p4)
         # Looking for the terms that a hand has takes longer than what is left of the law.
         self._stored = _present(p, CONSERVATIVE)
-        self._braked = _present(p, _FRICTION) if self._compensate_terms else ()
+        self._braked = _present(p, _FRICTION)
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -128,7 +125,7 @@ class EnergyShaping:
         excess = energy(p, angle, speed, self._stored) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
         if self._braked and abs(speed) > _STANDSTILL:
-            command += torque_of(p, Motion.of(p, angle, speed), self._braked) / p.p4
+            command += torque_of(p, p.motion(angle, speed), self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         command += math.copysign(p.dead_zone, command)
         if excess < (1 - _STARTED) * (self._rest - self._target):

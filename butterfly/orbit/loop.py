@@ -48,9 +48,10 @@ class OrbitSchedule:
     """An orbit to hold, and what each round of re-calibration next to it does."""
 
     target: Target
-    velocity: Callable[[LumpedParameters, float], VelocityEstimator] = lambda _parameters, _zero: (
+    # of parameters, and the encoder reading in rad of the hanging hand
+    velocity: Callable[[LumpedParameters, float], VelocityEstimator] = lambda *_: (
         FilteredDifference()
-    )  # of parameters, and the encoder reading in rad of the hanging hand
+    )
     multiplier: float = 0.5  # share of a perturbation that is left after one period; sets gamma
     duration: float = 20.0  # of each run in s
     starts: tuple[float, ...]  # rad, a run from each; the first one's amplitude is measured
@@ -254,11 +255,6 @@ class OrbitStudy:
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
 
-    @property
-    def generic(self) -> LumpedParameters:
-        """Parameters of the loaded hand that the loop began with."""
-        return self.calibration.rounds[0].believed
-
 
 def study_orbit(
     rig: RunLaw,
@@ -320,12 +316,10 @@ def study_orbit(
     )
 
 
-def beside_orbit(
-    log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
-) -> FreeRun:
-    """Return a free run, some periods long, from where a log is at rest, its first sample."""
+def beside_orbit(log: Log, loaded: LumpedParameters, zero: float) -> FreeRun:
+    """Return a free run of `PERIODS` from where a log is at rest, its first sample."""
     start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
-    rows = log.time - log.time[0] <= periods * period
+    rows = log.time - log.time[0] <= PERIODS * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
     return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

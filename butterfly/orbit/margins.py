@@ -11,7 +11,6 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
-from butterfly.model.kinematics import Motion
 from butterfly.model.linear import DelayStates
 from butterfly.model.terms import DISSIPATIVE, torque_of
 
@@ -165,7 +164,7 @@ class _Swings:
             friction=np.array(
                 [
                     [
-                        torque_of(p, Motion.of(p, *state), DISSIPATIVE)
+                        torque_of(p, p.motion(*state), DISSIPATIVE)
                         for state in zip(angle.tolist(), velocity.tolist(), strict=True)
                     ]
                     for angle, velocity in motions

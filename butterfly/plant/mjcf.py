@@ -26,7 +26,6 @@ MODEL = "models/butterfly_hand/hand.xml"
 SCENE = "models/butterfly_hand/scene.xml"
 """Its stand, a scale, light, background and a camera, for pictures of it."""
 
-
 NO_CONSTANT = 1e-12
 """Motor constant in N m/A of the parts that MuJoCo calls a motor and that are none: it takes no 0,
 and this adds a damping of 1e-24 N m s/rad."""

@@ -23,7 +23,6 @@ from butterfly.verdict import Level
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """What may be done with a log, in a word or two."""
 
-_LOOKING = "Looking at logs"
 _TOLD = {
     Level.GOOD: "ok",
     Level.NOTE: "with a note",
@@ -35,7 +34,6 @@ _ADVICE = {
     Level.NOTE: "What was found needs nothing done.",
     Level.CARE: "Look at what was found before you trust what this log tells.",
 }
-_TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
 
@@ -61,7 +59,9 @@ class Inspected:
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:
     """Look at every log of a data set; the worst come first."""
-    seen = _turned([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
+    seen = _turned(
+        [_inspected(manifest, entry) for entry in track(manifest.logs, "Looking at logs")]
+    )
     return sorted(seen, key=lambda each: -list(Level).index(each.condition))
 
 
@@ -105,7 +105,7 @@ def _turned(seen: list[Inspected]) -> list[Inspected]:
         home, where = sorted(middles.values(), key=abs)[(len(middles) - 1) // 2], "the others"
     result = list(seen)
     for number, middle in middles.items():
-        turns = round((middle - home) / _TURN)
+        turns = round((middle - home) / math.tau)
         if turns:
             text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
             remarks = (*seen[number].remarks, Remark(Level.NOTE, text))
@@ -139,6 +139,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
+        *((f"{name} from", each.text) for name, each in health.columns.items()),
     ]
 
 

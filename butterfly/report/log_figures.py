@@ -141,15 +141,13 @@ def correlation_figure(log: LogResiduals) -> Figure:
     titles = ("autocorrelation", "cross-correlation<br>with the input")
     figure = panels("lag in s", titles, 480, spacing=0.06)
     for row, curve in enumerate((log.autocorrelation, log.cross_correlation), start=1):
-        lag, *limits, values = _band_and_curve(curve)
-        for number, limit in enumerate(limits):
-            style: dict[str, Any] = {"showlegend": False}
-            if number:
-                name = f"{100 * CONFIDENCE:.0f} % band of the sensors"
-                style = {"fill": "tonexty", "fillcolor": _SHADE, "name": name}
-                style["showlegend"] = row == 1
-            line = {"color": GREY, "width": 1, "dash": "dash"}
-            add(figure, row, lag, limit, mode="lines", line=line, hoverinfo="skip", **style)
+        lag, lower, upper, values = _band_and_curve(curve)
+        dashed = {"color": GREY, "width": 1, "dash": "dash"}
+        edge = {"mode": "lines", "line": dashed, "hoverinfo": "skip"}
+        add(figure, row, lag, lower, showlegend=False, **edge)
+        shade = {"fill": "tonexty", "fillcolor": _SHADE, "showlegend": row == 1}
+        name = f"{100 * CONFIDENCE:.0f} % band of the sensors"
+        add(figure, row, lag, upper, name=name, **shade, **edge)
         line = {"color": PALETTE[0], "width": 1.4}
         add(figure, row, lag, values, mode="lines", line=line, name="the log", showlegend=row == 1)
     return figure

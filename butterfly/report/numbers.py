@@ -29,16 +29,7 @@ def rests_on(data: DataSet, estimate: Estimate, estimator: Estimator | None) -> 
 def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dict[str, Any]]:
     """Return findings about an estimate for programs, each with its text."""
     values = values_of(estimate)
-    return [
-        {
-            "kind": str(each.kind),
-            "text": finding_text(each, values),
-            "parameters": list(each.parameters),
-            "number": each.number,
-            "logs": list(each.logs),
-        }
-        for each in findings
-    ]
+    return [{"kind": "", "text": finding_text(each, values)} | asdict(each) for each in findings]
 
 
 def estimate_numbers(estimate: Estimate, truth: LumpedParameters | None = None) -> dict[str, Any]:

@@ -164,7 +164,8 @@ def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
 
 
 def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> PageTable:
-    found, generic = study.calibration.rounds[-1].recalibration, study.generic
+    rounds = study.calibration.rounds
+    found, generic = rounds[-1].recalibration, rounds[0].believed
     estimate, rows = found.estimate, []
     columns = (estimate.values, estimate.standard_errors, estimate.lower, estimate.upper)
     lines = np.column_stack(columns).tolist()

@@ -22,7 +22,6 @@ from butterfly.verdict import VERDICTS
 if TYPE_CHECKING:
     import pyarrow as pa
 
-
 _LISTED = 100  # runs in a table of what went wrong
 _ORBITS = 200  # runs in the table of orbits
 

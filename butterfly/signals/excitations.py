@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number, require_room
@@ -19,12 +18,7 @@ _POINTS = 16  # in a period of the highest harmonic
 _BYTES_PER_POINT = 40  # a signal, its spectrum, and copies
 _CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
 _CLIP = 0.9  # share of the peak at which a round clips
-# Taps of shift registers by their length, up to a sequence of a million bits.
-_TAPS = {
-    2: (1,), 3: (2,), 4: (3,), 5: (3,), 6: (5,), 7: (6,), 8: (7, 6, 1), 9: (5,), 10: (7,),
-    11: (9,), 12: (11, 10, 4), 13: (12, 11, 8), 14: (13, 12, 2), 15: (14,), 16: (15, 13, 4),
-    17: (14,), 18: (11,), 19: (18, 17, 14), 20: (17,),
-}  # fmt: skip
+_LONGEST = 20  # register: a sequence of a million bits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,33 +143,16 @@ class Prbs:
 
     def __post_init__(self) -> None:
         require_number("Prbs", positive=True, amplitude=self.amplitude, bit=self.bit)
-        if self.register not in _TAPS:  # of one bit it is constant
-            raise InputError("Prbs", "register", self.register, f"from 2 to {max(_TAPS)}")
+        if self.register not in range(2, _LONGEST + 1):  # of one bit it is constant
+            raise InputError("Prbs", "register", self.register, f"from 2 to {_LONGEST}")
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
-        bits = _maximal_sequence(self.register)
+        from scipy.signal import max_len_seq  # noqa: PLC0415, TID251 - slow, and wanted here alone
+
+        bits, _ = max_len_seq(self.register)
         index = np.floor(time / self.bit * (1 + 1e-12)).astype(np.intp) % bits.size
         return np.asarray(self.amplitude * (2.0 * bits[index] - 1.0))
-
-
-def _maximal_sequence(register: int) -> NDArray[np.bool_]:
-    """(2^register - 1,) bits of a shift register that starts full (Golomb, 1967).
-
-    Bit k + n is bit k plus the bits k + tap, modulo 2; the same holds with all distances doubled,
-    since a polynomial over two elements has the square p(x^2), so ever longer pieces are summed.
-    """
-    bits = np.ones(register, dtype=np.bool_)
-    while bits.size < 2**register - 1:
-        known, stretch = bits.size, bits.size // register
-        piece = stretch * (register - max(_TAPS[register]))
-        bits = np.resize(bits, 2 * known)  # bit k + n begins as bit k
-        for begin in range(known, 2 * known, piece):
-            end = min(begin + piece, 2 * known)
-            for tap in _TAPS[register]:
-                back = stretch * (register - tap)
-                bits[begin:end] ^= bits[begin - back : end - back]
-    return bits[: 2**register - 1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,13 +191,8 @@ class Table:
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
-        instants, values = self._columns
-        index = np.searchsorted(instants, time, side="right") - 1
-        return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
-
-    @cached_property
-    def _columns(self) -> tuple[Samples, Samples]:
-        return np.array(self.time, dtype=np.float64), np.array(self.values, dtype=np.float64)
+        index = np.searchsorted(self.time, time, side="right")
+        return np.array((0.0, *self.values))[index]
 
 
 Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table

@@ -19,25 +19,16 @@ _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rou
 
 def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
     """Return the (m - 1,) means of the input between (m,) increasing edges in s."""
-    return np.asarray(moments(time, inputs, edges, hold)[0])
-
-
-def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
-    """Return the (3, m - 1) first Legendre coefficients of the input between (m,) edges in s.
-
-    c0 + c1 x + c2 (3 x^2 - 1)/2, x from -1 to 1 over the interval, is the parabola that has the
-    input's mean and first and second moment; no step of the input is lost or gained, wherever the
-    edges fall.
-    """
-    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
+    return np.asarray(_means(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
 
 def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
     """Return the input over each interval as the parabola that has its moments, and its delay's.
 
-    (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and of its
-    derivative by a delay of the input, per s. A held input's moments have a kink where a stamp
-    passes an edge; there it is the mean of the slopes on both sides.
+    Its mean, first and second moment are the input's: no step is lost or gained, wherever the edges
+    fall. (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and
+    of its derivative by a delay of the input, per s. A held input's moments have a kink where a
+    stamp passes an edge; there it is the mean of the slopes on both sides.
     """
     return np.asarray(_parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
@@ -78,15 +69,13 @@ def _at(time, inputs, instant, k, linear):
 
 
 @compiled
-def _moments(time, inputs, edges, linear):
-    """(3, m) Legendre coefficients of the input over each interval."""
-    result = np.empty((3, edges.size - 1))
+def _means(time, inputs, edges, linear):
+    """(m,) means of the input over each interval."""
+    result = np.empty(edges.size - 1)
     k = -1
     for cell in range(edges.size - 1):
-        k, zeroth, first, second, _, _ = _over(
-            time, inputs, edges[cell], edges[cell + 1], k, linear
-        )
-        result[0, cell], result[1, cell], result[2, cell] = _legendre(zeroth, first, second)
+        k, zeroth, _, _, _, _ = _over(time, inputs, edges[cell], edges[cell + 1], k, linear)
+        result[cell] = 0.5 * zeroth
     return result
 
 

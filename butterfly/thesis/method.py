@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.inference.identifiability import Conditioning
@@ -179,10 +179,8 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         covariance=np.full((values.size, values.size), np.nan),
         lower=unknown,
         upper=unknown,
-        left_out={},
         condition=conditioning.number,
         on_bound=on_bound,
-        ending=Ending.CONVERGED,
         findings=tuple(findings),
         resonances=resonances,
         unestimated=_UNESTIMATED,

@@ -5,9 +5,11 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from butterfly.api.sources import manifest_of, read
+from butterfly.api.verbs import identify
 from butterfly.errors import InputError
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
@@ -284,3 +286,58 @@ def test_what_only_unread_logs_take_is_refused_beside_logs_that_are_read(tables)
             read(source, units={"angle": "deg"})
         assert caught.value.field == "units"
         assert read(source, name="mine", known={"p4": 2.0}).name == "mine"
+
+
+FORMS = [TABLE, pd.DataFrame(TABLE), np.rec.fromarrays(list(TABLE.values()), names=list(TABLE))]
+
+
+@pytest.mark.parametrize("table", FORMS, ids=["mapping", "frame", "named columns"])
+def test_tables_are_read_by_the_names_of_their_columns(table):
+    units = {"time": "ms", "angle": "deg"}
+    data = read(table, columns=OTHERS["columns"], units=units, input_kind="torque")
+    (log,) = data.logs
+    assert data.input_kind == "torque"
+    np.testing.assert_allclose(log.time, RAMP / 100)
+    np.testing.assert_array_equal(log.input, TABLE["u"])
+    np.testing.assert_allclose(log.angle, np.radians(TABLE["q"]))
+    with pytest.raises(InputError, match="table: time: got no such column"):
+        read(table)
+
+
+def test_a_plain_array_has_the_columns_of_a_matrix_or_those_that_are_told():
+    array = np.column_stack([RAMP, TABLE["u"], TABLE["q"], RAMP])
+    (log,) = read(array).logs
+    np.testing.assert_array_equal(log.angle, TABLE["q"])
+    np.testing.assert_array_equal(log.velocity, RAMP)
+    (other,) = read(array, columns={"time": 3, "input": 1, "angle": 2}).logs
+    assert other.velocity is None
+    with pytest.raises(InputError, match=r"an array of shape \(400,\)"):
+        read(RAMP)
+
+
+def test_what_only_files_have_is_refused_for_a_table():
+    with pytest.raises(InputError, match=r"arm: got 0\.1; expected none beside a table"):
+        read(TABLE, **OTHERS, arm=0.1)
+
+
+def test_repairs_are_allowed_by_name():
+    wrapped = {**TABLE, "q": (0.3 * RAMP) % (2 * np.pi)}
+    with pytest.raises(InputError, match="repair 'unwrap'"):
+        read(wrapped, **OTHERS)
+    data = read(wrapped, **OTHERS, repair=["unwrap"])
+    np.testing.assert_allclose(data.logs[0].angle, 0.3 * RAMP)
+    log = data.recorded[0]
+    assert read(log, repair=["unwrap"]).health[0].wraps > 1
+    assert read([log, log], repair=["unwrap"]).health[1].wraps > 1
+    with pytest.raises(InputError, match=r"repair.*got 'turn'; expected 'duplicate'"):
+        read(log, repair=["turn"])
+    with pytest.raises(InputError, match="repair: got 'unwrap'; expected a list"):
+        read(log, repair="unwrap")
+    with pytest.raises(InputError, match="none of a repaired data set"):
+        read(data, repair=["unwrap"])
+
+
+@pytest.mark.parametrize("names", [[3], "log"])
+def test_logs_are_held_out_by_names_only(names):
+    with pytest.raises(InputError, match="holdout: got"):
+        identify(read(TABLE, **OTHERS, repair=None), holdout=names)

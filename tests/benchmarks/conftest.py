@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.multistart import Start
 from butterfly.model.greybox import simulate
 from butterfly.signals import hold
 from tests.benchmarks.bars import ROWS, other_bars, table, write_page
@@ -43,8 +44,8 @@ def _machine():
 def fitted(real):
     """The default output error of the real logs, without leaving a mass out."""
     data = real.data
-    start = real.estimate.parameters, data.equilibria
-    return OutputError(workers=1).of_logs(data.logs, *start)
+    start = Start(real.estimate.parameters, data.equilibria)
+    return OutputError(workers=1).of_logs(data.logs, [start])
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +54,7 @@ def fitted_problem(real, fitted):
     data = real.data
     parameters, own = fitted.applied(data.logs[0])
     zeros = dict.fromkeys(data.equilibria, own["zero"])
-    return OutputError(workers=1).problem(data.logs, parameters, zeros)
+    return OutputError(workers=1).problem(data.logs, Start(parameters, zeros))
 
 
 @pytest.fixture(scope="session")

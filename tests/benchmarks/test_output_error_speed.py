@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.multistart import Start
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 
@@ -22,11 +23,10 @@ def test_residuals_and_their_jacobian_cost_at_most_2_5_simulations(fitted_proble
 
 
 def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation):
-    data, start = real.data, real.estimate.parameters
+    data = real.data
+    start = Start(real.estimate.parameters, data.equilibria)
     estimator = OutputError(terms=_GIVEN, fixed=("stribeck_velocity",), workers=1)
-    once, fit = least_seconds(
-        simulation, lambda: estimator.of_logs(data.logs, start, data.equilibria), repeats=5
-    )
+    once, fit = least_seconds(simulation, lambda: estimator.of_logs(data.logs, [start]), repeats=5)
     at_most(fit / once, 16, "output error: fit of 12 parameters", "a simulation of 41 logs")
 
 

@@ -12,6 +12,7 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.multistart import Start
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.mjcf import mjcf
@@ -129,7 +130,7 @@ def test_output_error_is_hundreds_of_times_faster_at_no_larger_error(logs):
         return whole(DataSet.of(logs)).values[:4]
 
     def from_start():
-        return four.of_logs(logs, start, dict.fromkeys(MASSES, 0.0)).values
+        return four.of_logs(logs, [Start(start, dict.fromkeys(MASSES, 0.0))]).values
 
     from_logs()  # compiles
     peer = _peer(logs)

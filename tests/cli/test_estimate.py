@@ -46,6 +46,7 @@ REFUSED = {
     "identify {data} --against p1=x,p2=1,p3=1": "got x",
     "identify {data} --against p1": "NAME=VALUE",
     "identify {data} --against p1=1,p2=1,p3=1,mass=2": "unknown parameter",
+    "identify {data} --against p1=1e-9,p3=1e9": "p3: got a resonance of 1e+09 rad/s; expected at",
     "identify {data} --figures": "--report FILE beside it",
     "identify {data} --holdout run99": "run0",
     "validate {data} --terms drug": "did you mean",
@@ -132,6 +133,12 @@ def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
     assert "95 % interval" in out
     assert "did not settle" in out
     assert report.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("told", ["p1=1e-9,p3=1e9,p4=1", "p1=1e300,p3=1,p4=1"])
+def test_absurd_parameters_are_compared_without_filling_the_memory(ask, told):
+    assert told in done(ask(f"identify {{data}} --against {told}"))
 
 
 def test_the_data_of_a_saved_result_are_data(answer, quick_data, saved):
@@ -243,3 +250,19 @@ def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(ans
     code, said, _ = answer("predict", quick_data, "--with", GIVEN.replace("0.00325", "0.01"))
     assert code == ExitCode.NOT_TO_BE_USED
     assert said.startswith("Do not use: The model does not follow the logs")
+
+
+@pytest.mark.parametrize("damage", ["short", "missing", "lopsided"])
+def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
+    butterfly, quick_data, tmp_path, damage
+):
+    file = tmp_path / "saved.json"
+    butterfly("identify", quick_data, "--method", "weak-form", "--save", file)
+    content = json.loads(file.read_text())
+    freedom = content["freedom"]
+    content["freedom"] = freedom[:-1] if damage == "short" else [None, *freedom[1:]]
+    if damage == "lopsided":
+        content["freedom"], content["covariance"]["matrix"][0][1] = freedom, None
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(content))
+    assert_one_line_error(butterfly("compare", file, other), "other.json" * (damage != "missing"))

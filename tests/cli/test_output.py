@@ -7,15 +7,16 @@ import time
 
 import pyarrow as pa
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
-from butterfly.cli.results import matching, show_rows, shown_text
+from butterfly.cli.results import matching, show_rows, shown_text, without_formulas
 from butterfly.experiment.sweep import run_sweep
-from tests.cli.one_line import assert_tables_fit
-from tests.experiment.setting import HereEngine, small_plan
+from tests.cli.one_line import assert_tables_fit, done
+from tests.experiment.setting import HereEngine, small_plan, written
 
 NUMBERS = st.floats(-1e6, 1e6).map(lambda value: f"{value:.6g}")
 NAMES = st.text("abcdefgh", min_size=1, max_size=12)
@@ -114,6 +115,22 @@ def test_a_column_is_named_by_its_path_its_last_part_or_its_header(name):
 )
 def test_a_cell_is_written_as_a_person_reads_it(value, text):
     assert shown_text(value) == text
+
+
+def test_no_text_of_an_export_is_a_formula():
+    table = pa.table({"name": ["=1+1", "plain", None, "@x", "-2"], "value": [-1.0, 2, 3, 4, 5]})
+    found = without_formulas(table)
+    assert found.column("name").to_pylist() == ["'=1+1", "plain", None, "'@x", "'-2"]
+    assert found.column("value").to_pylist() == [-1.0, 2, 3, 4, 5]
+
+
+def test_texts_are_no_markup(butterfly, quick_data, tmp_path):
+    name = "a[/b][red]:smile:"
+    manifest = yaml.safe_load((quick_data / "manifest.yaml").read_text())
+    written(tmp_path / "manifest.yaml", **manifest | {"name": name, "root": str(quick_data)})
+    for command in ("identify", "inspect"):
+        out = done(butterfly(command, tmp_path))
+        assert name in out or command == "inspect"
 
 
 PRINTED = {

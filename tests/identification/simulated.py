@@ -6,7 +6,6 @@ from itertools import product
 
 import numpy as np
 
-from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
@@ -52,11 +51,6 @@ def estimate_of(values, covariance, known=NO_PRIOR, names=("p1", "p2", "p3", "p4
         covariance=np.array(covariance),
         lower=values - reach * errors,
         upper=values + reach * errors,
-        left_out={},
-        condition=1.0,
-        on_bound=(),
-        ending=Ending.CONVERGED,
-        findings=(),
         known=known,
     )
 

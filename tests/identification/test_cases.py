@@ -86,7 +86,7 @@ def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
     assert float(told[2]) == pytest.approx(truth / torque * 0.05, rel=0.01)
 
 
-@pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
+@pytest.mark.parametrize("ripple", [pytest.param("0.0002", marks=pytest.mark.slow), "0.0006"])
 def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
     found = _identified(cases / f"constant-velocity-{ripple}")
     assert found.velocity_fit.median < 50
@@ -151,3 +151,32 @@ def test_a_servo_that_the_model_does_not_follow_to_the_noise_is_not_good(strange
     assert found.judged.level is not Level.GOOD
     assert found.residuals.times > 2
     assert "bias" not in found.residuals.missing.terms
+
+
+PENDULUM = {
+    "p1": (0.1775, 0.0014),
+    "p2": (0.0008, 0.0048),
+    "p3": (3.517, 0.031),
+    "coulomb": (0.170, 0.015),
+}
+"""Values and standard errors by SciPy's fit of the independent integrator to segments of 1 s, each
+from a start of its own: it shared nothing with the program."""
+
+
+def test_a_weight_on_a_rod_is_the_one_that_its_drawings_show(strangers, tmp_path):
+    """Though not the one whose inertia and moment are published with its logs."""
+    listed = "".join(
+        f"  - {{file: {each}.csv}}\n" for each in ("ddp", "direct_collocation", "ilqr")
+    )
+    (tmp_path / "manifest.yaml").write_text(
+        f"name: pendulum\nroot: {strangers / 'dfki'}\ninput: torque\nknown: {{p4: 1.0}}\n"
+        f"columns: {{time: time, input: torque, angle: position}}\nlogs:\n{listed}"
+    )
+    found = _identified(tmp_path)
+    rows = {row.name: row for row in found.estimate.table()}
+    for name, (value, error) in PENDULUM.items():
+        assert rows[name].lower - 2 * error <= value <= rows[name].upper + 2 * error, name
+    p1, p3 = rows["p1"].value, rows["p3"].value
+    assert (p1, p3) == pytest.approx((PENDULUM["p1"][0], PENDULUM["p3"][0]), rel=0.02)
+    assert p3 / p1 == pytest.approx(9.81 / 0.5, rel=0.03)  # a weight at 0.5 m, as it is drawn
+    assert found.fit.median > 98.0

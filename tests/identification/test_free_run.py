@@ -8,6 +8,7 @@ import pytest
 
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identify import identify, judged
 from butterfly.identification.simulation import Simulation
@@ -91,8 +92,8 @@ def test_a_run_begins_with_the_velocity_it_is_told(data):
 
 
 def test_the_velocity_and_zero_found_for_each_log_predict_it_by_one_simulation(data, runs):
-    start = replace(ROBOT, p1=0.0031, p4=0.48)
-    found = PLAIN.of_logs(data.logs, start, dict.fromkeys(MASSES, ZERO))
+    start = Start(replace(ROBOT, p1=0.0031, p4=0.48), dict.fromkeys(MASSES, ZERO))
+    found = PLAIN.of_logs(data.logs, [start])
     speeds = [found.local[log.name]["velocity"] for log in data.logs]
     assert speeds == pytest.approx([SPEED] * 3, rel=2e-3)
     assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)

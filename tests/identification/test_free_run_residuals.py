@@ -8,6 +8,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.equations import compressed
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.multistart import Start
 from butterfly.logs.log import Intersample, Sine
 from butterfly.model.terms import offered
 from tests.conftest import MASSES
@@ -39,7 +40,7 @@ def problem(request):
     )
     local = {"per_mass": ("zero",), "per_log": ("velocity",)}
     estimator = OutputError(terms=offered("output-error"), **local, window=8.0, cogging_periods=3.0)
-    found = estimator.problem(data.logs, ROBOT, data.equilibria)
+    found = estimator.problem(data.logs, Start(ROBOT, data.equilibria))
     # At rest, and without a dead zone, it has two slopes.
     moving = [{"velocity": 0.1, "dead_zone": 0.1}.get(name, 0.0) for name, _ in found.keys]
     return replace(found, initial=found.initial + moving)
@@ -104,7 +105,7 @@ def test_a_friction_at_its_bound_can_leave_it():
     data = DataSet.of([_log(mass, 4, 0.02, Intersample.FIRST_ORDER_HOLD) for mass in MASSES[:2]])
     frictionless = replace(ROBOT, coulomb=0.0, stribeck=0.0, load=0.0)
     estimator = OutputError(terms=("stribeck", "load"), window=8.0)
-    problem = estimator.problem(data.logs, frictionless, data.equilibria)
+    problem = estimator.problem(data.logs, Start(frictionless, data.equilibria))
     jacobian = _jacobian(problem.equations(problem.initial))
     for name in ("coulomb", "stribeck", "load"):
         k = problem.keys.index((name, None))

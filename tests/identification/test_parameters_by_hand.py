@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from butterfly.identification import segments
+from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.simulation import Simulation
@@ -27,7 +27,7 @@ def built(monkeypatch):
             count.append(arguments[0].name)
             super().__init__(*arguments)
 
-    monkeypatch.setattr(segments, "Simulation", Counted)
+    monkeypatch.setattr(free_run, "Simulation", Counted)
     return count
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.model.linear import resonance_frequency
@@ -20,7 +21,7 @@ def estimates(real):
         "harmonic balance": HarmonicBalance(terms=())(data),
         "weak form": WeakForm().of_logs(logs, zeros),
         "weak form with drag": WeakForm(terms=("drag",)).of_logs(logs, zeros),
-        "output error": OutputError().of_logs(logs, start, zeros),
+        "output error": OutputError().of_logs(logs, [Start(start, zeros)]),
     }
 
 
@@ -62,7 +63,7 @@ def test_the_logs_are_followed_least_by_friction_that_is_viscous_and_coulomb_s_a
     assert best.worst >= 75
     data, options = real.data, OutputError(terms=(), per_mass=("zero",))
     start = estimates["harmonic balance"].parameters
-    fits = data.simulations.fits(options.of_logs(data.logs, start, data.equilibria))
+    fits = data.simulations.fits(options.of_logs(data.logs, [Start(start, data.equilibria)]))
     assert 95 <= np.median(fits) < 96.5
 
 

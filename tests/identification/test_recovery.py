@@ -8,6 +8,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.estimators.multistart import Start
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from tests.conftest import MASSES
@@ -38,7 +39,7 @@ TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}
 """Relative, where the interval is not to be asked: each method leaves out something of its own."""
 
 ZEROS = dict.fromkeys(MASSES, 0.0)
-START = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+START = [Start(replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3), ZEROS)]
 SIMULATED = OutputError(terms=(), workers=1)
 
 
@@ -63,7 +64,7 @@ def _averaged(robot, term, terms):  # noqa: ARG001 - as the others
 def _simulated(robot, term, terms):
     terms = ("stribeck", term) if term == "stribeck_velocity" else terms
     estimator = replace(SIMULATED, terms=terms, cogging_periods=robot.cogging_periods)
-    return estimator.of_logs(wild(robot, duration=8.0), START, ZEROS)
+    return estimator.of_logs(wild(robot, duration=8.0), START)
 
 
 METHODS = {"harmonic-balance": _balanced, "weak-form": _averaged, "output-error": _simulated}
@@ -113,10 +114,10 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
 
 def test_what_kept_the_start_s_value_or_was_held_is_part_of_the_estimate():
     robot = replace(ROBOT, bias=-2e-3, drag=8e-4)
-    start = replace(robot, p1=0.0031, coulomb=1e-3)
+    start = [Start(replace(robot, p1=0.0031, coulomb=1e-3), ZEROS)]
     logs = wild(robot, duration=8.0)
     free, fixed = (
-        replace(SIMULATED, fixed=names).of_logs(logs, start, ZEROS) for names in ((), ("p4", "p3"))
+        replace(SIMULATED, fixed=names).of_logs(logs, start) for names in ((), ("p4", "p3"))
     )
     assert free.names == PARAMETERS
     assert not {"p3", "p4"} & set(fixed.names)
@@ -132,7 +133,7 @@ def test_cogging_of_one_period_a_turn_is_dropped_and_said_since_it_is_what_p3_is
     logs = wild(robot, duration=8.0)
     for estimator, arguments in (
         (WeakForm(terms=("cogging",)), (logs, ZEROS)),
-        (replace(SIMULATED, terms=("cogging",)), (logs, ROBOT, ZEROS)),
+        (replace(SIMULATED, terms=("cogging",)), (logs, [Start(ROBOT, ZEROS)])),
     ):
         found = estimator.of_logs(*arguments)
         assert found.names == PARAMETERS

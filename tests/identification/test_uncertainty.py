@@ -9,6 +9,7 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.model.prior import NO_PRIOR, SCALES, Prior
@@ -17,6 +18,7 @@ from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, noisy, steady, wild
 
 ZEROS = dict.fromkeys(MASSES, 0.0)
+START = [Start(ROBOT, ZEROS)]
 
 
 @pytest.mark.slow
@@ -68,7 +70,7 @@ def test_a_spoilt_log_misleads_neither_a_robust_loss_nor_weighed_logs():
 
     def fit(some, loss):
         estimator = OutputError(terms=(), loss=loss, workers=1)
-        found = estimator.of_logs(some, ROBOT, ZEROS)
+        found = estimator.of_logs(some, START)
         return found.values[3], found.standard_errors[3]
 
     _, clean = fit(logs, Loss.LINEAR)
@@ -85,7 +87,7 @@ def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
         for k, (mass, bias) in enumerate(zip(MASSES, biases, strict=True))
     ]
     estimator = OutputError(terms=(), per_log=("bias",), workers=1)
-    found = estimator.of_logs(logs, ROBOT, ZEROS)
+    found = estimator.of_logs(logs, START)
     assert [found.local[f"log {k}"]["bias"] for k in range(3)] == pytest.approx(biases, abs=2e-5)
     assert [found.applied(log)[0].bias for log in logs] == pytest.approx(biases, abs=2e-5)
     other = replace(logs[0], name="another")

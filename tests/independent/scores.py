@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.identify import identify
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
@@ -161,6 +162,6 @@ def _excess(robot, estimator, estimate):
         truth = replace(truth, stribeck_velocity=FrictionTerms.stribeck_velocity)
     zeros = dict.fromkeys(robot.masses, robot.zero)
     zero = estimate.local.get(None, {}).get("zero", robot.zero)
-    found = same.problem(data.logs, estimate.parameters, dict.fromkeys(robot.masses, zero))
-    best = same.problem(data.logs, truth, zeros)
+    found = same.problem(data.logs, Start(estimate.parameters, dict.fromkeys(robot.masses, zero)))
+    best = same.problem(data.logs, Start(truth, zeros))
     return found.descend(found.initial).at.cost / best.descend(best.initial).at.cost

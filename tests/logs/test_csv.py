@@ -111,7 +111,10 @@ def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
         (["time;input;angle", *_lines(";"), "1.234,5;0;1"], r"time: got '1\.234,5' in line 26"),
         (["time;time;input;angle", *("0;" + line for line in _lines(";"))], "2 columns of this"),
         (["time;input;phi", *_lines(";")], r"angle: got no such column.*'phi'.*--columns"),
-        (["time;input;angle", "s;V;bar", *_lines(";")], r"unit of angle: got bar.*--units angle="),
+        (
+            ["time;input;angle", "s;V;bar", *_lines(";")],
+            r"angle: got the unit 'bar' of angle.*--units angle=",
+        ),
         (["no numbers", "at all"], "content: got no row of numbers"),
         (["\0\udcff"], "content: got"),
         ([], "content: got no row of numbers"),
@@ -139,7 +142,8 @@ def test_the_units_that_a_file_gives_are_used_and_told(tmp_path, head):
     log = _read(tmp_path, [*head, *_lines(";")])
     np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
     np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
-    assert log.reading.units == {"time": "ms", "angle": "deg"}
+    units = {name: each.unit for name, each in log.reading.columns.items()}
+    assert units == {"time": "ms", "input": "V", "angle": "deg"}
 
 
 @pytest.mark.parametrize(
@@ -188,6 +192,56 @@ def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monk
         read_text_table(path)
     monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000)
     assert len(read_text_table(path).columns) == 3
+
+
+R_ROWS = [f'"{k + 1}",{line}' for k, line in enumerate(_lines())]
+PANDAS_ROWS = [f"{k},{line}" for k, line in enumerate(_lines())]
+
+
+@pytest.mark.parametrize(
+    ("lines", "layout"),
+    [
+        ([",".join(NAMES), *R_ROWS], ("row names in front",)),
+        ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None),
+        ([",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)], ("row names in front",)),
+        ([",".join(["", *NAMES]), *PANDAS_ROWS], ()),
+        ([",".join([*NAMES, ""]), *_lines()], ()),
+        ([",".join([*NAMES, "", ""]), *_lines()], ()),
+        ([",".join(NAMES), *(f"{line}," for line in _lines())], ()),
+        ([",".join(NAMES), "s,V,rad", *R_ROWS], None),
+        ([",".join(NAMES), "s,V,rad", *(f"{line}," for line in _lines())], ()),
+    ],
+)
+def test_a_header_of_another_length_is_told_from_row_names(tmp_path, lines, layout):
+    log = _read(tmp_path, lines)
+    _same(log)
+    assert layout is None or log.reading.layout == layout
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (
+            [",".join(NAMES), *(f"{line},7.5" for line in _lines())],
+            "'time,input,angle' above rows of 4",
+        ),
+        ([",".join(NAMES), *(f"1,2,{line}" for line in _lines())], "above rows of 5"),
+        ([",".join([*NAMES, "x"]), *_lines()], "'time,input,angle,x' above rows of 3"),
+    ],
+)
+def test_a_header_that_names_other_columns_is_refused(tmp_path, lines, found):
+    with pytest.raises(InputError, match=f"header: got .*{found}"):
+        _read(tmp_path, lines)
+
+
+def test_a_row_with_one_known_unit_is_a_row_of_units(tmp_path):
+    lines = [";".join(NAMES), "ms;PWM;ticks", *_lines(";")]
+    for columns in (None, {"time": 0, "input": 1, "angle": 2}):
+        with pytest.raises(InputError, match="input: got the unit 'PWM'"):
+            _read(tmp_path, lines, columns)
+    lines[1] = "[PWM];[PWM];[PWM]"
+    with pytest.raises(InputError, match="time: got the unit 'PWM'"):
+        _read(tmp_path, lines)
 
 
 def test_a_last_line_with_its_end_or_before_a_comment_stays(tmp_path):

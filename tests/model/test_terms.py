@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import quad
 
 from butterfly.model.kernel.equation import Constants, rates
-from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
@@ -29,7 +28,7 @@ SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt", "mass_
 
 
 def _motion(angle, velocity, **more):
-    return Motion.of(PLAIN, angle, velocity)._replace(**more)
+    return PLAIN.motion(angle, velocity)._replace(**more)
 
 
 def test_every_parameter_of_the_model_has_a_row_and_every_row_a_parameter():
@@ -58,7 +57,7 @@ def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
 
     def torque(t):
         angle, velocity = a * math.cos(t), -a * w * math.sin(t)
-        motion = Motion.of(PLAIN, angle, velocity, weight=ADDED.weight)
+        motion = PLAIN.motion(angle, velocity, weight=ADDED.weight)
         inertial = row.derivative == 2 or name == "mass_inertia"
         return -(w**2) * angle if inertial else float(row.basis(motion))
 

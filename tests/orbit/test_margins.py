@@ -15,7 +15,6 @@ from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath, ControlLoop
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.sensors import Clock
-from tests.orbit.analysis import multiplier_of
 from tests.plant.setting import FINE, robot
 
 pytestmark = pytest.mark.slow
@@ -32,11 +31,11 @@ CYCLE = 2e-3
 def test_without_delay_the_multiplier_is_the_closed_form_and_no_gain_is_too_large(
     amplitude, changes
 ):
+    """exp(-p4 gamma oint thd^2 dt), which is 0.3 at the gain for it."""
     orbit = Orbit.of_amplitude(replace(FREE, p2=1e-3, **changes), amplitude)
     gamma = gain_for(orbit, 0.3)
-    assert multiplier_of(orbit, gamma) == pytest.approx(0.3, rel=1e-12)
     for factor in (0.01, 1.0, 3.0):
-        expected = multiplier_of(orbit, factor * gamma)
+        expected = 0.3**factor
         margins = loop_margins(orbit, factor * gamma)
         assert margins.multiplier == pytest.approx(expected, rel=1e-5)
         assert margins.gain == (0.0, math.inf)

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from butterfly.logs.log import Sine
@@ -12,6 +13,7 @@ from butterfly.plant.motor import ControlLoop
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.watch.picture import Painter, RenderingError
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 MOTOR = VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03)
@@ -58,3 +60,10 @@ def mujoco_alone(model, commands, start=0.0):
         mujoco.mj_step(model, data)
         states.append((data.qpos[0], data.qvel[0]))
     return np.array(states), model.opt.timestep
+
+
+def skip_where_nothing_is_drawn():
+    try:
+        Painter(robot(), ADDED, 32).__exit__()
+    except RenderingError as error:
+        pytest.skip(str(error))

@@ -13,8 +13,8 @@ from butterfly.plant.mjcf import compile_model, disc_radius, mjcf, mount
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
-from butterfly.plant.watch.picture import Painter, RenderingError, render
-from tests.plant.setting import FINE, grey_box, mujoco_alone
+from butterfly.plant.watch.picture import Painter, render
+from tests.plant.setting import FINE, grey_box, mujoco_alone, skip_where_nothing_is_drawn
 
 ROBOT = Robot(
     hand=Hand(mass=0.1 + 1e-13, com_distance=1 / 30, inertia=0.003 * (1 + 1e-12)),
@@ -106,10 +106,7 @@ def test_the_sensors_read_state_and_motor_torque():
 @pytest.fixture(scope="module", name="frame")
 def _frame():
     """Draw ROBOT with an added mass at an angle, as an array."""
-    try:
-        Painter(ROBOT, ADDED, 32).__exit__()
-    except RenderingError as error:
-        pytest.skip(str(error))
+    skip_where_nothing_is_drawn()
 
     def draw(added, angle):
         with Painter(ROBOT, added, 200) as painter:

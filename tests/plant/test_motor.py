@@ -46,13 +46,6 @@ def test_the_log_holds_commands_as_they_were_set():
     np.testing.assert_allclose(log.input, np.clip(wanted, -0.55, 0.55), atol=1e-9)
 
 
-def test_one_command_or_all_at_once_leave_the_path_alike():
-    path = CommandPath(limit=0.4, resolution=0.03)
-    values = np.random.default_rng(0).uniform(-1, 1, 200)
-    one_by_one = np.array([path.shape(float(v)) for v in values])
-    assert path.shape_all(values).tobytes() == one_by_one.tobytes()  # signs of 0 too
-
-
 @pytest.mark.parametrize("delay", [0.0007, 0.002, 0.0153])
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_delayed_command_takes_effect_at_its_own_instant(joint, delay):

@@ -35,10 +35,6 @@ RIGS = NEEDING_THE_WRAPPER | {
     "clutch": Rig(robot=robot(clutch=PLAY, coulomb=3e-4)),
     "shaped commands": replace(PLAIN, encoder=FINE, path=CommandPath(limit=0.2, resolution=0.01)),
     "compression, noise, faults": ROUGH,
-    "grey box": replace(PLAIN, simulator=Simulator.GREY_BOX),
-    "grey box with delay": replace(
-        PLAIN, simulator=Simulator.GREY_BOX, path=CommandPath(delay=0.003)
-    ),
 }
 
 

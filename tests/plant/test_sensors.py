@@ -31,15 +31,6 @@ def test_a_number_does_not_depend_on_how_many_are_drawn():
     )
 
 
-def test_one_reading_or_all_at_once_carry_the_same_noise():
-    encoder = Encoder(steps=2**40, band_limited=BandLimitedNoise(power=1e-6, sample_time=0.02))
-    rng = np.random.default_rng(0)
-    time, angle = np.arange(200) * 0.01, np.linspace(0, 1, 200)
-    single = [encoder.read_one(*both, rng) for both in zip(time.tolist(), angle, strict=True)]
-    np.testing.assert_allclose(encoder.read(time, angle, rng), single, atol=1e-11)
-    assert np.std(encoder.read(time, angle, rng) - angle) > 1e-3
-
-
 def test_the_encoder_reads_whole_steps_around_the_true_angle():
     angle, step = np.linspace(-3, 3, 999), 2 * np.pi / 1000
     read = Encoder(steps=1000).read(angle, angle, np.random.default_rng(0))

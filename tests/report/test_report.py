@@ -16,7 +16,6 @@ from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.health import examine
-from butterfly.model.control_bridge import linearised
 from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
 from butterfly.report.figures import seen_samples
@@ -153,21 +152,6 @@ def test_the_lines_of_the_frequency_response_are_the_model_at_the_measured_swing
             turned = np.exp(1j * np.radians(phase.y[k]))
             assert abs(turned - expected / abs(expected)) < 1e-9
         assert gain.x[0] == min(p.omega for p in result.data.sines if p.added_mass == mass)
-
-
-def test_without_coulomb_friction_those_lines_are_the_state_space_s(simulated):
-    """What small swings of a joint without dry friction do does not depend on the swing."""
-    result, _ = simulated
-    estimate = result.estimate
-    values = estimate.values * [name != "coulomb" for name in estimate.names]
-    smooth = dataclasses.replace(estimate, values=values)
-    small = tuple(_with_swing(point, 1e-6) for point in result.data.points)
-    data = dataclasses.replace(result.data, points=small)
-    figure = dataclasses.replace(result, logs=data, estimate=smooth).plot.frequency_response()
-    lines = [trace for trace in figure.data if trace.mode == "lines"]
-    for mass, gain in zip(data.masses, lines[::2], strict=True):
-        system = linearised(smooth.parameters, mass, pade_order=0)["angle", "command"]
-        np.testing.assert_allclose(gain.y, np.abs(system(1j * gain.x)), rtol=1e-6)
 
 
 def _with_swing(point, amplitude):

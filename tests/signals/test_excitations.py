@@ -79,13 +79,12 @@ def test_a_chirp_sweeps_and_then_stays_at_its_last_frequency_without_a_jump_in_p
     assert np.abs(np.diff(values)).max() < 0.4 * 10.0 * 1.01e-3
 
 
-@pytest.mark.parametrize("register", range(2, 21))
-def test_the_bits_of_a_prbs_are_those_of_scipy_s_register_again_and_again(register):
+@pytest.mark.parametrize("register", [2, 10, 20])
+def test_a_prbs_holds_the_bits_of_scipy_s_register_again_and_again(register):
     expected = np.resize(max_len_seq(register)[0], 2**register + 7)
-    bits = Prbs(amplitude=0.2, bit=0.05, register=register).sample(
-        (np.arange(expected.size) + 0.5) * 0.05
-    )
-    np.testing.assert_array_equal(bits, np.where(expected, 0.2, -0.2))
+    prbs = Prbs(amplitude=0.2, bit=0.05, register=register)
+    found = prbs.sample((np.arange(expected.size) + 0.5) * 0.05)
+    np.testing.assert_array_equal(found, np.where(expected, 0.2, -0.2))
 
 
 def test_a_table_is_held_between_its_instants_and_zero_before():

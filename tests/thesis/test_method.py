@@ -7,11 +7,9 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.thesis.method import (
-    ScriptedAmplitude,
     fit_resonances,
     fit_thesis,
     scripted_amplitude,
-    scripted_resonance,
 )
 
 STEP_5 = dict(
@@ -44,13 +42,6 @@ def test_102_has_a_degenerate_jacobian_with_three_masses():
     _, jacobian = fit_resonances(STEP_5)
     condition = np.linalg.cond(jacobian / np.linalg.norm(jacobian, axis=0))
     assert condition == pytest.approx(1.7e3, rel=0.15)
-
-
-def test_100_as_printed_lies_between_the_two_largest():
-    first, second = ScriptedAmplitude(4.0, 40.0), ScriptedAmplitude(4.5, 38.0)
-    alpha, beta = np.sqrt((38 / 40) ** 2 + 1), np.sqrt(2)
-    expected = np.sqrt((16 * alpha + 4.5**2 * beta) / (alpha + beta))
-    assert scripted_resonance(first, second) == pytest.approx(expected)
 
 
 def test_the_scripted_gain_is_low_by_the_square_root_of_the_decimation(sine_log):

@@ -30,11 +30,7 @@ from butterfly.identification.diagnostics.linearised_run import (
     reduced,
     rms,
 )
-from butterfly.identification.diagnostics.sensor_errors import (
-    Curve,
-    SensorErrors,
-    correlations,
-)
+from butterfly.identification.diagnostics.sensor_errors import Curve, SensorErrors, correlations
 from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
@@ -45,10 +41,7 @@ from butterfly.identification.inference.agreement import (
     from_log_to_log,
 )
 from butterfly.identification.inference.conditions import Condition, Conditions
-from butterfly.identification.inference.term_choice import (
-    choose_terms,
-    submodels_of,
-)
+from butterfly.identification.inference.term_choice import choose_terms, submodels_of
 from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind

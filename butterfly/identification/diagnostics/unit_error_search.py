@@ -10,12 +10,11 @@ added mass explains more, and where the logs, identified again without it, are f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
@@ -30,15 +29,18 @@ from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_masses,
     unit_errors_of_omega,
 )
+from butterfly.identification.equations import CellEquations, Solution, scaled_least_squares
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
+from butterfly.identification.estimators.weak_regression import About, Windows
 from butterfly.identification.inference.conditions import Condition
-from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE, ROUNDING
+from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import FrictionTerms
+from butterfly.model.prior import NO_PRIOR
+from butterfly.model.terms import IDEAL, FrictionTerms
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
@@ -49,6 +51,14 @@ _SWINGS = (0.1, math.pi)  # rad, that the widest log may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_ABOUT = About(
+    names=_NAMES,
+    known=NO_PRIOR,
+    slow=FrictionTerms.stribeck_velocity,
+    delay=0.0,
+    drive=IDEAL,
+    gain=1.0,
+)
 _NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a log's own mistake differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
@@ -127,90 +137,61 @@ class _Mistake:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Equations:
-    """The weak form of some logs: (m, n) of what `_NAMES` multiply, and (m,) numbers of logs."""
+class _Fit:
+    """The weak form of some logs, fitted without bounds."""
 
-    columns: Samples
-    log: NDArray[np.intp]
-    masses: tuple[AddedMass, ...]  # that each log carried
-    known: dict[str, float]  # parameters
+    windows: tuple[Windows, ...]  # of each log
+    equations: CellEquations  # about the end, each log a cell
+    misfit: float  # share of the torques that is left over; infinite where no joint has such a p1
 
     @classmethod
-    def of(cls, data: DataSet) -> _Equations:
-        """Average logs over test functions; IdentifiabilityError if an angle stands still."""
-        if any(np.ptp(log.angle) == 0 for log in data.logs):
-            raise IdentifiabilityError("a joint that does not move")
-        parts = [_averages(log, data.zero_of(log)) for log in data.logs]
-        return cls(
-            columns=np.concatenate(parts),
-            log=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
-            masses=tuple(log.added_mass for log in data.logs),
-            known={name: value for name, value in data.known.fixed.items() if name in _NAMES},
-        )
+    def of(cls, windows: Sequence[Windows], known: Mapping[str, float]) -> _Fit:
+        """Fit all of `_NAMES` but what is known."""
+        regression = replace(_ABOUT, delay=known.get("delay", 0.0)).regression(windows)
+        held, rows = np.isin(_NAMES, [*known]), regression.rows
+        found = np.array([0.0 if name == "delay" else known.get(name, 0.0) for name in _NAMES])
+        left = regression.target - rows @ found
+        found[~held] = scaled_least_squares(rows[:, ~held], left)
+        torques = (found * np.linalg.norm(rows, axis=0))[~held]
+        size = math.hypot(*torques, float(np.linalg.norm(left)))
+        solution = Solution(values=regression.values(found), on_bound=held)
+        equations = CellEquations.of(regression, solution)
+        possible = size > 0 and found[0] + min(each.added.inertia for each in windows) > 0
+        misfit = float(equations.cost.sum() ** 0.5 / size) if possible else math.inf
+        return cls(windows=tuple(windows), equations=equations, misfit=misfit)
 
-    @cached_property
-    def misfit(self) -> float:
-        """Share of the torques that is left over; infinite where no joint has such an inertia."""
-        _, torques, rest = self._solved
-        size = math.hypot(*torques.values(), float(np.linalg.norm(self._target)))
-        least = min(mass.inertia for mass in self.masses)
-        possible = size > 0 and self.value("p1") + least > 0
-        return float(np.linalg.norm(rest) / size) if possible else math.inf
+    def carrying(self, masses: Sequence[AddedMass]) -> list[Windows]:
+        """Return the same logs with other masses."""
+        pairs = zip(self.windows, masses, strict=True)
+        return [each._replace(added=mass) for each, mass in pairs]
 
-    def value(self, name: str) -> float:
-        """Return a parameter that fits best; 0 if nothing tells it."""
-        torque, column = self._solved[1].get(name, 0.0), self.columns[:, _NAMES.index(name)]
-        return self.known.get(name, torque / (float(np.linalg.norm(column)) or 1.0))
-
-    def following(self, weights: Samples, *names: str) -> Samples:
-        """(m,) sum of some columns, each times a weight by log: (k, n) for n names."""
-        places = [_NAMES.index(name) for name in names]
-        return np.asarray(np.sum(self.columns[:, places] * weights[self.log], axis=1))
-
-    def beside(self, column: Samples) -> tuple[float, float]:
-        """Return the misfit beside one column more, and its value."""
-        basis, _, rest = self._solved
-        own = column - basis @ (basis.T @ column)
-        length = float(own @ own)
-        if not length > ROUNDING * float(column @ column):
-            return self.misfit, 0.0
-        value = float(own @ rest) / length
-        left = max(0.0, 1 - value**2 * length / float(rest @ rest))
-        return self.misfit * math.sqrt(left), value
-
-    @cached_property
-    def _target(self) -> Samples:
-        """(m,) torques of what is known, with the sign turned."""
-        loads = np.array([[mass.inertia, mass.gravity_moment] for mass in self.masses])
-        whole = self.following(loads, "p1", "p3")
-        for name, value in self.known.items():
-            whole = whole + value * self.columns[:, _NAMES.index(name)]
-        return -whole
-
-    @cached_property
-    def _solved(self) -> tuple[Samples, dict[str, float], Samples]:
-        """A basis of the columns, the torque of each by name, and what is left over."""
-        sizes = np.linalg.norm(self.columns, axis=0)
-        names = [n for n, size in zip(_NAMES, sizes, strict=True) if size and n not in self.known]
-        places = [_NAMES.index(name) for name in names]
-        basis, factor = np.linalg.qr(self.columns[:, places] / sizes[places])
-        along = basis.T @ self._target
-        torques = np.linalg.lstsq(factor, along)[0]
-        return basis, dict(zip(names, torques.tolist(), strict=True)), self._target - basis @ along
+    def beside(self, changes: Samples, *names: str) -> tuple[float, float]:
+        """Return the misfit if values differ from log to log as a slope times (k, j) changes."""
+        own = self.equations
+        direction = np.zeros((own.log.size, len(_NAMES)))
+        direction[:, [_NAMES.index(name) for name in names]] = changes[own.log]
+        apart, parts = own.apart(direction)
+        information = float(parts.sum()) or math.inf
+        slope = -float(np.sum(apart * own.gradient)) / information
+        explained = slope**2 * float(parts.sum() / own.cost.sum())
+        return self.misfit * math.sqrt(max(0.0, 1 - explained)), slope
 
 
-def _averages(log: Log, zero: float) -> Samples:
-    """(m, n) means of what `_NAMES` multiply in a log, the rms inertial term being 1/sqrt(m).
+def _windows_of(data: DataSet) -> list[Windows]:
+    """Average logs over test functions; IdentifiabilityError if an angle stands still.
 
-    The test functions are as wide as a third of a period of the motion, whatever the stamps' unit.
+    They are as wide as a third of a period of the motion, whatever the stamps' unit.
     """
-    span = log.time[-1] - log.time[0]
-    omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
-    third = 2 * math.pi / (3 * omegas[np.argmax(power)])
-    width = float(min(max(third, 12 * log.mean_step), span / 20))
-    signals = Averaging(log, zero, width, FrictionTerms()).signals(_NAMES)
-    means = np.column_stack([signals.mean[name] for name in _NAMES])[signals.moving]
-    return np.asarray(means / (float(np.linalg.norm(means[:, 0])) or 1.0))
+    windows = []
+    for log in data.logs:
+        if np.ptp(log.angle) == 0:
+            raise IdentifiabilityError("a joint that does not move")
+        omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
+        third = 2 * math.pi / (3 * omegas[np.argmax(power)])
+        width = min(max(third, 12 * log.mean_step), (log.time[-1] - log.time[0]) / 20)
+        averaging = Averaging(log, data.zero_of(log), float(width), FrictionTerms())
+        windows.append(Windows(log.added_mass, averaging))
+    return windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,12 +219,17 @@ class _Search:
         return [self._finding(each, found, ways) for each, found in held]
 
     @cached_property
-    def _here(self) -> _Equations | None:
-        """The equations of the logs as they are, if there are any."""
+    def _here(self) -> _Fit | None:
+        """The fit of the logs as they are, if there is any."""
         try:
-            return _Equations.of(self._thin)
+            return _Fit.of(_windows_of(self._thin), self._known)
         except _FAILURES:
             return None
+
+    @property
+    def _known(self) -> dict[str, float]:
+        fixed = self.data.known.fixed
+        return {name: value for name, value in fixed.items() if name in _NAMES}
 
     @cached_property
     def _thin(self) -> DataSet:
@@ -277,23 +263,24 @@ class _Search:
         mistake = _Mistake(error=error, number=number)
         try:
             if error in TABLE and TABLE[error].column == "arm" and self._here:
-                logs = mistake.logs_of(self._thin)
-                equations = replace(self._here, masses=tuple(log.added_mass for log in logs))
+                masses = [log.added_mass for log in mistake.logs_of(self._thin)]
+                windows = self._here.carrying(masses)
             else:
-                equations = _Equations.of(mistake.undone(self._thin))
-            return replace(mistake, misfit=equations.misfit)
+                windows = _windows_of(mistake.undone(self._thin))
+            return replace(mistake, misfit=_Fit.of(windows, self._known).misfit)
         except _FAILURES:
             return mistake
 
-    def _masses_and_logs(self, here: _Equations) -> Iterator[_Mistake]:
+    def _masses_and_logs(self, here: _Fit) -> Iterator[_Mistake]:
         """Suppose that a mass is another, or that of one log, or that a log's input is late."""
-        numbers, farthest = range(len(here.masses)), max(mass.arm for mass in here.masses)
-        carried = np.array([[mass.mass] for mass in here.masses])
-        rivals = [here.beside(here.following(carried, name))[0] for name in _NAMES]
+        given = [each.added for each in here.windows]
+        numbers, farthest = range(len(given)), max(mass.arm for mass in given)
+        carried = np.array([[mass.mass] for mass in given])
+        rivals = [here.beside(carried, name)[0] for name in _NAMES]
         contrasts = self.estimate.agreement if self.estimate else ()
         shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
         rival = min(*rivals, here.misfit * math.sqrt(1 - max(shares, default=0.0)))
-        groups = {m: tuple(k for k in numbers if here.masses[k] == m) for m in self.data.masses}
+        groups = {m: tuple(k for k in numbers if given[k] == m) for m in self.data.masses}
         suspects: list[tuple[AddedMass, tuple[int, ...]]]
         suspects = [(m, (k,)) for m, own in groups.items() for k in own if len(own) > 1]
         # to call one of two the same as the other explains everything
@@ -302,23 +289,21 @@ class _Search:
         for mass, own in suspects:
             more = replace(mass, mass=mass.mass + 1, arm=mass.arm or farthest)
             change = more.inertia - mass.inertia, more.gravity_moment - mass.gravity_moment
-            weights = np.array([change if k in own else (0.0, 0.0) for k in numbers])
-            misfit, value = here.beside(here.following(weights, "p1", "p3"))
+            misfit, value = here.beside(np.outer(np.isin(numbers, own), change), "p1", "p3")
             if misfit < rival:
                 right = replace(more, mass=max(mass.mass + value, 0.0))
-                masses = tuple(right if k in own else here.masses[k] for k in numbers)
+                masses = [right if k in own else given[k] for k in numbers]
                 yield _Mistake(
                     error=UnitError.MASS,
                     number=right.mass,
-                    misfit=replace(here, masses=masses).misfit,
+                    misfit=_Fit.of(here.carrying(masses), self._known).misfit,
                     logs=own,
                     place=more,
                     alone=own != groups[mass],
                 )
-        for k in numbers if here.value("p4") else ():
-            misfit, value = here.beside(here.following(np.eye(len(numbers))[:, [k]], "delay"))
-            if misfit < rival and len(numbers) > 1:
-                late = value / here.value("p4")
+        for k in numbers if len(numbers) > 1 else ():
+            misfit, late = here.beside(np.eye(len(numbers))[:, [k]], "delay")
+            if misfit < rival:
                 yield _Mistake(
                     error=UnitError.LATE, number=-late, misfit=misfit, logs=(k,), alone=True
                 )

@@ -40,11 +40,10 @@ from butterfly.identification.inference.term_choice import (
     submodels_of,
 )
 from butterfly.identification.levels import FEW, MOST, ROUNDING
-from butterfly.identification.segments import Segments, simulation_of
+from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
-from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
@@ -98,16 +97,11 @@ class FreeRunResiduals:
         start = replace(start, **known.fixed)
         first = [first_counted(log, window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
+        own, few = "velocity" in {*per_mass, *per_log}, len(logs) <= FEW
         simulations = tuple(
-            simulation_of(
-                log,
-                start,
-                horizon,
-                k,
-                velocity_known="velocity" in {*per_mass, *per_log},
-                free=len(logs) <= FEW,
-                warm=True,
-            )
+            Segments(log, start, horizon, k, warm=True)
+            if is_segmented(log, start, horizon, first=k, velocity_known=own, free=few)
+            else Simulation(log, start, k)
             for log, k in zip(logs, first, strict=True)
         )
         hangs = not known.weightless(log.added_mass for log in logs)
@@ -353,14 +347,14 @@ def _first_guess(
 
 def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     """Size of each parameter whose torque would be a tenth of the motor's, as large for p1, p3."""
-    swing = float(np.median([np.std(log.angle) for log in logs]))
+    swing = float(np.median([log.rms_motion for log in logs]))
     command = float(np.median([1.0, *(np.std(log.input) for log in logs)])) or 1.0
     rate = float(np.median([log.excitation.omega for log in logs if log.excitation] or [5.0]))
     inertia = abs(start.p1) + max(log.added_mass.inertia for log in logs)
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = Motion.of(start, angle, velocity, weight=weight, input=command * np.sin(_PHASES))
+    motion = start.motion(angle, velocity, weight=weight, input=command * np.sin(_PHASES))
     sizes = {
         "p1": inertia,
         "p3": torque / swing,

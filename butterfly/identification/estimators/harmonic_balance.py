@@ -28,10 +28,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (
@@ -50,11 +49,9 @@ from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
-    SCANNED,
-    candidates,
+    TermChoice,
     requested_terms,
     scanned_terms,
-    stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
@@ -67,72 +64,6 @@ _OF_REST = "bias"
 LINEAR = ("p1", "p2", "p3", "p4")
 """What is estimated in the limit of small swings without Coulomb friction and delay."""
 _NAME = "harmonic balance"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HarmonicBalanceTerms:
-    """Terms for a balance."""
-
-    phasors: Phasors  # the balance with them
-    fixed: dict[str, float]  # what is set, not fitted
-    # (n,) values of fits with other terms that predict as well
-    rivals: tuple[Samples, ...]
-    said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
-
-    @classmethod
-    def of(
-        cls,
-        fit: HarmonicBalanceFit,
-        terms: tuple[str, ...] | None,
-        conditions: Conditions | None = None,
-    ) -> HarmonicBalanceTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity."""
-        able = {*offered("harmonic-balance")} - {SCANNED, _OF_REST}
-        offers = [name for name in CANDIDATES if name in able]
-        known = fit.phasors.known
-        every = candidates(offers, fit.phasors.masses, known)
-        told = None if terms is None else requested_terms(terms, {_OF_REST, *known.parameters})
-        chosen = scanned_terms(_Balances(fit, conditions), every, told)
-        names = chosen.names
-        speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
-        return cls(
-            phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
-            fixed=chosen.settings,
-            rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
-            said=chosen.findings,
-        )
-
-    def without(self, idle: tuple[str, ...]) -> HarmonicBalanceTerms:
-        """Return the terms without some that turned out to be nothing."""
-        kept = np.array([name not in idle for name in self.phasors.names])
-        names = tuple(name for name in self.phasors.names if name not in idle)
-        return replace(
-            self,
-            phasors=replace(self.phasors, names=names),
-            fixed={} if SCANNED in idle else self.fixed,
-            rivals=tuple(each[kept] for each in self.rivals),
-            said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
-        )
-
-
-class _Balances:
-    """The equations of a fit with more terms."""
-
-    def __init__(self, fit: HarmonicBalanceFit, conditions: Conditions | None) -> None:
-        self.always = fit.phasors.names
-        self._fit, self._conditions = fit, conditions
-
-    @property
-    def speeds(self) -> list[float]:
-        phasors = self._fit.phasors
-        fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
-        return stribeck_velocities(fastest, phasors.known)
-
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
-        phasors = replace(self._fit.phasors, names=(*self.always, *terms))
-        if speed is not None:
-            phasors = replace(phasors, stribeck_velocity=speed)
-        return replace(self._fit.nested(phasors), conditions=self._conditions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,14 +106,14 @@ class HarmonicBalance(Estimator):
         fit, robot = robot.settled(fit)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always = fit.phasors.names
-        plain: tuple[HarmonicBalanceTerms, HarmonicBalanceFit, SteadyModel] | None = None
+        plain: tuple[TermChoice, HarmonicBalanceFit, SteadyModel] | None = None
         again = False
         while True:
-            chosen = HarmonicBalanceTerms.of(fit, self.terms, conditions)
-            fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
+            chosen, fit = self._chosen(fit, conditions)
+            fit, robot = robot.settled(fit)
             while self.terms is None and (idle := fit.idle):
                 chosen = chosen.without(idle)
-                fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.phasors.names))
+                fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.names))
             lacking = fit.lacking(always, conditions) if self.terms is None else None
             if lacking is not None:
                 plain, always = plain or (chosen, fit, robot), (*always, lacking)
@@ -195,22 +126,42 @@ class HarmonicBalance(Estimator):
             chosen, fit, robot = plain
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
-            points,
-            fit,
-            _NAME,
-            said,
-            reference,
-            chosen=chosen,
-            rest=known,
-            conditions=conditions,
+            points, fit, _NAME, said, reference, chosen=chosen, rest=known, conditions=conditions
         )
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen = HarmonicBalanceTerms.of(first, self.terms)
-        fit = HarmonicBalanceFit.of(chosen.phasors)
+        chosen, fit = self._chosen(first)
         return _judged(points, fit, _NAME, [], reference, chosen=chosen)
+
+    def _chosen(
+        self, fit: HarmonicBalanceFit, conditions: Conditions | None = None
+    ) -> tuple[TermChoice, HarmonicBalanceFit]:
+        """Choose from all terms, or only the Stribeck velocity of those asked for; fit them."""
+        phasors = fit.phasors
+
+        def with_terms(terms: tuple[str, ...], speed: float | None) -> Submodels:
+            slow = phasors.stribeck_velocity if speed is None else speed
+            names = (*phasors.names, *terms)
+            nested = fit.nested(replace(phasors, names=names, stribeck_velocity=slow))
+            return replace(nested, conditions=conditions)
+
+        of_rest = {_OF_REST}  # which the middles of the swings tell
+        able = {*offered(self.method)} - of_rest
+        chosen = scanned_terms(
+            with_terms,
+            phasors.names,
+            None if self.terms is None else requested_terms(self.terms, of_rest),
+            [name for name in CANDIDATES if name in able],
+            masses=phasors.masses,
+            known=phasors.known,
+            fastest=float(np.max(np.abs(phasors.angle) * phasors.omega)),
+        )
+        slow = chosen.settings.get("stribeck_velocity", phasors.stribeck_velocity)
+        with_them = replace(phasors, names=chosen.names, stribeck_velocity=slow)
+        rivals = tuple(fit.values_of(each) for each in chosen.rivals)
+        return replace(chosen, rivals=rivals), HarmonicBalanceFit.of(with_them)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,14 +210,14 @@ def _judged(
     said: Sequence[Finding],
     reference: ScaleParameter,
     *,
-    chosen: HarmonicBalanceTerms | None = None,
+    chosen: TermChoice | None = None,
     rest: RestAngles | None = None,
     conditions: Conditions | None = None,
 ) -> Estimate:
     """Judge a fit, and the bias that the rest angles tell."""
     solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
     more = solved.values[fit.solved.values.size :]
-    rivals = (np.append(each, more) for each in (chosen.rivals if chosen else ()))
+    rivals = (np.append(each, more) for each in (chosen.rival_values if chosen else ()))
     whole = reference.whole(solved)
     besides = np.zeros((len(whole.names), len(whole.names)))
     if rest is not None:
@@ -276,14 +227,14 @@ def _judged(
         method=method,
         rivals=tuple(reference.grown(each, solved.names) for each in rivals),
         findings=said,
-        fixed=chosen.fixed if chosen else None,
+        fixed=chosen.settings if chosen else None,
         masses=[point.added_mass for point in points],
         conditions=conditions,
         known=reference.known,
         local=None if rest is None else rest.shared_zero,
         besides=besides,
     )
-    return found if chosen is None else found.with_findings(*chosen.said)
+    return found if chosen is None else found.with_findings(*chosen.findings)
 
 
 def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:

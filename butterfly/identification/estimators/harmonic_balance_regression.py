@@ -25,7 +25,6 @@ from butterfly.identification.inference.term_choice import (
     submodels_of,
 )
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
@@ -146,7 +145,7 @@ class Phasors:
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         swung = np.array([mass.swung for mass in self.masses])
-        motion = Motion.of(settings, 0.0, 0.0, weight=weight, carried=swung)
+        motion = settings.motion(0.0, 0.0, weight=weight, carried=swung)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()
@@ -261,16 +260,13 @@ class HarmonicBalanceFit:
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
         return lacking_term(nested.equations, tried, conditions)
 
-    def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
-        """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
+    def values_of(self, unknowns: dict[str, float]) -> dict[str, float]:
+        """Return the values of parameters from unknowns of `nested`."""
         gain = unknowns.get("p4", self.parameters.p4) or np.inf
-        products = {
-            n: getattr(self.parameters, n) + each / gain
-            for n, each in unknowns.items()
-            if TERMS[n].of_gain
+        return {
+            name: getattr(self.parameters, name) + each / gain if TERMS[name].of_gain else each
+            for name, each in unknowns.items()
         }
-        found = unknowns | products
-        return np.array([found.get(name, 0.0) for name in names])
 
 
 def _regression(

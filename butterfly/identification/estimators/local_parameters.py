@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
@@ -82,13 +82,3 @@ def known_zeros(keys: Sequence[Key], logs: Sequence[Log]) -> Mapping[Key, Known]
 
 def _is_exact(log: Log) -> bool:
     return log.zero is not None and log.zero.fixed
-
-
-def local_values(
-    found: Iterable[tuple[Key, float]],
-) -> dict[AddedMass | str | None, dict[str, float]]:
-    """Return what is not shared, and the zero, by whose it is."""
-    local: dict[AddedMass | str | None, dict[str, float]] = {}
-    for (name, whose), value in found:
-        local.setdefault(whose, {})[name] = value
-    return local

@@ -30,7 +30,7 @@ _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # passes after which a descent that is not lower than another is given up
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Start:
     """A first guess."""
 
@@ -77,7 +77,7 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    return Start(parameters=_moving(found, data), zeros=zeros)
+    return Start(_moving(found, data), zeros)
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
@@ -95,11 +95,11 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     estimate = closed_form.of_logs(logs, zeros, usable(closed_form.method, data.known))
     found = _moving(estimate, data)
     if not open_:
-        return Start(parameters=found, zeros=zeros)
+        return Start(found, zeros)
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
-    return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
+    return Start(replace(found, p3_offset=0.0), corrected)
 
 
 def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
@@ -131,7 +131,7 @@ def _of_ratios(data: DataSet) -> Start | None:
         return None
     scale = max(mass.inertia for mass in data.masses) / ratios.p1
     guess = {name: scale * getattr(ratios, name) for name in GROWING}
-    return Start(parameters=replace(ratios, **guess), zeros=data.equilibria)
+    return Start(replace(ratios, **guess), data.equilibria)
 
 
 def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal
 
@@ -24,18 +24,19 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.free_run_residuals import (
-    LOCAL,
-    TRIED,
-    FreeRunResiduals,
+from butterfly.identification.estimators.free_run_residuals import LOCAL, TRIED, FreeRunResiduals
+from butterfly.identification.estimators.gauss_newton import (
+    Equations,
+    LogEquations,
+    Loss,
+    Minimum,
+    bounded_step,
 )
-from butterfly.identification.estimators.gauss_newton import Loss, Minimum
-from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
-from butterfly.identification.estimators.weighed_logs import weighed
 from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.term_choice import (
     RARER,
     TermChoice,
@@ -46,10 +47,12 @@ from butterfly.identification.levels import FEW, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.parameters import AddedMass, require_periods
+from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
+
+_WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,31 +123,18 @@ class OutputError(Estimator):
         calm = data.take(data.calm)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
-            return self.of_starts(data.logs, first, data.known)
+            return self.of_logs(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
+        return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
-        self,
-        logs: Sequence[Log],
-        start: LumpedParameters,
-        zeros: Mapping[AddedMass, float],
-        known: Prior = NO_PRIOR,
-    ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly (see `of_starts`)."""
-        return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
-
-    def of_starts(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior = NO_PRIOR,
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-            found = replace(self, horizon=horizon).of_starts(logs, first, known)
+            found = replace(self, horizon=horizon).of_logs(logs, first, known)
             return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
@@ -152,9 +142,7 @@ class OutputError(Estimator):
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
-        problems = [
-            self.problem(logs, each.parameters, each.zeros, reference.fixed) for each in first
-        ]
+        problems = [self.problem(logs, each, reference.fixed) for each in first]
         wide, rarer = problems[0], self._unseen(first)
         problem, end, said = lowest_end([each.without(rarer) for each in problems])
         rivals: tuple[Samples, ...] = ()
@@ -182,10 +170,13 @@ class OutputError(Estimator):
             end = problem.descend(problem.initial)
 
         solved = cells = problem.solved(end)
-        if with_scatter := weighed(problem, end):
+        if with_scatter := _weighed(problem, end):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
+        local: dict[AddedMass | str | None, dict[str, float]] = {}
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        for (name, whose), value in [*ended][problem.shared :]:
+            local.setdefault(whose, {})[name] = value
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
@@ -199,7 +190,7 @@ class OutputError(Estimator):
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),
-            local=local_values(list(ended)[problem.shared :]),
+            local=local,
             masses=masses,
             known=known,
             horizon=self.horizon or math.inf,
@@ -224,14 +215,12 @@ class OutputError(Estimator):
                     raise InputError(self.method, field, name, expected)
 
     def problem(
-        self,
-        logs: Sequence[Log],
-        start: LumpedParameters,
-        zeros: Mapping[AddedMass, float],
-        known: Prior = NO_PRIOR,
+        self, logs: Sequence[Log], first: Start, known: Prior = NO_PRIOR
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised."""
-        horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
+        start, zeros, horizon = first.parameters, first.zeros, self.horizon
+        if horizon is None:
+            horizon = horizon_of(logs, start, zeros)
         every = known.fitted((*PARAMETERS, *self._names((log.added_mass for log in logs), known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return FreeRunResiduals.of(
@@ -286,3 +275,59 @@ def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]
     values = {name: value / factors.get(name, 1.0) for name, value in own.items()}
     values["mass_inertia"] = 0.0
     return [np.array([values[name] for name in solved.names[: problem.shared]])]
+
+
+def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Finding, ...]] | None:
+    """Return the end with logs weighed by their scatter, and what is found of it.
+
+    It takes one step from the least squares, to where every log is simulated with friction and gain
+    of its own, which tells the scatter better; the step from there is taken on trust. Few logs do
+    not tell, and robust losses have weights of their own: None then, and where the logs are
+    followed far worse so, or no longer tell the parameters apart.
+    """
+    if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
+        return None
+    names = tuple(name for name, _ in problem.keys)
+    prior = end.at.known and end.at.known[0].weighed(1.0)
+    logs, spread = _rows(end.at), spread_of(names, end.point)
+    scatter = Likelihood(logs, spread, prior, end.point).best()
+    step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
+    point = end.point + step
+    apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
+    there = problem.equations(point, apart)
+    if not there.cost <= _WORSE * replace(end.at, known=None).cost:
+        return None
+    logs, spread = _rows(there).moved(-apart), spread_of(names, point)
+    likelihood = Likelihood(logs, spread, prior, point)
+    scatter = likelihood.best()
+    at = _whitened(logs, scatter, spread, prior, point)
+    if problem.inseparable(at):
+        return None
+    last = _step(problem, at, point)
+    found = Minimum(
+        point=np.maximum(point + last, problem.lower),
+        at=at.moved(last),
+        converged=end.converged,
+        evaluations=end.evaluations + 1,
+    )
+    return found, tuple(likelihood.findings(scatter, names))
+
+
+def _rows(at: Equations) -> LogRows:
+    return LogRows.of((log.residuals, log.rows, log.mixture) for log in at.logs)
+
+
+def _whitened(
+    logs: LogRows, scatter: Scatter, spread: Samples, prior: Penalty | None, point: Samples
+) -> Equations:
+    """Return the equations about (n,) values whose errors are independent and of variance 1."""
+    pairs = zip(*scatter.whitened(logs, spread), strict=True)
+    identity = np.eye(point.size)
+    return Equations(
+        logs=tuple(LogEquations(residuals=own, rows=rows, mixture=identity) for rows, own in pairs),
+        known=None if prior is None else (prior, point),
+    )
+
+
+def _step(problem: FreeRunResiduals, at: Equations, point: Samples) -> Samples:
+    return bounded_step(at, np.minimum(problem.lower - point, 0.0), np.inf)

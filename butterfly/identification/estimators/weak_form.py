@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -44,9 +45,7 @@ from butterfly.identification.inference.term_choice import (
     SCANNED,
     TermChoice,
     candidates,
-    requested_terms,
     scanned_terms,
-    stribeck_velocities,
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
@@ -66,45 +65,28 @@ def fitted_terms(
 ) -> tuple[WeakFit, TermChoice]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them."""
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
-    always = known.fitted(PARAMETERS)
-    names = [name for name in CANDIDATES if name != SCANNED]
-    tried = candidates(names, (each.added for each in windows), known)
-    told = None if terms is None else requested_terms(terms, known.parameters)
-    first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
-    equations = _Averages(first, logs, windows, always)
-    found = scanned_terms(equations, tried, told)
-    slow = found.settings.get("stribeck_velocity", usual)
-    return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
+    always, masses = known.fitted(PARAMETERS), [each.added for each in windows]
+    tried = candidates([name for name in CANDIDATES if name != SCANNED], masses, known)
+    first = WeakFit.of(windows, (*always, *(tried if terms is None else ())), usual, known)
 
+    @cache
+    def conditions(cells: int) -> Conditions:
+        return Conditions.of(logs, cells)
 
-class _Averages:
-    """The equations of a fit with other terms."""
-
-    def __init__(
-        self,
-        fit: WeakFit,
-        logs: Sequence[Log],
-        windows: Sequence[Windows],
-        always: tuple[str, ...],
-    ) -> None:
-        self.always = always
-        self._fit, self._logs, self._windows = fit, logs, windows
-        self._conditions: dict[int, Conditions] = {}
-
-    @property
-    def speeds(self) -> list[float]:
-        fastest = max(each.averaging.fastest for each in self._windows)
-        return stribeck_velocities(fastest, self._fit.about.known)
-
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
-        slow = self._fit.about.slow if speed is None else speed
-        nested = self._fit.nested(self._windows, (*self.always, *terms), slow)
-        cells, lost = divmod(nested.equations.log.size, len(self._logs))
+    def with_terms(more: tuple[str, ...], speed: float | None) -> Submodels:
+        slow = first.about.slow if speed is None else speed
+        nested = first.nested(windows, (*always, *more), slow)
+        cells, lost = divmod(nested.equations.log.size, len(logs))
         if lost or not cells:  # a log without windows that move has no conditions
             return nested
-        if cells not in self._conditions:
-            self._conditions[cells] = Conditions.of(self._logs, cells)
-        return replace(nested, conditions=self._conditions[cells])
+        return replace(nested, conditions=conditions(cells))
+
+    fastest = max(each.averaging.fastest for each in windows)
+    found = scanned_terms(
+        with_terms, always, terms, tried, masses=masses, known=known, fastest=fastest
+    )
+    slow = found.settings.get("stribeck_velocity", usual)
+    return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,17 +126,12 @@ class WeakForm(Estimator):
         zeros = data.equilibria
         uncertain = offset_errors(data.offsets) if data.hangs else None
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
-        guessed = data.guessed
-        if guessed:
-            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed)
-            found = found.with_findings(care)
-        if not data.unread:
-            return found
+        if data.guessed:
+            found = found.with_findings(Finding(FindingKind.ZERO_GUESSED, logs=data.guessed))
         apart = max(zeros.values()) - min(zeros.values())
-        if apart < _APART:
-            return found
-        care = Finding(FindingKind.REST_APART, number=apart)
-        return found.with_findings(care)
+        if data.unread and apart >= _APART:
+            found = found.with_findings(Finding(FindingKind.REST_APART, number=apart))
+        return found
 
     def of_logs(
         self,

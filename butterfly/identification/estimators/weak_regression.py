@@ -27,12 +27,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import (
-    CellEquations,
-    Regression,
-    Solution,
-    scaled_least_squares,
-)
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
@@ -245,6 +240,10 @@ class Seen(NamedTuple):
     windows: Windows
     instruments: Windows
 
+    def moving(self, delay: float) -> NDArray[np.bool_]:
+        """Whether the joint moves in each test function, in both."""
+        return self.windows.moving(delay) & self.instruments.moving(delay)
+
 
 def seen(
     logs: Sequence[Log],
@@ -267,13 +266,13 @@ def seen(
 def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     """Return the fit of some logs through their instruments; what a bound holds stays there."""
     names = fit.solved.names
-    moving = [
-        windows.moving(fit.about.delay) & instruments.moving(fit.about.delay)
-        for windows, instruments in pairs
-    ]
+    moving = [each.moving(fit.about.delay) for each in pairs]
     regression = fit.about.regression([each.windows for each in pairs], moving)
     through = fit.about.regression([each.instruments for each in pairs], moving)
-    regression = _corrected(regression, through, fit, pairs)
+    # what the simulations lack of balance is taken from the logs
+    simulated = np.array([each.instruments is not each.windows for each in pairs])
+    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
+    regression = replace(regression, target=regression.target + error)
     more, wanted = regression.known_rows
     rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
     multiplied = np.concatenate([through.rows, more])
@@ -297,15 +296,6 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     return replace(fit, regression=through, solved=solved)
 
 
-def _corrected(
-    regression: Regression, through: Regression, fit: WeakFit, pairs: Sequence[Seen]
-) -> Regression:
-    """Take from equations of the logs what those of their simulations lack of balance."""
-    simulated = np.array([each.instruments is not each.windows for each in pairs])
-    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
-    return replace(regression, target=regression.target + error)
-
-
 def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
     """Solve equations that are multiplied by instruments."""
     scale = np.linalg.norm(multiplied, axis=0)
@@ -321,37 +311,21 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
 def offset_covariance(
     fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
 ) -> Samples:
-    """(n, n) covariance that uncertain zeros add to n parameters."""
+    """(n, n) covariance that (k, logs) errors of zeros add to n parameters."""
+    solved, errors = fit.solved, zip(pairs, uncertain.T, strict=True)
+    slopes = np.concatenate([np.outer(_slopes(fit, each), own) for each, own in errors])
+    pulls = slopes.T @ fit.regression.jacobian(solved.values)
     added = np.zeros((len(names), len(names)))
-    if not uncertain.size:
-        return added
-    slopes = [_slopes(fit, each) for each in pairs]
-    errors = np.column_stack(
-        [
-            np.concatenate([size * slope for size, slope in zip(row, slopes, strict=True)])
-            for row in uncertain
-        ]
-    )
-    free = ~fit.solved.on_bound
-    more, _ = (
-        (np.empty((0, free.size)), None) if fit.solved.prior is None else fit.solved.prior.rows()
-    )
-    rows = np.concatenate([fit.regression.jacobian(fit.solved.values), more])[:, free]
-    errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
-    moved = -scaled_least_squares(rows, errors)
-    found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
-    places = [list(names).index(name) for name in found]
-    added[np.ix_(places, places)] = moved @ moved.T
+    places = [list(names).index(name) for name in solved.names]
+    for pull in pulls:
+        moved = solved.change_by(pull)
+        added[np.ix_(places, places)] += np.outer(moved, moved)
     return added
 
 
 def _slopes(fit: WeakFit, each: Seen) -> Samples:
     """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
-    used = each.windows.moving(fit.about.delay) & each.instruments.moving(fit.about.delay)
-    names = ("p1", "p3", "p3_offset")
-    signals = each.instruments.averaging.signals(names, delay=fit.about.delay)
-    inertia, sine, cosine = (signals.mean[name][used] for name in names)
+    used = each.moving(fit.about.delay)
+    rows, _ = each.instruments.equations(("p3", "p3_offset"), fit.about, used)
     moment = fit.values["p3"] + each.instruments.added.gravity_moment
-    offset = fit.values.get("p3_offset", 0.0)
-    size = float(np.linalg.norm(inertia)) or 1.0
-    return np.asarray((offset * sine - moment * cosine) / size)
+    return np.asarray(rows @ [fit.values.get("p3_offset", 0.0), -moment])

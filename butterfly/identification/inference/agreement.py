@@ -221,12 +221,9 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tr
 
 def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> _Tried | None:
     """Let the values move along a direction; None where the cells cannot tell that from others."""
-    pulls = np.einsum("kmn,kn->km", equations.curvature, asked.direction)
-    follow = equations.change_by(pulls.sum(axis=0))
-    apart = asked.direction - follow
-    parts = np.einsum("kn,kmn,km->k", apart, equations.curvature, apart)
+    apart, parts = equations.apart(asked.direction)
     information = float(parts.sum())
-    if not information > ROUNDING * float(np.sum(asked.direction * pulls)):
+    if not information:
         return None
     scores = np.einsum("kn,kn->k", apart, equations.gradient)
     gamma, cost = -float(scores.sum()) / information, float(equations.cost.sum())
@@ -243,7 +240,7 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
         chance = _chance(scores, parts, gamma=gamma)
     return asked._replace(
         gamma=gamma,
-        at_mean=equations.values - follow * gamma,
+        at_mean=equations.values - (asked.direction - apart)[0] * gamma,
         share=explained / cost if cost > 0 else 0.0,
         chance=chance,
         of_logs=chance if logs.max() < FEW and not conditions.steady else of_logs,

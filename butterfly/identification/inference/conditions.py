@@ -69,7 +69,7 @@ def _of_log(log: Log) -> dict[Condition, float]:
     The frequency is that of the sine, or the one at which a motion is as fast as it is.
     """
     size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
-    omega = log.rms_speed / (float(np.std(log.angle)) or np.inf)
+    omega = log.rms_speed / (log.rms_motion or np.inf)
     if log.excitation is not None:
         omega = log.excitation.omega
     return {

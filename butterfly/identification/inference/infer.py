@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.equations import CellEquations, pulled_below
+from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import disagreements_of, weighed_within
 from butterfly.identification.inference.conditions import Conditions
@@ -31,7 +31,7 @@ from butterfly.identification.inference.identifiability import (
     refuse_without_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
-from butterfly.identification.levels import FEW, LOST, PRECISE
+from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
@@ -108,7 +108,9 @@ def infer(
     if torques:
         limits = outweighed(misfit_over_value(equations)[own], values, limits, names)
     on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
-    pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
+    # which the equations would have well below their values, were there no bound
+    below = scaled_least_squares(whole, left) > CLEARLY * np.sqrt(np.diag(covariance))
+    pulled = set(np.array(names)[below[own]].tolist())
     ending, moved = equations.ending, equations.unsettled
     if moved is not None and (np.abs(moved[own]) <= PRECISE * (limits[1] - limits[0]) / 2).all():
         ending = Ending.CONVERGED

@@ -136,11 +136,6 @@ class Likelihood:
         if prior is not None and about is not None:
             self._known, self._pull = prior.weight, -prior.gradient(about)
 
-    def best(self) -> Scatter:
-        """Return the likeliest scatter."""
-        misfit, friction, gain = self._best().tolist()
-        return Scatter(misfit=misfit, friction=friction, gain=gain)
-
     def findings(self, found: Scatter, names: Sequence[str]) -> list[Finding]:
         """Return which of the likeliest scatter is more than chance, of parameters by name."""
         whole = self.value(found.sizes)
@@ -149,7 +144,8 @@ class Likelihood:
             Finding(FindingKind.SCATTER, tuple(own), number=float(found.sizes[k]))
             for k, own in enumerate(groups, start=1)
             # twice the logarithm of a likelihood ratio is a squared normal deviate
-            if found.sizes[k] > MATTERS and self.value(self._best(without=k)) - whole > CLEARLY**2
+            if found.sizes[k] > MATTERS
+            and self.value(self.best(without=k).sizes) - whole > CLEARLY**2
         ]
 
     def value(self, sizes: Samples) -> float:
@@ -182,8 +178,8 @@ class Likelihood:
         slopes = 2 * sizes * np.einsum("ckij,kij->c", self._parts, slope)
         return float(logarithms + sums[-1, -1] - pull @ change), slopes
 
-    def _best(self, without: int | None = None) -> Samples:
-        """Return the (3,) likeliest sizes; one may be left out."""
+    def best(self, without: int | None = None) -> Scatter:
+        """Return the likeliest scatter; one of the sizes may be left out."""
         usual = np.array(_USUAL)
         usual[0] += CLEARLY * self._logs.noise_level
         usual[np.arange(usual.size) == without] = 0.0
@@ -196,7 +192,8 @@ class Likelihood:
         # from much and from next to nothing: at 0 the likelihood is flat
         begins = (np.full(usual.size, each) for each in (LOST, MATTERS))
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
-        return np.asarray(min(ends, key=lambda end: end.fun).x * usual)
+        misfit, friction, gain = (min(ends, key=lambda end: end.fun).x * usual).tolist()
+        return Scatter(misfit=misfit, friction=friction, gain=gain)
 
 
 def _parts(logs: LogRows, spread: Samples) -> Samples:

@@ -8,10 +8,10 @@ section 3.4.3).
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,11 +58,6 @@ class TermChoice:
     inseparable: tuple[str, ...]  # terms that the data cannot tell from the rest
 
     @property
-    def best(self) -> dict[str, float]:
-        """Values of the parameters that were chosen, by name."""
-        return {name: self.values[name] for name in self.names}
-
-    @property
     def rival_values(self) -> tuple[Samples, ...]:
         """Values of the parameters that were chosen, by the rivals; 0 for what they do without."""
         return tuple(np.array([each.get(name, 0.0) for name in self.names]) for each in self.rivals)
@@ -80,6 +75,16 @@ class TermChoice:
         )
         lost = (Finding(kind, names) for kind, names in said.items() if names)
         return (*scanned, *lost)
+
+    def without(self, idle: tuple[str, ...]) -> TermChoice:
+        """Return the choice without some terms that turned out to be nothing."""
+        return replace(
+            self,
+            names=tuple(name for name in self.names if name not in idle),
+            terms=tuple(name for name in self.terms if name not in idle),
+            settings={} if SCANNED in idle else self.settings,
+            not_helping=(*self.not_helping, *idle),
+        )
 
 
 def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
@@ -291,46 +296,29 @@ def _kept(
     return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
 
 
-class TermEquations(Protocol):
-    """What gives the equations of a method with any terms."""
-
-    @property
-    def always(self) -> tuple[str, ...]:
-        """Names of the parameters that are fitted with any terms."""
-
-    @property
-    def speeds(self) -> Sequence[float]:
-        """Stribeck velocities in rad/s to try; none where that friction is known."""
-
-    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Submodels:
-        """Return the equations with terms besides what is always fitted.
-
-        The Stribeck velocity in rad/s is None where no term needs it.
-        """
-
-
 def scanned_terms(
-    equations: TermEquations, tried: tuple[str, ...], requested: tuple[str, ...] | None
+    with_terms: Callable[[tuple[str, ...], float | None], Submodels],
+    always: tuple[str, ...],
+    terms: tuple[str, ...] | None,
+    offers: Sequence[str],
+    *,
+    masses: Iterable[AddedMass],
+    known: Prior,
+    fastest: float,
 ) -> TermChoice:
-    """Choose from the terms ``tried`` and Stribeck friction, or fit those ``requested``.
+    """Choose from what is offered and Stribeck friction, or fit the ``terms`` that are asked for.
 
-    Of the latter only the Stribeck velocity is chosen.
+    Of the latter only the Stribeck velocity is chosen. ``with_terms`` gives the equations with
+    terms besides what is always fitted, and a Stribeck velocity in rad/s, None where none needs it;
+    ``fastest``: the largest speed of the logs in rad/s.
     """
-    if requested is None:
-        return choose_terms([*_fits(equations, tried)], always=equations.always)
-    rest = tuple(name for name in requested if name != SCANNED)
-    with_it = SCANNED in requested
-    fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
-    return choose_terms(fits, always=equations.always, demanded=requested)
-
-
-def _fits(
-    equations: TermEquations, names: tuple[str, ...], *, plain: bool = True, scanned: bool = True
-) -> Iterator[Submodels]:
-    """Yield the equations without Stribeck friction, and with it at one velocity after another."""
-    if plain:
-        yield equations.with_terms(names, None)
-    if scanned:
-        for speed in equations.speeds:
-            nested = equations.with_terms((*names, SCANNED), speed)
-            yield replace(nested, demanded=(SCANNED,), settings={"stribeck_velocity": speed})
+    wanted = None if terms is None else requested_terms(terms, known.parameters)
+    names = candidates(offers, masses, known) if wanted is None else wanted
+    names = tuple(name for name in names if name != SCANNED)
+    fits = [] if wanted is not None and SCANNED in wanted else [with_terms(names, None)]
+    if wanted is None or SCANNED in wanted:
+        for speed in stribeck_velocities(fastest, known):
+            nested = with_terms((*names, SCANNED), speed)
+            settings = {"stribeck_velocity": speed}
+            fits.append(replace(nested, demanded=(SCANNED,), settings=settings))
+    return choose_terms(fits, always=always, demanded=wanted or ())

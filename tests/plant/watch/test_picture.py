@@ -6,8 +6,8 @@ import pytest
 from PIL import Image, ImageSequence
 
 from butterfly.errors import InputError
-from butterfly.plant.watch.picture import Painter, RenderingError, caption_text, captioned, film
-from tests.plant.setting import ADDED, robot
+from butterfly.plant.watch.picture import caption_text, captioned, film
+from tests.plant.setting import ADDED, robot, skip_where_nothing_is_drawn
 
 ROBOT = robot()
 TIMES = np.array([0.0, 1.0])
@@ -15,10 +15,7 @@ TIMES = np.array([0.0, 1.0])
 
 @pytest.fixture(scope="module", autouse=True)
 def _can_draw():
-    try:
-        Painter(ROBOT, ADDED, 32).__exit__()
-    except RenderingError as error:
-        pytest.skip(str(error))
+    skip_where_nothing_is_drawn()
 
 
 def _mass_column(picture):
