@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from butterfly.errors import InputError
 from butterfly.experiment.methods import (
     DEFAULT_OF_EXPERIMENTS,
     ESTIMATORS,
