@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, size_text
 
 _PACKAGE = Path(__file__).parent
 _ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of what is shipped: in a wheel, in a checkout
@@ -73,12 +74,32 @@ def replacing(path: Path) -> Iterator[Path]:
             draft.unlink()
 
 
-def read_file(path: Path, expected: str) -> bytes:
-    """Read a file; InputError, which says what was expected, if that cannot be."""
+def require_file(path: Path, expected: str) -> int:
+    """Return the bytes of a regular file; InputError, with what was expected, for all else.
+
+    A pipe or a device has no end that a reader could wait for.
+    """
+    require_path(str(path), path, "path")
     try:
-        return path.read_bytes()
+        found = path.stat()
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", expected) from None
+    except OSError as error:
+        raise InputError(path, "path", error.strerror or error, "a readable file") from None
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
+        raise InputError(path, "path", kind, expected)
+    return found.st_size
+
+
+def read_file(path: Path, expected: str, most: float = math.inf) -> bytes:
+    """Read a regular file of so many bytes at most; InputError, with what was expected, else."""
+    size = require_file(path, expected)
+    if size > most:
+        most_text = f"{expected}, of up to {size_text(most)}"
+        raise InputError(path, "content", size_text(size), most_text)
+    try:
+        return path.read_bytes()
     except OSError as error:
         raise InputError(path, "path", error.strerror or error, "a readable file") from None
 

@@ -21,7 +21,8 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.representer import SafeRepresenter
 
-from butterfly.errors import InputError, nearest, shown, size_text
+from butterfly.errors import InputError, nearest, shown
+from butterfly.files import read_file
 
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
 _MOST = 300_000  # values, what aliases stand for counted each time
@@ -80,6 +81,9 @@ def validate(
         return schema.model_validate(content)
     except ValidationError as error:
         slips = error.errors()
+    except ArithmeticError as error:
+        found = f"numbers of which nothing can be calculated ({error.args[-1]})"
+        raise InputError(_source(documents, [], source), "content", found, "usual ones") from None
     unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
     first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
@@ -211,19 +215,9 @@ def load_yaml(path: Path) -> Document:
 def _text(path: Path) -> str:
     """Return what a file says, if it is one that anybody would wait for."""
     try:
-        size = path.stat().st_size
-        if size > _LARGEST:
-            expected = f"a YAML file of up to {size_text(_LARGEST)}"
-            raise InputError(path, "content", size_text(size), expected)
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing YAML file") from None
-    except IsADirectoryError:
-        raise InputError(path, "path", "a folder", "a YAML file") from None
+        return read_file(path, "an existing YAML file", most=_LARGEST).decode()
     except UnicodeDecodeError:
         raise InputError(path, "content", "bytes that are not text", "YAML in UTF-8") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror, "a readable YAML file") from None
 
 
 def _child(node: Node, part: str) -> tuple[Node | None, Node | None]:

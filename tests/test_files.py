@@ -7,6 +7,8 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.files import DRAFT, locate, replacing, shipped, shipped_experiments
+from butterfly.logs.formats import read_log
+from butterfly.yaml_files import load_yaml
 
 
 def test_a_file_appears_whole_and_its_folder_with_it(tmp_path):
@@ -101,3 +103,30 @@ def test_an_unknown_name_is_answered_with_the_known_ones(tmp_path):
         locate(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="no such shipped file"):
         shipped("models/nowhere.xml")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such files")
+@pytest.mark.parametrize("ending", [".csv", ".tsv", ".txt", ".mat", ".parquet", ".yaml"])
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "none"])
+def test_what_is_no_regular_file_is_refused_at_once_whoever_reads(tmp_path, kind, ending):
+    path = tmp_path / f"a{ending}"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    said = {"folder": "a folder", "none": "no such file"}.get(kind, "a pipe or a device")
+    read = load_yaml if ending == ".yaml" else read_log
+    with pytest.raises(InputError, match=f"a{ending}: path: got {said}; expected an existing"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("a\0.csv", "character 0"), ("x" * 5000, "names of up to 255 bytes")]
+)
+@pytest.mark.parametrize("ending", [".csv", ".mat", ".parquet", ".yaml"])
+def test_a_name_that_no_file_can_have_is_one_line(tmp_path, name, said, ending):
+    read = load_yaml if ending == ".yaml" else read_log
+    with pytest.raises(InputError, match=said):
+        read(tmp_path / f"{name}{ending}")

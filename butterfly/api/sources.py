@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
@@ -36,6 +37,10 @@ RESULT_ENDING = ".json"
 """Ending of a saved result."""
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
+_OF_LOGS = re.compile(
+    rb'\s*(?:\[\s*[\[{]|\{\s*"(?!schema"\s*:\s*"|data"\s*:\s*[^\[\s]))'
+)  # no result's
+_BEGINNING = 4096  # bytes
 _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
 _OF_FOLDERS = ("name", "description", "root", "logs")  # what manifests of the same facts differ in
@@ -274,11 +279,11 @@ def _described(
             return read_manifest(path / MANIFEST_NAME, root, given)
         _refuse_sweep(path)
         return draft(path, given, massless=massless)
+    if names_result(path):
+        return _saved_manifest(path, root, given)
     if suffix in FORMATS:
         listed = _entry_of(path, beside, root, given) if beside.exists() else None
         return listed or draft(path, given)
-    if names_result(path):
-        return _saved_manifest(path, root, given)
     if suffix not in _YAML:
         expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT_ENDING})"
         raise InputError(path, "file name", path.suffix or "no ending", expected)
@@ -340,8 +345,14 @@ def root_of(path: Path, own: str, root: Path | None = None) -> Path:
 
 
 def names_result(source: object) -> TypeGuard[Named]:
-    """Whether something is the path of a saved result."""
-    return isinstance(source, str | PathLike) and Path(source).suffix.lower() == RESULT_ENDING
+    """Whether something is the path of a saved result: of JSON that is no log's."""
+    if not isinstance(source, str | PathLike) or Path(source).suffix.lower() != RESULT_ENDING:
+        return False
+    try:
+        with Path(source).open("rb") as file:
+            return _OF_LOGS.match(file.read(_BEGINNING)) is None
+    except OSError:
+        return True
 
 
 def is_data(path: Path) -> bool:

@@ -139,7 +139,7 @@ def fetch(
 
     folder = out or thesis_logs.own_folder()
     fetched = thesis_logs.fetch(folder, source or thesis_logs.PUBLISHED, show_progress)
-    say(f"{len(thesis_logs.digests())} logs, {fetched} of them fetched: {folder}")
+    say(f"{len(thesis_logs.pins())} logs, {fetched} of them fetched: {folder}")
     found = thesis_logs.found_folder()
     same = found is not None and found.resolve() == folder.resolve()
     root = "" if same else f' --root "{folder}"'

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import codecs
 import io
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from csv import reader as csv_reader
 from dataclasses import dataclass, replace
-from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -18,22 +18,23 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import read_file, write_file
+from butterfly.files import read_file, require_file, write_file
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     VELOCITY,
     ColumnMap,
     checked_map,
-    has_column,
+    chosen_columns,
     place,
-    unit_in,
 )
 from butterfly.logs.log import AS_WRITTEN, MIN_SAMPLES, FileReading, Log
-from butterfly.logs.units import AS_IS, UNITS, Units, known_factor
+from butterfly.logs.units import AS_IS, UNITS, Heading, Units, units_spelt, without_unit, words_in
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
 _COMMENTS = ("#", "%", "//")
+_WIDEST = 10_000  # columns
+_LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
 _SAMPLE = 60  # lines that show how a file is delimited
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # but for those before and within brackets
@@ -77,29 +78,30 @@ def read_csv(
 ) -> Log:
     """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
 
-    Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off is dropped and
-    counted. Units in brackets behind a column's name, or in a row below the names, are used unless
-    ``units`` say others. Without a map a column ``velocity`` is read too, if it holds numbers.
+    Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off, or has no
+    end, is dropped and counted. A row below the names may hold units. Without a map a column
+    ``velocity`` is read too, if it holds numbers.
     """
-    mapping = checked_map(path, columns or DEFAULT_COLUMNS)
-    table = _table(path, list(mapping.values()), () if columns else (VELOCITY,))
-    names, layout = table.names, table.reading.layout
-    if not columns and has_column(names, VELOCITY):
-        if isinstance(table.columns[place(path, names, VELOCITY)], np.ndarray):
-            mapping[VELOCITY] = VELOCITY
-        else:
-            layout += ("no numbers in the column velocity, which is left out",)
-    places = {field: place(path, names, name) for field, name in mapping.items()}
+    wanted = checked_map(path, DEFAULT_COLUMNS if columns is None else columns)
+    table = _table(path, list(wanted.values()), () if columns else (VELOCITY,))
+    places, unasked = chosen_columns(path, table.names, columns)
+    reading = table.reading
+    for field in unasked:
+        if not isinstance(table.columns[places[field]], np.ndarray):
+            del places[field]
+            layout = (*reading.layout, f"no numbers in the column {field}, which is left out")
+            reading = replace(reading, layout=layout)
     arrays: dict[str, Any] = {
-        field: _numeric(path, table, number, str(mapping[field]))
-        for field, number in places.items()
+        field: _numeric(path, table, k, str(wanted.get(field, field)))
+        for field, k in places.items()
     }
-    found = _own_units(path, table, places, units)
-    factors = {field: known_factor(field, unit) or 1.0 for field, unit in found.items()}
-    others = {field: unit for field, unit in found.items() if factors[field] != 1.0}
-    reading = replace(table.reading, layout=layout, units=others)
-    log = Log(**arrays, source=str(path), reading=reading, **properties)
-    return log.converted(units.over(factors))
+    rows = {} if table.units is None else {"row of units": table.units}
+    headings = {
+        field: Heading(name=table.names[k], number=k, said={each: rows[each][k] for each in rows})
+        for field, k in places.items()
+    }
+    properties |= {"source": str(path), "reading": reading}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
 def write_csv(log: Log, path: Path) -> None:
@@ -128,16 +130,22 @@ def holds_table(path: Path) -> bool:
 
 def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ()) -> TextColumns:
     """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
+    require_file(path, "an existing file")
+    with path.open("rb") as file:
+        _require_narrow(path, _Line(1, file.readline(_LONGEST_LINE).decode("latin-1")))
     try:
         with csv.open_csv(path) as beginning:
             schema = beginning.schema
         names: Sequence[str] = schema.names
-        known = [*wanted, *(name for name in welcome if has_column(names, name))]
+        plain_names = {*names, *map(without_unit, names)}
+        known = [*wanted, *(name for name in welcome if name in plain_names)]
         numbers = [place(path, names, name) for name in known]
         plain = all(_is_number_type(schema.types[number]) for number in numbers)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
-            return TextColumns(names=names, columns=columns)
+            cut = int(not _is_ended(path))
+            whole = {number: each[: each.size - cut] for number, each in columns.items()}
+            return TextColumns(names=names, columns=whole, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
@@ -145,6 +153,20 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
         found = f"{table.headless} above rows of {len(table.columns)} numbers"
         raise InputError(path, "header", found, _BY_NUMBER)
     return table
+
+
+def _require_narrow(path: Path, line: _Line) -> None:
+    """Refuse a line of more cells than anybody logs: pyarrow would make room for each."""
+    cells = max(len(line.text.split(None if each == " " else each)) for each in _DELIMITERS)
+    if cells > _WIDEST:
+        raise InputError(path, f"line {line.number}", f"{cells} cells", f"up to {_WIDEST} columns")
+
+
+def _is_ended(path: Path) -> bool:
+    """Whether the last line has its end: of one without, a part may be missing."""
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read() in {b"\n", b"\r"}
 
 
 def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
@@ -160,26 +182,6 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
                 values = batch.column(name).to_numpy(zero_copy_only=False)
                 parts[number].append(np.array(values, dtype=np.float64))
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
-
-
-def _own_units(
-    path: Path, table: TextColumns, places: Mapping[str, int], units: Units
-) -> dict[str, str]:
-    """Return the units that a file gives to the wanted columns, unless they were given."""
-    found = {}
-    for field, number in places.items():
-        unit = unit_in(table.names[number])
-        if unit is not None and known_factor(field, unit) is None:
-            unit = None  # a bracket may hold anything
-        if table.units is not None:
-            unit = table.units[number]
-        if not unit or unit == "-" or field in units.factors:
-            continue
-        if known_factor(field, unit) is None:
-            expected = f"a unit that is known, or --units {field}=... (units: in the manifest)"
-            raise InputError(path, f"unit of {field}", unit, expected)
-        found[field] = unit
-    return found
 
 
 def _is_number_type(kind: pyarrow.DataType) -> bool:
@@ -199,20 +201,26 @@ def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
 
 def read_text_table(path: Path) -> TextColumns:
     """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
-    size = path.stat().st_size if path.is_file() else 0
+    size = require_file(path, "an existing file")
     require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     comments = [line for line in filled if line.text.lstrip().startswith(_COMMENTS)]
     body = [line for line in filled if not line.text.lstrip().startswith(_COMMENTS)]
+    for line in body:
+        if len(line.text) > _WIDEST:
+            _require_narrow(path, line)
     delimiter, first = _dialect(path, body)
     width = len(_cells(body[first].text, delimiter))
+    while first and _is_without_names(_cells(body[first - 1].text, delimiter)):
+        first -= 1
     rows = body[first:]
-    cut = _is_cut(rows[-2:], delimiter, width, ended=not lines[-1].strip())
+    unended = rows[-1].number == len(lines)
+    cut = unended or len(_cells(rows[-1].text, delimiter)) < width
     rows = rows[:-1] if cut else rows
-    heads = _heads(body[:first], comments, rows[0], delimiter, width)
-    names, units = _names_and_units(heads, delimiter, width)
+    heads, named = _heads(body[:first], comments, rows, delimiter, width)
+    names, units = _names_and_units(heads)
     above = repr(body[first - 1].text.strip()) if first else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
     decimal = "," if _has_decimal_commas(rows, delimiter) else "."
@@ -223,6 +231,7 @@ def read_text_table(path: Path) -> TextColumns:
         f"comment lines: {len(comments)}": bool(comments),
         f"lines above the table: {others}": others > 0,
         "no header": names is None,
+        "row names in front": named,
     }
     layout = tuple(text for text, holds in texts.items() if holds)
     return TextColumns(
@@ -290,42 +299,61 @@ def _is_value(cell: str) -> bool:
     return is_number(cell) or cell.lower() in _MISSING
 
 
-def _is_cut(rows: list[_Line], delimiter: str, width: int, *, ended: bool) -> bool:
-    """Whether the last line lacks values, or breaks off in a number that the row before has."""
-    before, last = (_cells(line.text, delimiter) for line in (rows[0], rows[-1]))
-    return len(last) < width or (not ended and _is_value(before[-1]) and not _is_value(last[-1]))
+def _is_without_names(cells: list[str]) -> bool:
+    """Whether a line above the first full row is one too, its numbers missing, and no header."""
+    return any(cells) and len(cells) > 1 and all(map(_is_value, cells))
 
 
 def _heads(
-    above: list[_Line], comments: list[_Line], first: _Line, delimiter: str, width: int
-) -> list[str]:
-    """Return the lines, two at most, right above the rows that have as many cells.
+    above: list[_Line], comments: list[_Line], rows: list[_Line], delimiter: str, width: int
+) -> tuple[list[list[str]], bool]:
+    """Return the cells of the lines, two at most, right above the rows that name their columns.
 
-    If there are none, the comment lines right above the rows may be: so NumPy writes a header.
+    If there are none, the comment lines right above the rows may be: so NumPy writes a header. Also
+    whether they are one short, as R writes them, since the rows have names in front.
     """
     texts = [line.text for line in above]
     if not texts:
-        before = (line.text.lstrip() for line in comments if line.number < first.number)
+        before = (line.text.lstrip() for line in comments if line.number < rows[0].number)
         texts = [text.lstrip("#%/") for text in before]
-    widths = {width, width - 1}  # a row may end in a cell that has no name
-    wide = takewhile(lambda text: len(_cells(text, delimiter)) in widths, reversed(texts))
-    return [*wide][1::-1]
+    heads: list[list[str]] = []
+    named = False
+    for text in texts[:-3:-1]:
+        cells = _cells(text, delimiter)
+        cells = cells[:width] if not any(cells[width:]) else cells
+        if len(cells) == width - 1:
+            ends = [_cells(line.text, delimiter) for line in rows]
+            named = any(row[-1] for row in ends) and _are_names([row[0] for row in ends])
+            cells = (
+                ["", *cells]
+                if named
+                else [*cells, *("" for _ in range(not any(row[-1] for row in ends)))]
+            )
+        if len(cells) != width:
+            break
+        heads.insert(0, cells)
+    return heads, named
 
 
-def _names_and_units(
-    heads: list[str], delimiter: str, width: int
-) -> tuple[list[str] | None, list[str] | None]:
-    """Read header and row of units off the one or two lines above the rows."""
+def _are_names(cells: list[str]) -> bool:
+    """Whether a column names rows: numbers from R, each once, or no numbers."""
+    whole = all(cell.isdecimal() for cell in cells) and len(set(cells)) == len(cells)
+    return whole or not any(map(is_number, cells))
+
+
+def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str] | None]:
+    """Tell the names from the row of units below them: most of its cells are units, or brackets."""
     if not heads:
         return None, None
-    rows = [_cells(text, delimiter) for text in heads]
-    rows = [[*row, ""][:width] for row in rows]
-    units = [cell.strip("[]() ") for cell in rows[-1]]
-    given = [unit for unit in units if unit not in {"", "-"}]
-    known = [unit for unit in given if any(known_factor(name, unit) for name in UNITS)]
-    if len(rows) > 1 and 2 * len(known) > len(given):
-        return rows[-2], units
-    return rows[-1], None
+    given = [cell for cell in heads[-1] if cell not in {"", "-"}]
+    known = [
+        cell for cell in given if any(units_spelt(name, cell.strip("[]() ")) for name in UNITS)
+    ]
+    bracketed = all(words_in(cell) and not without_unit(cell) for cell in given)
+    texts = all(heads[0]) and len(set(heads[0])) == len(heads[0])
+    if len(heads) > 1 and (2 * len(known) > len(given) or bracketed or (known and texts)):
+        return heads[0], heads[1]
+    return heads[-1], None
 
 
 def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:

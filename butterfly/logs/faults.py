@@ -80,6 +80,19 @@ def restarts(time: Samples) -> list[int]:
     return found
 
 
+def cut_by_thousand(time: Samples) -> int | None:
+    """Return the number of a sample whose stamp is a thousandth of what follows: 1.000 after 999.
+
+    The steps from there on are a thousandth, too. None if there is none.
+    """
+    steps = np.diff(time)
+    falls = 1 + np.flatnonzero(steps[1:-1] < 0)
+    before, after = steps[falls - 1], steps[falls + 1]
+    there = np.abs(1000 * time[falls + 1] - time[falls] - before) <= before / 2
+    found = falls[there & (np.abs(1000 * after - before) <= before / 2)]
+    return int(found[0]) + 1 if found.size else None
+
+
 def repeated(time: Samples, kept: Mask) -> Mask:
     """Return which of the samples that were not kept repeat the stamp of the last one kept."""
     dropped, stays = np.flatnonzero(~kept), np.flatnonzero(kept)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol, TypeAlias, TypeGuard
 
 import numpy as np
@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED, Log
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import AS_IS, Heading, Units, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
+FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json")
 """The module that reads files of an ending; imported when it is used, as each is slow."""
 
-OFTEN_TEXTS = {".txt", ".dat"}
+OFTEN_TEXTS = {".txt", ".dat", ".json"}
 """Endings of files that are often texts of another kind."""
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])
@@ -33,12 +34,20 @@ def read_log(
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
     """Read one file, by its ending; InputError if it cannot be read, or is none of `FORMATS`."""
+    read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
+    return read(path, columns, units, **{"name": path.name} | properties)
+
+
+def holds_table(path: Path) -> bool:
+    """Whether a file, which may be a text of another kind, holds numbers as a log does."""
+    return bool(_module(path).holds_table(path))
+
+
+def _module(path: Path) -> ModuleType:
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
-    module = import_module(f"butterfly.logs.{FORMATS[ending]}")
-    read: Callable[..., Log] = getattr(module, f"read_{FORMATS[ending]}")
-    return read(path, columns, units, **{"name": path.name} | properties)
+    return import_module(f"butterfly.logs.{FORMATS[ending]}")
 
 
 ColumnMap = Mapping[str, str | int]
@@ -51,7 +60,6 @@ VELOCITY = "velocity"
 """Column that is read besides, where no map is given and it is there."""
 
 _HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
-_UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
 def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
@@ -71,7 +79,7 @@ def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     """Return the number of the one column of a name, with or without its unit, or of a number."""
-    for known in (list(names), [_UNIT.sub("", name) for name in names]):
+    for known in (list(names), [without_unit(name) for name in names]):
         places = [k for k, name in enumerate(known) if name == wanted]
         if len(places) > 1:
             numbers = " and ".join(map(str, places))
@@ -89,15 +97,15 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     raise InputError(source, str(wanted), "no such column", expected)
 
 
-def has_column(names: Sequence[str], wanted: str) -> bool:
-    """Whether there is a column of a name, its unit left aside."""
-    return any(wanted in {name, _UNIT.sub("", name)} for name in names)
-
-
-def unit_in(name: str) -> str | None:
-    """Return the text in brackets behind a column's name; None if there is none."""
-    found = _UNIT.search(name)
-    return None if found is None else found[1]
+def chosen_columns(
+    source: object, names: Sequence[str], columns: ColumnMap | None
+) -> tuple[dict[str, int], list[str]]:
+    """Return the number of each column that is read, by field, and the fields unasked for."""
+    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns)
+    there = columns is None and any(VELOCITY in {name, without_unit(name)} for name in names)
+    unasked = [VELOCITY] if there else []
+    wanted |= dict(zip(unasked, unasked, strict=True))
+    return {field: place(source, names, name) for field, name in wanted.items()}, unasked
 
 
 class Frame(Protocol):
@@ -133,13 +141,11 @@ def log_of_table(
     names = list(found)
     if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
         columns = dict(zip(SAMPLED, range(len(names)), strict=False))
-    elif columns is None:
-        columns = DEFAULT_COLUMNS | {each: each for each in names if each == VELOCITY}
-    chosen: dict[str, Any] = {
-        field: found[names[place("table", names, name)]]
-        for field, name in checked_map("table", columns).items()
-    }
-    return Log(**chosen, source="table", **properties).converted(units)
+    places, unasked = chosen_columns("table", names, columns)
+    arrays = {field: found[names[k]] for field, k in places.items()}
+    headings = {field: Heading(name=names[k], number=k) for field, k in places.items()}
+    properties |= {"source": "table"}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
 def _columns(table: Table) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from butterfly.errors import InputError
 from butterfly.logs.faults import (
     Wrapping,
     clipped,
+    cut_by_thousand,
     find_wrapping,
     increasing,
     repeated,
@@ -24,6 +25,7 @@ from butterfly.logs.faults import (
     unwrapped,
 )
 from butterfly.logs.log import Lead, Log
+from butterfly.logs.units import ASSUMED, ColumnReading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
 
@@ -92,11 +94,12 @@ class Health:
     turns: float = 0.0  # span of the angle over 2 pi; 0 of a slide
     middle: float = 0.0  # rad, median angle
     cut_lines: int = 0  # at the end of the file, cut off and dropped
-    units: Mapping[str, str] = field(default_factory=dict)  # that the file itself gives
+    columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # what was read as what
 
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on the log, worst first; nothing of a healthy one."""
+        others = {name: each for name, each in self.columns.items() if each.own}
         lost = self.dropped > _MANY * self.samples
         gone = self.longest_gap > _MANY * self.duration
         counted = [
@@ -107,7 +110,7 @@ class Health:
             (self.backward_stamps, "backward stamp", "dropped", lost),
             (self.non_finite, "sample", "not finite, dropped", lost),
             (self.wraps, "jump", "by a turn undone", False),
-            (self.cut_lines, "last line", "cut off, dropped", False),
+            (self.cut_lines, "last line", "that lacks its end, dropped", False),
             (self.idle, "sample", "with the same input throughout", False),
         ]
         found = [
@@ -117,14 +120,16 @@ class Health:
         ]
         if self.turns > 1.0:
             text = f"turns {self.turns:.1f} times round"
-            meant = self.wraps or "angle" in self.units
+            meant = self.wraps or (
+                "angle" in self.columns and self.columns["angle"].said != ASSUMED
+            )
             found.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
         if self.step > _SLOW:
             text = f"a sample in {self.step:.3g} s only"
             found.append(Remark(Level.CARE, text, _IF_MILLISECONDS))
-        if self.units:
-            listed = ", ".join(f"{name} {unit}" for name, unit in self.units.items())
-            found.append(Remark(Level.NOTE, f"units of the file's own: {listed}"))
+        if others:
+            texts = "; ".join(f"{name}: {each.text}" for name, each in others.items())
+            found.append(Remark(Level.NOTE, f"in units of the file's own: {texts}"))
         return sorted(found, key=lambda remark: remark.condition is not Level.CARE)
 
     @property
@@ -152,6 +157,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     kept = increasing(sound.time)
     repeats = repeated(sound.time, kept)
     backward = ~(kept | repeats)
+    refuse_separators(sound)
     ascending = "stamps in ascending order"
     if Repair.BACKWARD not in repairs and backward.any() and restarts(sound.time):
         ascending += f" (or {SPLIT}, where several recordings were put together)"
@@ -186,9 +192,17 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         turns=float(np.ptp(clean.angle)) / (2 * math.pi) if turning else 0.0,
         middle=float(np.median(clean.angle)),
         cut_lines=log.reading.cut_lines,
-        units=log.reading.units,
+        columns=log.reading.columns,
     )
     return clean, health
+
+
+def refuse_separators(log: Log) -> None:
+    """Raise InputError where thousands in the stamps were written with a separator."""
+    if (first := cut_by_thousand(log.time)) is not None:
+        found = f"{log.time[first]:g} after {log.time[first - 1]:g} at sample {first}"
+        expected = "stamps without separators of thousands (1000, not 1.000 or 1,000)"
+        raise InputError(log.source, "time", found, expected)
 
 
 def _only(log: Log, kept: NDArray[np.bool_]) -> Log:

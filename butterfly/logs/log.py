@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.units import AS_IS, Units
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, read_unit
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
 
 MIN_SAMPLES = 16
@@ -90,7 +90,7 @@ class FileReading:
 
     layout: tuple[str, ...] = ()  # of its text: delimiters, decimal commas, lines without samples
     cut_lines: int = 0  # last lines that were cut off in writing, and dropped
-    units: Mapping[str, str] = field(default_factory=dict)  # that it gives to columns, by field
+    columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # by field
 
 
 AS_WRITTEN = FileReading()
@@ -196,7 +196,7 @@ class Log:
         time, input, angle, velocity
             Names of its columns; the last may be None.
         units
-            Of the columns (see `butterfly.logs.units`); s, rad and the input's own if not given.
+            Of the columns (see `butterfly.logs.units`), besides what their names say in brackets.
         properties
             The other fields.
 
@@ -214,12 +214,49 @@ class Log:
                 columns[column] = frame[name]
             except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", column, name, "the name of a column") from None
-        return cls(**columns, **properties).converted(Units.of(units, "frame"))
+        headings = {column: Heading(name=str(named[column])) for column in columns}
+        own = {"source": "frame", **properties}
+        return cls.of_columns(columns, headings, Units.of(units, "frame"), **own)
 
-    def converted(self, units: Units) -> Log:
-        """Return the log of columns that were recorded in other units."""
-        changed: dict[str, Any] = units.applied(self.columns())
-        return self if units == AS_IS else replace(self, **changed)
+    @classmethod
+    def of_columns(
+        cls,
+        columns: Mapping[str, Any],
+        headings: Mapping[str, Heading],
+        units: Units = AS_IS,
+        *,
+        unasked: Collection[str] = (),
+        **properties: Any,  # noqa: ANN401 - the other fields of the class
+    ) -> Log:
+        """Make a log of columns in their units (see `read_unit`); all readers end here.
+
+        Of those ``unasked`` for, one in a unit that is not known is left out.
+        """
+        log = cls(**columns, **properties)
+        layout, found = list(log.reading.layout), {}
+        for name, heading in headings.items():
+            try:
+                found[name] = read_unit(log.source, name, heading, units, log.quantities(name))
+            except InputError as error:
+                if name not in unasked:
+                    raise
+                layout.append(f"{name} left out: {error.value} is not known")
+        reading = replace(log.reading, layout=tuple(layout), columns=found)
+        changed: dict[str, Any] = dict.fromkeys(unasked)
+        for name, each in found.items():
+            own = getattr(log, name)
+            changed[name] = own if each.factor == 1.0 else own * each.factor
+        return replace(log, **changed, reading=reading)
+
+    def quantities(self, name: str) -> tuple[str, ...]:
+        """Return what a sampled column may measure, the project's own unit of it first."""
+        turns = self.added_mass.joint is JointKind.HINGE
+        if name == "input" and self.input_kind is InputKind.VOLTAGE:
+            return ("voltage",)
+        if name == "input":
+            return ("torque" if turns else "force", "current", "share")
+        kinds = {"angle": ("angle", "length"), "velocity": ("rate", "speed")}
+        return (kinds[name][not turns],) if name in kinds else (name,)
 
     def timed(self, factor: float) -> Log:
         """Return the log with its stamps multiplied by a factor, by which speeds are divided."""
@@ -239,9 +276,12 @@ class Log:
 
     def _column(self, name: str) -> Samples:
         try:
-            given = np.asarray(getattr(self, name))
+            column = getattr(self, name)
+            given = np.asarray(column)
             if given.dtype.kind in _NO_NUMBERS:
                 raise TypeError
+            if isinstance(column, np.ma.MaskedArray):  # what is masked is missing
+                given = np.where(np.ma.getmaskarray(column), np.nan, given)
             return given.astype(np.float64, copy=False)
         except (TypeError, ValueError):
             raise InputError(self.source, name, "values that are no numbers", "numbers") from None

@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 from butterfly.errors import InputError
-from butterfly.files import write_file
+from butterfly.files import require_path, write_file
 from butterfly.logs import thesis_logs
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
@@ -106,6 +106,10 @@ class LogEntry(StrictModel):
     def _below_the_root(cls, value: str) -> str:
         if PurePath(value).is_absolute() or ".." in PurePath(value).parts:
             raise ValueError("a path below the data set's root")
+        try:
+            require_path(value, "manifest", "file")
+        except InputError as error:
+            raise ValueError(error.expected) from None
         return value
 
     @model_validator(mode="after")
@@ -367,4 +371,6 @@ def _expand_root(manifest_path: Path, root: str) -> Path:
         return str(folder)
 
     base = Path() if _VARIABLE.match(root) else manifest_path.parent
-    return (base / _VARIABLE.sub(expand, root)).resolve()
+    folder = _VARIABLE.sub(expand, root)
+    require_path(folder, manifest_path, "root")
+    return (base / folder).resolve()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS
+from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS, holds_table
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
@@ -68,8 +68,6 @@ def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
 
 def _entries(folder: Path) -> list[LogEntry]:
     """Return an entry for each log; files that are often other texts are if they hold a table."""
-    from butterfly.logs.csv import holds_table  # noqa: PLC0415 - slow to import
-
     paths = [
         path
         for path in log_files(folder)

@@ -4,27 +4,33 @@ from __future__ import annotations
 
 import math
 import mmap
+import re
 import struct
 import zlib
 from collections.abc import Collection, Container
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from butterfly.errors import InputError, nearest, size_text
-from butterfly.files import most_in, replacing
+from butterfly.files import most_in, replacing, require_file
 from butterfly.logs.formats import ColumnMap, checked_map
-from butterfly.logs.log import SAMPLED, Log
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
+from butterfly.logs.units import AS_IS, Heading, Units
 
 _MATRIX = "D"
-_OBJECTS = (
-    "a MATLAB object (timeseries, table, Simulink.SimulationOutput), which only MATLAB can read",
-    "plain vectors, saved as t = x.Time; u = x.Data; save('log.mat', 't', 'u')",
-)
+_SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
+_CONVERSIONS = {
+    "table": "writetable(x, 'log.csv')",
+    "timetable": "T = timetable2table(x); T.(1) = seconds(T.(1)); writetable(T, 'log.csv')",
+    "Simulink.SimulationData.Dataset": _SIGNAL.format(x="x{1}.Values."),
+    "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
+    "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
+}  # lines of MATLAB that make a file for others of an object x; of all others as of a timeseries
 
 
 def read_mat(
@@ -35,16 +41,23 @@ def read_mat(
 ) -> Log:
     """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``.
 
-    A column is a vector (``t``), a field of a struct (``data.t``) or a column of a matrix (``M.0``,
-    or ``0`` of ``D``). Without a map they are the columns t, u, q[, dq] of ``D``.
+    A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` of the second of an
+    array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, where each of its columns is
+    a sample). Without a map they are the columns t, u, q[, dq] of ``D``.
     """
     if columns is None:
         arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
+        headings = {field: Heading(name=_MATRIX, number=k) for k, field in enumerate(arrays)}
     else:
         mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
-        variables, names = _load(path, {parts[0] for parts in mapping.values()})
+        said: dict[str, dict[str, str]] = {}
+        variables, names = _load(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
-    return Log(**arrays, source=str(path), **properties).converted(units)
+        named = {field: ".".join(own) for field, own in mapping.items()}
+        headings = {
+            field: Heading(name=each, said=said.get(each, {})) for field, each in named.items()
+        }
+    return Log.of_columns(arrays, headings, units, source=str(path), **properties)
 
 
 def write_mat(log: Log, path: Path) -> None:
@@ -70,7 +83,7 @@ def _matrix(path: Path) -> NDArray[np.float64]:
         found = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
         raise InputError(path, _MATRIX, found, expected)
-    matrix = variables[_MATRIX]
+    matrix = _upright(variables[_MATRIX])
     if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
         found = matrix if isinstance(matrix, str) else type(matrix).__name__
         found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
@@ -85,6 +98,12 @@ def _real(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
     return np.array(values, dtype=np.float64, order="F")
 
 
+def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return a matrix whose rows are too few to be samples, while its columns are not, turned."""
+    matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
+    return found.T if matrix and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
+
+
 def _vector(
     path: Path, variables: dict[str, Any], names: list[str], parts: list[str]
 ) -> NDArray[np.float64]:
@@ -95,19 +114,17 @@ def _vector(
         raise InputError(path, wanted, "no such variable", _listing(parts[0], names))
     found: Any = variables[parts[0]]
     for k, part in enumerate(parts[1:], 1):
-        width = found.shape[1] if isinstance(found, np.ndarray) and found.ndim == 2 else 0  # noqa: PLR2004 - a matrix
-        if isinstance(found, dict) and part in found:
-            found = found[part]
-        elif part.isdecimal() and int(part) < width:
-            found = found[:, int(part)]
-        else:
-            valid = [*found] if isinstance(found, dict) else [*map(str, range(width))]
+        if isinstance(found, MatlabObject):
+            raise found.refused(path, wanted)
+        below = _below(found)
+        if part not in below:
             where = ".".join(parts[:k])
-            raise InputError(path, wanted, f"no {part} in {where}", _listing(part, valid))
+            raise InputError(path, wanted, f"no {part} in {where}", _listing(part, [*below]))
+        found = below[part]
     if isinstance(found, MatlabObject):
-        raise InputError(path, wanted, *_OBJECTS)
-    if isinstance(found, dict):
-        expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in found)}"
+        raise found.refused(path, wanted)
+    if isinstance(found, dict | list):
+        expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in _below(found))}"
         raise InputError(path, wanted, "a struct", expected)
     values = _real(path, wanted, np.asarray(found))
     if values.size != max(values.shape, default=0):
@@ -116,10 +133,20 @@ def _vector(
     return values.ravel()
 
 
+def _below(found: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
+    """Return what a struct, an array of structs or a matrix consists of, by its name or number."""
+    if isinstance(found, dict):
+        return found
+    matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
+    columns = _upright(found).T if matrix else found if isinstance(found, list) else []
+    return {str(k): each for k, each in enumerate(columns)}
+
+
 def _refuse_objects(path: Path, wanted: str, variables: dict[str, Any]) -> None:
     """Raise InputError if there are objects, which are what is likely to be meant."""
-    if any(isinstance(each, MatlabObject) for each in variables.values()):
-        raise InputError(path, wanted, *_OBJECTS)
+    for name, each in variables.items():
+        if isinstance(each, MatlabObject):
+            raise each.refused(path, wanted, name)
 
 
 def _listing(wanted: str, valid: list[str]) -> str:
@@ -128,33 +155,79 @@ def _listing(wanted: str, valid: list[str]) -> str:
     )
 
 
+@dataclass(frozen=True)
 class MatlabObject:
     """Stands for an object of MATLAB's, which nobody else can read."""
+
+    kind: str = ""
+
+    def refused(self, path: Path, wanted: str, name: str = "x") -> InputError:
+        """Return the error, with the line of MATLAB that makes a file for others of it."""
+        line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
+        kind = f" ({self.kind})" if self.kind else ""
+        found = f"a MATLAB object{kind}, which only MATLAB can read"
+        return InputError(path, wanted, found, f"plain vectors or a table; in MATLAB: {line}")
 
 
 _HEADER, _VERSION, _ORDER = 128, slice(124, 126), slice(126, 128)
 _HDF5 = b"\x00\x02"
 
 
-def _load(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
-    """Return variables, the wanted ones among them if they are there, and the names of all."""
-    if not path.is_file():
-        raise InputError(path, "path", "no such file", "an existing .mat file")
+def _load(
+    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]] | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return variables, the wanted ones among them if they are there, and the names of all.
+
+    What attributes say of units, which only version 7.3 has, is added to ``said``.
+    """
+    require_file(path, "an existing .mat file")
     try:
         with path.open("rb") as file:
             header = file.read(_HEADER)
             if header[_VERSION] == _HDF5:
-                return _load73(path, wanted)
-            if len(header) < _HEADER or 0 in header[:4]:  # of level 4
-                found = loadmat(path)
-            else:
-                found = _load5(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
+                return _load73(path, wanted, {} if said is None else said)
+            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            found = _load4(data) if 0 in header[:4] else _load5(data)
     except InputError:
         raise
     except Exception as error:  # readers meet corrupt bytes with whatever they lead to
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
-    return found, [name for name in found if not name.startswith("__")]
+    return found, [*found]
+
+
+# Level 4 (the same, chapter 1, appendix): arrays one after the other, each after five numbers.
+
+_OF_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
+_OTHERS_OF_4 = {1: "text", 2: "a sparse matrix"}
+_MACHINES = "a machine's numbers that are no IEEE floats: VAX's or Cray's"
+
+
+def _load4(data: Bytes) -> dict[str, Any]:
+    """Return the variables of a file of level 4 by their names."""
+    found: dict[str, Any] = {}
+    while data:
+        if len(data) < 20:  # noqa: PLR2004 - bytes of five numbers
+            raise ValueError(f"{len(data)} bytes where five numbers should be")
+        order = "<" if struct.unpack_from("<I", data)[0] < 10_000 else ">"  # noqa: PLR2004
+        kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5I", data)
+        machine, rest = divmod(kind, 1000)
+        form, text = divmod(rest, 10)
+        if machine in {2, 3, 4}:
+            raise ValueError(_MACHINES)
+        if machine != (order == ">") or form >= len(_OF_4):
+            raise ValueError(f"an array of type {kind}")
+        numbers = np.dtype(f"{order}{_OF_4[form]}")
+        begin, count = 20 + length, rows * columns * (2 if imaginary else 1)
+        end = begin + count * numbers.itemsize
+        if end > len(data):
+            raise ValueError(f"an array of {end} bytes of which {len(data)} are there")
+        name = bytes(data[20:begin]).partition(b"\0")[0].decode("latin-1")
+        parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
+        values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
+        found[name] = values if text == 0 else _OTHERS_OF_4.get(text, f"an array of type {kind}")
+        data = data[end:]
+    return found
 
 
 # Level 5 (MATLAB, MAT-File Format, 2019, chapter 1). SciPy's compiled reader takes the tags of a
@@ -165,7 +238,7 @@ _INT8, _INT32, _UINT32 = 1, 5, 6
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
 _NUMBERS |= {13: "u8"}
 _NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classes
-_OTHERS = {1: "a cell array", _STRUCT: "an array of structs", 4: "text", 5: "a sparse matrix"}
+_OTHERS = {1: "a cell array", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x0800
 _DEEPEST = 32  # dimensions, and structs within structs
 
@@ -248,7 +321,9 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
         raise ValueError(f"{4 * len(flags)} bytes of flags")
     kind, parts = flags[0] & 0xFF, 2 if flags[0] & _COMPLEX else 1
     if kind == _OPAQUE:
-        return elements.text("the name of an object"), MatlabObject()
+        name = elements.text("the name of an object")
+        elements.text("the system of an object")
+        return name, MatlabObject(elements.text("the class of an object"))
     shape = elements.numbers("a shape", _INT32)
     if not 2 <= len(shape) <= _DEEPEST or min(shape) < 0:  # noqa: PLR2004 - rows and columns
         raise ValueError(f"a shape of {len(shape)} numbers, {min(shape, default=0)} the least")
@@ -258,8 +333,12 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
         return name, values[0] if parts == 1 else values[0] + 1j * values[1]
     if kind in _OBJECTS_OF:
         return name, MatlabObject()
-    if kind == _STRUCT and math.prod(shape) == 1:
-        return name, {field: _within(elements, depth) for field in _fields(elements)}
+    if kind == _STRUCT:
+        fields, count = _fields(elements), math.prod(shape)
+        if count > 1 + len(elements.data):
+            raise ValueError(f"{count} structs in {len(elements.data)} bytes")
+        structs = [{field: _within(elements, depth) for field in fields} for _ in range(count)]
+        return name, structs[0] if count == 1 else structs
     if kind not in _OTHERS:
         raise ValueError(f"an array of class {kind}")
     return name, _OTHERS[kind]
@@ -293,6 +372,7 @@ def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever 
 
 # Version 7.3 is HDF5.
 
+_UNIT_KEYS = {"unit", "units", "Unit", "Units"}  # attributes
 _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
@@ -300,7 +380,9 @@ _PLAIN = {"double", "single", "logical", "char", "struct"} | {
 _OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
-def _load73(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[str]]:
+def _load73(
+    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]]
+) -> tuple[dict[str, Any], list[str]]:
     try:
         import h5py  # noqa: PLC0415 - an extra
     except ImportError:
@@ -311,18 +393,52 @@ def _load73(path: Path, wanted: Collection[str]) -> tuple[dict[str, Any], list[s
     def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
         """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
         nonlocal left
+        for key in _UNIT_KEYS & node.attrs.keys():
+            text = node.attrs[key]
+            text = text.decode() if isinstance(text, bytes) else str(text)
+            said.setdefault(node.name.strip("/").replace("/", "."), {})[f"attribute {key}"] = text
         kind = node.attrs.get("MATLAB_class", b"")
         if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
-            return MatlabObject()
+            return MatlabObject(kind.decode())
         size = _OF_NODE + getattr(node, "nbytes", 0)
         left -= size
         if size < 0 or left < 0:  # a file may claim any size
             raise ValueError(f"arrays of {size_text(size)} more than there may be")
         if hasattr(node, "items"):
-            return {key: value(below) for key, below in node.items()}
+            found = {key: value(_own_node(path, node, key)) for key in node}
+            lists = [each for each in found.values() if isinstance(each, list)]
+            if not lists or len(lists) < len(found):
+                return found
+            return [dict(zip(found, each, strict=True)) for each in zip(*lists, strict=True)]
+        _require_written(path, node)
         values = np.asarray(node[()])
+        if values.dtype == h5py.ref_dtype and not kind:  # a field of an array of structs
+            return [value(file[each]) for each in values.ravel(order="F")]
         return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
 
     with h5py.File(path, "r") as file:
-        found = {name: value(file[name]) for name in wanted if name in file}
-        return found, [str(name) for name in file if not name.startswith(_OWN)]
+        names = list(file)
+        found = {name: value(_own_node(path, file, name)) for name in wanted if name in names}
+        return found, [name for name in names if not name.startswith(_OWN)]
+
+
+def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py's
+    """Return what a file itself holds: no link, which MATLAB writes none of, leads elsewhere."""
+    link = parent.get(name, getlink=True)
+    if type(link).__name__ != "HardLink":
+        raise InputError(path, name, "a link to another place", "numbers in the file itself")
+    return parent[name]
+
+
+def _require_written(path: Path, data: Any) -> None:  # noqa: ANN401 - h5py's
+    """Refuse numbers of other files, and those never written, which HDF5 reads as zeros."""
+    if data.external or data.is_virtual:
+        found = "numbers that lie in another file"
+    elif data.chunks:
+        counts = [-(-n // chunk) for n, chunk in zip(data.shape, data.chunks, strict=True)]
+        written = data.id.get_num_chunks()
+        found = f"{written} of {math.prod(counts)} pieces" if written < math.prod(counts) else ""
+    else:
+        found = "numbers never written" if data.nbytes and not data.id.get_storage_size() else ""
+    if found:
+        raise InputError(path, data.name.strip("/"), found, "numbers in the file, all written")

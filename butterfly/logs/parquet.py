@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,13 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in
-from butterfly.logs.formats import DEFAULT_COLUMNS, VELOCITY, ColumnMap, checked_map, place
+from butterfly.files import most_in, require_file
+from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import AS_IS, Heading, Units
 
 _BYTES = 8  # of a number
+_UNIT_KEYS = {b"unit", b"units"}  # of a column's metadata
 _AT_A_TIME = 1 << 20  # samples
 
 
@@ -27,42 +29,56 @@ def read_parquet(
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
     """Read a log (see `read_log`); columns that are not asked for are ignored."""
-    mapping = checked_map(path, columns or DEFAULT_COLUMNS)
+    require_file(path, "an existing Parquet file")
     try:
         with parquet.ParquetFile(path) as file:
-            arrays = _columns(path, file, mapping, None if columns else VELOCITY)
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing Parquet file") from None
+            schema = file.schema_arrow
+            places, unasked = chosen_columns(path, schema.names, columns)
+            for field in unasked:
+                if not _is_number(schema.types[places[field]]):
+                    del places[field]
+            headings = {field: _heading(schema, k) for field, k in places.items()}
+            arrays = _columns(path, file, places)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first = str(error).splitlines()[0]
         raise InputError(path, "content", first, "a whole Parquet file") from None
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
-    return Log(**arrays, source=str(path), **properties).converted(units)
+    properties |= {"source": str(path)}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _columns(
-    path: Path, file: parquet.ParquetFile, mapping: dict[str, str | int], welcome: str | None
-) -> dict[str, Any]:
-    """Read columns one after the other, by the log's field; and one that is welcome, if there."""
+def _heading(schema: pa.Schema, number: int) -> Heading:
+    field = schema.field(number)
+    said = {
+        f"metadata {key.decode()}": value.decode()
+        for key, value in (field.metadata or {}).items()
+        if key.lower() in _UNIT_KEYS
+    }
+    return Heading(name=field.name, number=number, said=said)
+
+
+def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -> dict[str, Any]:
+    """Read columns one after the other, by the log's field."""
     names = file.schema_arrow.names
-    wanted = {field: place(path, names, name) for field, name in mapping.items()}
-    if welcome is not None and welcome in names:
-        wanted[welcome] = names.index(welcome)
     most = most_in(path.stat().st_size)
-    if not 0 <= file.metadata.num_rows * len(wanted) * _BYTES <= most:
+    if not 0 <= file.metadata.num_rows * len(places) * _BYTES <= most:
         found = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
         expected = f"a whole Parquet file, of up to {size_text(most)}"
         raise InputError(path, "content", found, expected)
     arrays = {}
-    for field, number in wanted.items():
-        kind = file.schema_arrow.types[number]
-        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
-            raise InputError(path, names[number], f"a column of {kind}", "numbers")
-        batches = file.iter_batches(_AT_A_TIME, columns=[names[number]])
-        which = names[:number].count(names[number])  # of the columns of this name
+    for field, number in places.items():
+        name, kind = names[number], file.schema_arrow.types[number]
+        if not _is_number(kind):
+            raise InputError(path, name, f"a column of {kind}", "numbers")
+        batches = file.iter_batches(_AT_A_TIME, columns=[name])
+        which = names[:number].count(name)  # of the columns of this name
         parts = [each.column(which).to_numpy(zero_copy_only=False) for each in batches]
         arrays[field] = np.concatenate([np.empty(0), *parts])
     return arrays
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
 
 
 def parquet_bytes(log: Log) -> bytes:

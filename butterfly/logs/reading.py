@@ -15,6 +15,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.logs.faults import restarts
 from butterfly.logs.formats import read_log
+from butterfly.logs.health import refuse_separators
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.progress import Track, untracked
@@ -80,6 +81,7 @@ def piece_name(entry: LogEntry) -> str:
 
 def _parts(whole: Log) -> list[Log]:
     """Return the recordings that were put together in a file, each with a clock of its own."""
+    refuse_separators(whole)
     edges = list(pairwise([0, *restarts(whole.time), whole.time.size]))
     for first, last in edges:
         if last - first < MIN_SAMPLES:

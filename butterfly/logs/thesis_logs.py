@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-from concurrent.futures import ThreadPoolExecutor
+import time
+from concurrent.futures import Future
 from functools import cache
 from pathlib import Path
+from threading import Event, Thread
+from typing import NamedTuple
 
 from butterfly.errors import InputError
-from butterfly.files import read_file, replacing
+from butterfly.files import read_file, write_file
 from butterfly.progress import Track, untracked
 
 VARIABLE = "BUTTERFLY_LOGS"
@@ -23,14 +26,27 @@ PUBLISHED = (
 
 _AT_ONCE = 4
 _TIMEOUT = 30.0  # s in which a server must answer, and send more once it has begun
+_DEADLINE = 1800.0  # s in which all logs must have come
+_PART = 1 << 16  # bytes that are taken at a time, or fewer, as they come
+_GOES_ON = (
+    "a log; those that have come stay, and the same command goes on "
+    "(or takes them from a folder or another address: --from)"
+)
 _ADDRESSES = ("http://", "https://")
 
 
+class Pin(NamedTuple):
+    """What a log is known by."""
+
+    sha256: str
+    size: int  # bytes
+
+
 @cache
-def digests() -> dict[str, str]:
-    """Return the SHA-256 of each log, by its path below their folder."""
-    lines = Path(__file__).with_name("SHA256SUMS").read_text(encoding="utf-8").splitlines()
-    return {name: digest for digest, name in map(str.split, lines)}
+def pins() -> dict[str, Pin]:
+    """Return what each log is known by, by its path below their folder."""
+    lines = Path(__file__).with_name("thesis_logs.txt").read_text(encoding="utf-8").splitlines()
+    return {name: Pin(digest, int(size)) for digest, size, name in map(str.split, lines)}
 
 
 def own_folder() -> Path:
@@ -45,38 +61,44 @@ def found_folder() -> Path | None:
     if named := os.environ.get(VARIABLE):
         return Path(named)
     own = own_folder()
-    return own if all((own / name).is_file() for name in digests()) else None
+    return own if all((own / name).is_file() for name in pins()) else None
 
 
 def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> int:
     """Fetch the logs that a folder lacks from another, or an address; return how many.
 
     Each is put in place whole, once its SHA-256 is right; what has been fetched stays. InputError
-    if a log cannot be fetched or written, is another one at the source, or a file of its name with
-    other content is in the folder already.
+    if a log cannot be fetched or written, is another one at the source or longer, or a file of its
+    name with other content is in the folder already; or if all have not come in half an hour.
     """
     if not source.startswith(_ADDRESSES) and not Path(source).is_dir():
         expected = f"an existing folder, or an address that begins with {' or '.join(_ADDRESSES)}"
         raise InputError("logs fetch", "--from", source, expected)
-    missing = [name for name in digests() if not _is_there(folder, name)]
+    waiting = {name: Future[bytes]() for name in pins() if not _is_there(folder, name)}
+    count = len(waiting)
+    left, stop, end = iter(list(waiting.items())), Event(), time.monotonic() + _DEADLINE
 
-    def bring(name: str) -> None:
-        origin = f"{source.rstrip('/')}/{name}"
-        with replacing(folder / name) as draft:
-            if origin.startswith(_ADDRESSES):
-                _download(origin, draft)
-            else:
-                draft.write_bytes(read_file(Path(origin), "a log to copy"))
-            _require(digests()[name], draft, source=origin, more="as the log of this name has")
+    def bring() -> None:
+        for name, future in left:
+            if stop.is_set():
+                break
+            try:
+                future.set_result(_content(f"{source.rstrip('/')}/{name}", pins()[name], stop))
+            except Exception as error:
+                future.set_exception(error)
 
-    with ThreadPoolExecutor(_AT_ONCE) as workers:
-        brought = workers.map(bring, missing)
-        try:
-            for _ in track(missing, "Fetching logs"):
-                next(brought)
-        finally:
-            workers.shutdown(cancel_futures=True)
-    return len(missing)
+    for _ in range(_AT_ONCE):  # threads of an executor are waited for at the end, whatever happens
+        Thread(target=bring, daemon=True).start()
+    try:
+        for name in track(list(waiting), "Fetching logs"):
+            content = waiting.pop(name).result(max(end - time.monotonic(), 0.0))
+            write_file(folder / name, content)
+    except TimeoutError:
+        found = f"{len(waiting) + 1} logs that had not come in {_DEADLINE:g} s"
+        raise InputError(source, "transfer", found, _GOES_ON) from None
+    finally:
+        stop.set()
+    return count
 
 
 def _is_there(folder: Path, name: str) -> bool:
@@ -84,29 +106,46 @@ def _is_there(folder: Path, name: str) -> bool:
     path = folder / name
     if not path.exists():
         return False
-    _require(digests()[name], path, source=path, more="or no such file: it is not overwritten")
+    expected = "the log of this name, or no such file: it is not overwritten"
+    content = read_file(path, expected, most=pins()[name].size)
+    _require(pins()[name], content, path, "or no such file: it is not overwritten")
     return True
 
 
-def _require(digest: str, path: Path, *, source: object, more: str) -> None:
-    with path.open("rb") as file:
-        found = hashlib.file_digest(file, "sha256").hexdigest()
-    if found != digest:
-        raise InputError(source, "SHA-256", found, f"{digest}, {more}")
+def _content(origin: str, pin: Pin, stop: Event) -> bytes:
+    """Return a log, as it is at its origin."""
+    if origin.startswith(_ADDRESSES):
+        content = _downloaded(origin, pin.size, stop)
+    else:
+        content = read_file(Path(origin), "a log to copy", most=pin.size)
+    _require(pin, content, origin, "as the log of this name has")
+    return content
 
 
-def _download(address: str, path: Path) -> None:
-    from pooch import HTTPDownloader  # noqa: PLC0415 - slow to import
-    from requests import RequestException  # noqa: PLC0415
+def _require(pin: Pin, content: bytes, source: object, more: str) -> None:
+    found = hashlib.sha256(content).hexdigest()
+    if found != pin.sha256:
+        raise InputError(source, "SHA-256", found, f"{pin.sha256}, {more}")
 
+
+def _downloaded(address: str, size: int, stop: Event) -> bytes:
+    """Return what an address sends, which may be so many bytes."""
+    import requests  # noqa: PLC0415 - slow to import
+    from urllib3.exceptions import HTTPError  # noqa: PLC0415
+
+    content = bytearray()
     try:
-        HTTPDownloader(timeout=_TIMEOUT)(address, str(path), None)
-    except (RequestException, ValueError) as error:
-        expected = (
-            "a log; those that have come stay, and the same command goes on "
-            "(or takes them from a folder or another address: --from)"
-        )
-        raise InputError(address, "transfer", _why(error), expected) from None
+        with requests.get(address, stream=True, timeout=_TIMEOUT) as response:
+            response.raise_for_status()
+            while part := response.raw.read1(_PART, decode_content=True):
+                content += part
+                if stop.is_set():
+                    break
+                if len(content) > size:
+                    raise InputError(address, "transfer", f"more than {size} bytes", "no more")
+    except (requests.RequestException, HTTPError) as error:
+        raise InputError(address, "transfer", _why(error), _GOES_ON) from None
+    return bytes(content)
 
 
 def _why(error: BaseException) -> object:

@@ -3,57 +3,109 @@
 A unit stands by its name (``deg``), as counts per turn (``counts/4096``) or as the factor that
 makes it one of the project's own (``0.01745``). A minus in front turns the sign (``-deg``); alone,
 as ``-`` or ``-1``, it turns the sign and leaves the unit to what the file gives.
+
+`read_unit` is the one rule by which the unit of a column is read, whatever says it.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from numpy.typing import NDArray
-
 from butterfly.errors import InputError, nearest
 
 _TURN = 2 * math.pi
-_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": _TURN / 60}
 
-UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "input": {"V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3}
-    | {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "N": 1.0, "mN": 1e-3},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "turns": _TURN, **_LENGTHS},
-    "velocity": {**_RATES, "turns/s": _TURN, "m/s": 1.0, "mm/s": 1e-3},
-    "omega": {**_RATES, "Hz": _TURN},
+QUANTITIES: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3, "MV": 1e6},
+    "current": {"A": 1.0, "mA": 1e-3, "MA": 1e6},
+    "torque": {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "kgf cm": 9.80665e-2, "MNm": 1e6},
+    "force": {"N": 1.0, "mN": 1e-3, "MN": 1e6},
+    "share": {"%": 1e-2},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "mdeg": math.pi / 180e3}
+    | {"arcmin": math.pi / 10_800, "arcsec": math.pi / 648e3, "gon": math.pi / 200}
+    | {"turns": _TURN},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "rate": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": _TURN / 60, "turns/s": _TURN},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3},
+    "frequency": {"Hz": _TURN},
     "mass": {"kg": 1.0, "g": 1e-3},
-    "arm": _LENGTHS,
+}
+"""Units by what they measure, each with its factor to the first of them."""
+
+_HOLDS = {
+    "time": ("time",),
+    "input": ("voltage", "current", "torque", "force", "share"),
+    "angle": ("angle", "length"),
+    "velocity": ("rate", "speed"),
+    "omega": ("rate", "frequency"),
+    "mass": ("mass",),
+    "arm": ("length",),
+}
+
+UNITS = {
+    name: {unit: factor for each in kinds for unit, factor in QUANTITIES[each].items()}
+    for name, kinds in _HOLDS.items()
 }
 """Units of what has one, each with its factor: of the sampled columns, and of a log's sine
 (``omega`` only: its amplitude is in the unit of the input), added mass and arm. A slide's angle is
 a length."""
 
+ASSUMED, GIVEN = "assumed", "given"
+"""Where a unit comes from that no file says: nobody says it, or an option or the manifest does."""
+
 _TURNABLE = ("input", "angle", "velocity")
-_COUNTS = re.compile(r"counts?/(\d+(?:\.\d+)?)")
 _SPELT = {
-    "deg": ("°", "degree", "degrees"),
-    "rad": ("radian", "radians"),
-    "turns": ("turn", "rev"),
-    "deg/s": ("°/s",),
-    "turns/s": ("rev/s",),
-    "rpm": ("rev/min",),
-    "s": ("sec", "second", "seconds"),
-    "ms": ("msec",),
-    "us": ("usec",),
-    "V": ("v", "volt", "volts"),
-    "Nm": ("N*m", "N·m"),
-    "mNm": ("mN*m", "mN·m"),
-    "Hz": ("hz",),
+    "s": "sec secs second seconds",
+    "ms": "msec millisecond milliseconds",
+    "us": "usec microsecond microseconds",
+    "ns": "nsec nanosecond nanoseconds",
+    "min": "mins minute minutes",
+    "h": "hr hrs hour hours",
+    "V": "volt volts",
+    "mV": "mv millivolt millivolts",
+    "uV": "microvolt microvolts",
+    "kV": "kilovolt kilovolts",
+    "A": "amp amps ampere amperes",
+    "mA": "ma milliamp milliamps milliampere milliamperes",
+    "Nm": "newtonmeter newtonmeters newtonmetre newtonmetres",
+    "mNm": "mnm",
+    "kgf cm": "kgcm",
+    "N": "newton newtons",
+    "mN": "mn",
+    "%": "percent pct",
+    "rad": "radian radians",
+    "deg": "° º degree degrees",
+    "mdeg": "millidegree millidegrees",
+    "arcmin": "arcminute arcminutes",
+    "arcsec": "arcsecond arcseconds",
+    "turns": "turn rev revs revolution revolutions",
+    "m": "meter meters metre metres",
+    "cm": "centimeter centimeters centimetre centimetres",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "rad/s": "rad/sec radian/s radians/s",
+    "deg/s": "°/s º/s deg/sec degree/s degrees/s dps",
+    "turns/s": "turn/s rev/s rps",
+    "rpm": "rev/min r/min 1/min",
+    "Hz": "hertz",
+    "kg": "kilogram kilograms",
+    "g": "gram grams",
 }
-_NAMES = {other: name for name, others in _SPELT.items() for other in others}
+"""Other spellings; of those without regard to case (mv, ma) the ones that are usual."""
+
+_JOINTS = re.compile(r"\s+|(?<=\w)[·⋅*.-](?=[^\W\d])")  # between the parts of N m, N*m, N-m
+_NUMBER_OF_COUNTS = re.compile(
+    r"(?:counts?|ticks?|increments?|inc|steps?|pulses?)/(\d+(?:\.\d+)?)"
+    r"|(\d+(?:\.\d+)?)(?:counts?|ticks?|increments?|inc|steps?|pulses?)"
+    r"(?:/|per)(?:turns?|rev|revolution)"
+)
+_BRACKETS = re.compile(r"\s*[\[(]\s*(?!\d*\s*[\])])([^\[\]()]*?)\s*[\])]")  # [0] is an index
+_SILENT = {"", "-"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +113,7 @@ class Units:
     """Factors to the project's own units."""
 
     factors: Mapping[str, float] = field(default_factory=dict)  # of keys of `UNITS`, else 1
+    names: Mapping[str, str] = field(default_factory=dict)  # of those that were not given as one
     turned: frozenset[str] = frozenset()  # columns of which only the sign is given
 
     @classmethod
@@ -68,70 +121,184 @@ class Units:
         """Read the unit of each column, a text or a factor; refuse what is no column or no unit."""
         if units is not None and not isinstance(units, Mapping):
             raise InputError(source, "units", units, "a mapping such as {'angle': 'deg'}")
-        factors, turned = {}, set()
+        factors, names, turned = {}, {}, set()
         for name, unit in (units or {}).items():
             if name not in UNITS:
                 raise InputError(source, f"units.{name}", "an unknown name", nearest(name, UNITS))
             if isinstance(unit, str | Real) and unit in ("-", "-1", -1):
                 _require_turnable(source, name, unit)
                 turned.add(name)
-            else:
-                factors[name] = factor_of(name, unit, source)
-        return cls(factors=factors, turned=frozenset(turned))
+                continue
+            factors[name], known = _factor_and_name(name, unit, source)
+            if known:
+                names[name] = known
+        return cls(factors=factors, names=names, turned=frozenset(turned))
 
-    def factor(self, name: str) -> float:
-        """Return what the numbers of a key of `UNITS` are multiplied by."""
-        factor = self.factors.get(name, 1.0)
+    def factor(self, name: str, found: float = 1.0) -> float:
+        """Return what numbers of a key of `UNITS` are multiplied by; ``found``: by their file."""
+        factor = self.factors.get(name, found)
         return -factor if name in self.turned else factor
-
-    def over(self, found: Mapping[str, float]) -> Units:
-        """Return the units of a file that says some itself: what was given goes before."""
-        return Units(factors={**found, **self.factors}, turned=self.turned)
 
     def with_sign(self, sign: int) -> Units:
         """Return them with the input turned as the sign says."""
         turned = self.turned if sign == 1 else self.turned ^ {"input"}
-        return Units(factors=self.factors, turned=turned)
-
-    def applied(self, columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Return columns in the project's own units."""
-        return {
-            name: values if self.factor(name) == 1.0 else values * self.factor(name)
-            for name, values in columns.items()
-        }
+        return Units(factors=self.factors, names=self.names, turned=turned)
 
 
 AS_IS = Units()
 """All in the project's own units."""
 
 
-def factor_of(name: str, unit: object, source: object = "units") -> float:
-    """Return the factor of a unit, a number or a text, for a key of `UNITS`, or refuse it."""
-    factor: float | None = None
+@dataclass(frozen=True, kw_only=True)
+class Heading:
+    """What a file says of one of its columns."""
+
+    name: str
+    number: int | None = None  # from 0 on; None of a variable
+    said: Mapping[str, str] = field(default_factory=dict)  # its unit, by the place besides its name
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnReading:
+    """What was read as a column of a log, and by which unit."""
+
+    name: str
+    number: int | None
+    unit: str
+    said: str  # by whom: "name", another place in its file, `GIVEN` or `ASSUMED`
+    factor: float  # to the project's own unit, its sign turned if that was asked for
+
+    @property
+    def own(self) -> bool:
+        """Whether the file says a unit that is not the project's own."""
+        return self.said not in {ASSUMED, GIVEN} and abs(self.factor) != 1.0
+
+    @property
+    def text(self) -> str:
+        """The same in words."""
+        which = f'"{self.name}"' if self.name else "without a name"
+        which = which if self.number is None else f"column {self.number} {which}"
+        how = [] if self.said == "name" else [self.said]
+        how += ["sign turned"] if self.factor < 0 else []
+        return f"{which}, {self.unit}" + (f" ({', '.join(how)})" if how else "")
+
+
+def read_unit(
+    source: object, field: str, heading: Heading, units: Units, fitting: Sequence[str]
+) -> ColumnReading:
+    """Read the unit of a column; ``fitting`` are what it may measure, keys of `QUANTITIES`.
+
+    A word that is no unit is refused unless the unit is given, and so are two units that differ,
+    and one that does not fit. A factor that is given goes before all.
+    """
+    given = units.names.get(field)
+    if field in units.factors and given is None:
+        unit, said, factor = f"times {abs(units.factors[field]):g}", GIVEN, 1.0
+    else:
+        unit, said = _unit_and_place(source, field, heading, given, fitting)
+        factor = factor_of(field, unit)
+    factor = units.factor(field, factor)
+    name, number = heading.name, heading.number
+    return ColumnReading(name=name, number=number, unit=unit, said=said, factor=factor)
+
+
+def _unit_and_place(
+    source: object, field: str, heading: Heading, given: str | None, fitting: Sequence[str]
+) -> tuple[str, str]:
+    where = heading.name or f"column {heading.number}"
+    option = f"--units {field}=... or units: in the manifest"
+    fits = [unit for each in fitting for unit in QUANTITIES[each]]
+    fits += ["counts/4096 (counts per turn)"] if "angle" in fitting else []
+    known: dict[str, str] = {}
+    for place, texts in {"name": words_in(heading.name), **_listed(heading.said)}.items():
+        named = [units_spelt(field, text) for text in texts]
+        found = {each[0]: place for each in named if len(each) == 1}
+        if texts and not found and given is None:
+            expected = " or ".join(named[0]) or f"one of {', '.join(fits)}, or a factor"
+            raise InputError(
+                source, where, f"the unit {texts[0]!r} of {field}", f"{expected} ({option})"
+            )
+        known = {**known, **{unit: each for unit, each in found.items() if unit not in known}}
+    if given is not None:
+        known.setdefault(given, GIVEN)
+    if len({factor_of(field, unit) for unit in known}) > 1:
+        both = " and ".join(f"{unit} ({place})" for unit, place in known.items())
+        expected = f"one unit; or, which goes before all, a factor: --units {field}=0.01"
+        raise InputError(source, where, f"the units {both} of {field}", expected)
+    if not known:
+        return fits[0], ASSUMED
+    ((unit, said), *_) = known.items()
+    if unit not in fits and not (unit.startswith("counts/") and "angle" in fitting):
+        expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor ({option})"
+        raise InputError(source, where, f"the unit {unit} of {field} ({said})", expected)
+    return unit, said
+
+
+def _listed(said: Mapping[str, str]) -> dict[str, list[str]]:
+    texts = {place: text.strip("[]() ") for place, text in said.items()}
+    return {place: [text] for place, text in texts.items() if text not in _SILENT}
+
+
+def words_in(name: str) -> list[str]:
+    """Return the texts in brackets or parentheses in a column's name, but for an index."""
+    return [text for text in _BRACKETS.findall(name) if text not in _SILENT]
+
+
+def without_unit(name: str) -> str:
+    """Return a column's name without its brackets."""
+    return _BRACKETS.sub("", name).strip()
+
+
+def units_spelt(name: str, text: str) -> list[str]:
+    """Return the units of a key of `UNITS` that a text may mean: one if it is known, none if not.
+
+    Spelling as written goes first, then without regard to case: Mv may be mV or MV.
+    """
+    plain = _JOINTS.sub("", text.strip().replace("µ", "u").replace("μ", "u"))
+    counts = _NUMBER_OF_COUNTS.fullmatch(plain.lower()) if name == "angle" else None
+    if counts is not None:
+        number = counts[1] or counts[2]
+        return [f"counts/{number}"] if float(number) else []
+    exact = {spelt: unit for unit in UNITS[name] for spelt in _spellings(unit)}
+    if plain in exact:
+        return [exact[plain]]
+    same = (unit for spelt, unit in exact.items() if spelt.lower() == plain.lower())
+    return list(dict.fromkeys(same))
+
+
+def _spellings(unit: str) -> list[str]:
+    return [unit.replace(" ", ""), *_SPELT.get(unit, "").split()]
+
+
+def factor_of(name: str, unit: str) -> float:
+    """Return the factor of a unit by the name that `units_spelt` returns."""
+    if unit.startswith("counts/"):
+        return _TURN / float(unit.removeprefix("counts/"))
+    return UNITS[name][unit]
+
+
+def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, str]:
+    """Return the factor that was given, and the unit's name if it was not given as a number."""
+    factor, known = 0.0, ""
     if isinstance(unit, Real) and not isinstance(unit, bool):
         factor = float(unit)
     elif isinstance(unit, str):
         minus = unit.strip().startswith("-")
-        text = unit.strip()[1:] if minus else unit
+        text = unit.strip().removeprefix("-")
         try:
             factor = float(text)
         except ValueError:
-            factor = known_factor(name, text)
-        factor = -factor if minus and factor else factor
+            spelt = units_spelt(name, text)
+            if len(spelt) > 1:
+                raise InputError(source, f"units.{name}", unit, " or ".join(spelt)) from None
+            known = "".join(spelt)
+            factor = factor_of(name, known) if known else 0.0
+        factor = -factor if minus else factor
     if not factor or not math.isfinite(factor):
         raise InputError(source, f"units.{name}", unit, _expected(name))
     if factor < 0.0:
         _require_turnable(source, name, unit)
-    return factor
-
-
-def known_factor(name: str, unit: str) -> float | None:
-    """Return the factor of a unit by its name, as files give it; None if there is none of it."""
-    text = "".join(unit.split()).replace("µ", "u").replace("μ", "u")
-    counts = _COUNTS.fullmatch(text) if name == "angle" else None
-    if counts is not None:
-        return _TURN / float(counts[1]) if float(counts[1]) else None
-    return UNITS[name].get(_NAMES.get(text, text))
+    return factor, known
 
 
 def _require_turnable(source: object, name: str, unit: object) -> None:

@@ -139,6 +139,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
+        *((f"{name} from", each.text) for name, each in health.columns.items()),
     ]
 
 

@@ -1,6 +1,9 @@
 """Text files as people write them."""
 
+import tracemalloc
+
 import numpy as np
+import pyarrow
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -84,13 +87,17 @@ def test_lines_above_the_header_are_told(tmp_path):
     assert log.reading.layout == ("semicolons between columns", "lines above the table: 2")
 
 
-@pytest.mark.parametrize("ending", ["0.23", "0.23,1.0", "0.23,1.0,-", "0.23,1.0,1.5e-", "0."])
+@pytest.mark.parametrize(
+    "ending", ["0.23", "0.23,1.0", "0.23,1.0,-", "0.23,1.0,1.5e-", "0.", "0.23,1.0,1", "0.23,1,1.5"]
+)
 def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([",".join(NAMES), *_lines()[:-1], ending]))
     log = read_csv(path, **KIND)
     assert (log.time.size, log.reading.cut_lines) == (23, 1)
     _same(log)
+    path.write_text(path.read_text().replace(",", ";"))
+    assert read_csv(path, **KIND).time.size == 23
 
 
 @pytest.mark.parametrize(
@@ -104,7 +111,10 @@ def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
         (["time;input;angle", *_lines(";"), "1.234,5;0;1"], r"time: got '1\.234,5' in line 26"),
         (["time;time;input;angle", *("0;" + line for line in _lines(";"))], "2 columns of this"),
         (["time;input;phi", *_lines(";")], r"angle: got no such column.*'phi'.*--columns"),
-        (["time;input;angle", "s;V;bar", *_lines(";")], r"unit of angle: got bar.*--units angle="),
+        (
+            ["time;input;angle", "s;V;bar", *_lines(";")],
+            r"angle: got the unit 'bar' of angle.*--units angle=",
+        ),
         (["no numbers", "at all"], "content: got no row of numbers"),
         (["\0\udcff"], "content: got"),
         ([], "content: got no row of numbers"),
@@ -132,7 +142,8 @@ def test_the_units_that_a_file_gives_are_used_and_told(tmp_path, head):
     log = _read(tmp_path, [*head, *_lines(";")])
     np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
     np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
-    assert log.reading.units == {"time": "ms", "angle": "deg"}
+    units = {name: each.unit for name, each in log.reading.columns.items()}
+    assert units == {"time": "ms", "input": "V", "angle": "deg"}
 
 
 @pytest.mark.parametrize(
@@ -169,7 +180,7 @@ def test_other_columns_may_hold_texts_and_the_wanted_ones_any_order(tmp_path):
 )
 def test_a_table_that_may_be_a_log_has_samples_of_three_columns(tmp_path, rows, columns, holds):
     path = tmp_path / "table.txt"
-    path.write_text("\n".join(" ".join([f"{k}.5"] * columns) for k in range(rows)))
+    path.write_text("".join(" ".join([f"{k}.5"] * columns) + "\n" for k in range(rows)))
     assert holds_table(path) is holds
 
 
@@ -181,3 +192,88 @@ def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monk
         read_text_table(path)
     monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000)
     assert len(read_text_table(path).columns) == 3
+
+
+R_ROWS = [f'"{k + 1}",{line}' for k, line in enumerate(_lines())]
+PANDAS_ROWS = [f"{k},{line}" for k, line in enumerate(_lines())]
+
+
+@pytest.mark.parametrize(
+    ("lines", "layout"),
+    [
+        ([",".join(NAMES), *R_ROWS], ("row names in front",)),
+        ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None),
+        ([",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)], ("row names in front",)),
+        ([",".join(["", *NAMES]), *PANDAS_ROWS], ()),
+        ([",".join([*NAMES, ""]), *_lines()], ()),
+        ([",".join([*NAMES, "", ""]), *_lines()], ()),
+        ([",".join(NAMES), *(f"{line}," for line in _lines())], ()),
+        ([",".join(NAMES), "s,V,rad", *R_ROWS], None),
+        ([",".join(NAMES), "s,V,rad", *(f"{line}," for line in _lines())], ()),
+    ],
+)
+def test_a_header_of_another_length_is_told_from_row_names(tmp_path, lines, layout):
+    log = _read(tmp_path, lines)
+    _same(log)
+    assert layout is None or log.reading.layout == layout
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (
+            [",".join(NAMES), *(f"{line},7.5" for line in _lines())],
+            "'time,input,angle' above rows of 4",
+        ),
+        ([",".join(NAMES), *(f"1,2,{line}" for line in _lines())], "above rows of 5"),
+        ([",".join([*NAMES, "x"]), *_lines()], "'time,input,angle,x' above rows of 3"),
+    ],
+)
+def test_a_header_that_names_other_columns_is_refused(tmp_path, lines, found):
+    with pytest.raises(InputError, match=f"header: got .*{found}"):
+        _read(tmp_path, lines)
+
+
+def test_a_row_with_one_known_unit_is_a_row_of_units(tmp_path):
+    lines = [";".join(NAMES), "ms;PWM;ticks", *_lines(";")]
+    for columns in (None, {"time": 0, "input": 1, "angle": 2}):
+        with pytest.raises(InputError, match="input: got the unit 'PWM'"):
+            _read(tmp_path, lines, columns)
+    lines[1] = "[PWM];[PWM];[PWM]"
+    with pytest.raises(InputError, match="time: got the unit 'PWM'"):
+        _read(tmp_path, lines)
+
+
+def test_a_last_line_with_its_end_or_before_a_comment_stays(tmp_path):
+    path = tmp_path / "log.csv"
+    for end in ("\n", "\r\n", "\n# stopped by hand"):
+        path.write_bytes("\n".join([",".join(NAMES), *_lines()]).encode() + end.encode())
+        log = read_csv(path, **KIND)
+        assert (log.time.size, log.reading.cut_lines) == (24, 0)
+
+
+@pytest.mark.parametrize("row", ["nan;nan;nan", "0.0;nan;nan", "NaN;;"])
+@pytest.mark.parametrize("header", ["% time;input;angle", "time;input;angle"])
+def test_a_first_row_whose_numbers_are_missing_is_no_header(tmp_path, header, row):
+    log = _read(tmp_path, [header, row, *_lines(";")])
+    assert log.time.size == 25
+    assert np.isnan(log.angle[0])
+    with pytest.raises(InputError, match="line 2: got 2 values; expected 3"):
+        _read(tmp_path, [header, "nan;", *_lines(";")], {"time": 0, "input": 1, "angle": 2})
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+@pytest.mark.parametrize("line", [1, 2, 40])
+def test_a_line_of_more_columns_than_anybody_logs_is_refused_in_little_memory(
+    tmp_path, delimiter, line
+):
+    lines = [delimiter.join(NAMES), *_lines(delimiter), *_lines(delimiter)]
+    lines[line - 1] = delimiter.join(["1.5"] * 400_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=rf"line {line}: got \d+ cells; expected up to 10000"):
+            _read(tmp_path, lines)
+        assert tracemalloc.get_traced_memory()[1] < 60e6
+    finally:
+        tracemalloc.stop()
+    assert pyarrow.default_memory_pool().bytes_allocated() < 1e6

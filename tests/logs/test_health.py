@@ -9,6 +9,7 @@ from scipy.io import loadmat
 from butterfly.errors import InputError
 from butterfly.logs.health import Repair, examine
 from butterfly.logs.log import FileReading, Log
+from butterfly.logs.units import ColumnReading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
 
@@ -153,12 +154,16 @@ def test_a_slide_does_not_wrap_and_does_not_turn(sine_log):
 
 
 def test_what_reading_did_stands_in_the_record(sine_log):
-    read = replace(sine_log, reading=FileReading(cut_lines=1, units={"time": "ms"}))
+    own = ColumnReading(name="t [ms]", number=0, unit="ms", said="name", factor=1e-3)
+    given = replace(own, said="given")
+    read = replace(
+        sine_log, reading=FileReading(cut_lines=1, columns={"time": own, "input": given})
+    )
     _, health = examine(read)
-    assert (health.cut_lines, health.units) == (1, {"time": "ms"})
-    assert [each.split(",")[0] for each in health.findings] == [
-        "1 last line cut off",
-        "units of the file's own: time ms",
+    assert (health.cut_lines, health.columns) == (1, {"time": own, "input": given})
+    assert [each.partition(", dropped")[0] for each in health.findings] == [
+        "1 last line that lacks its end",
+        'in units of the file\'s own: time: column 0 "t [ms]", ms',
     ]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
+from butterfly.logs.formats import log_of_table
 from butterfly.logs.log import Lead, Log
 from tests.independent.integrator import Joint, motion
 
@@ -66,3 +67,15 @@ def test_a_piece_begins_in_motion_however_slow_and_knows_what_was_commanded_befo
     assert log.piece(0, 300).lead is None
     still = replace(log, angle=np.full(TIME.size, 0.1))
     assert still.initial_state == (0.1, 0.0)
+
+
+@pytest.mark.parametrize("kind", [float, int])
+def test_what_is_masked_is_missing_not_what_lies_below_the_mask(kind):
+    hidden = np.arange(20) == 7
+    angle = np.ma.array(np.where(hidden, 999, np.arange(20)).astype(kind), mask=hidden)
+    frame = {"time": np.arange(20.0), "input": np.zeros(20), "angle": angle}
+    for log in (Log(**frame), Log.from_frame(frame), log_of_table(frame)):
+        np.testing.assert_array_equal(np.isnan(log.angle), hidden)
+        np.testing.assert_array_equal(log.angle[~hidden], np.arange(20.0)[~hidden])
+    table = np.ma.array(np.column_stack([*frame.values()]), mask=np.outer(hidden, [0, 0, 1]))
+    assert np.isnan(log_of_table(table).angle[7])

@@ -166,7 +166,9 @@ def test_a_slip_in_a_manifest_is_named_with_file_field_and_value(tmp_path, old, 
 
 
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
-PLAIN = TEXTS.filter(lambda text: not PurePath(text).is_absolute() and ".." not in text)
+PLAIN = TEXTS.filter(
+    lambda text: not PurePath(text).is_absolute() and ".." not in text and "\0" not in text
+)
 SIZES = st.floats(0, 1e3)
 TOLD = st.floats(-1e3, 1e3) | st.fixed_dictionaries(
     {"value": st.floats(-1e3, 1e3), "uncertainty": st.floats(1e-9, 10)}
@@ -210,3 +212,13 @@ def test_any_manifest_is_read_back_as_it_was(tmp_path_factory, manifest):
     read = read_manifest(path, path.parent).model_copy(update={"root": manifest.root})
     assert read == manifest
     assert manifest_text(read) == manifest_text(manifest)
+
+
+@pytest.mark.parametrize("field", ["root", "file"])
+@pytest.mark.parametrize("name", [r"a\0b", "x" * 5000])
+def test_a_path_that_no_file_can_have_is_refused_with_its_field(tmp_path, field, name):
+    root, file = (name, "a.csv") if field == "root" else (".", name)
+    path = tmp_path / "bench.yaml"
+    path.write_text(f'name: a\ninput: voltage\nroot: "{root}"\nlogs: [{{file: "{file}"}}]\n')
+    with pytest.raises(InputError, match=rf"bench\.yaml.*{field}: got .*; expected a path"):
+        read_manifest(path)

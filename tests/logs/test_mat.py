@@ -1,3 +1,4 @@
+import re
 import struct
 import sys
 import zlib
@@ -154,10 +155,18 @@ def test_a_wrong_name_is_told_those_that_there_are(named, angle, parts):
         assert part in str(caught.value)
 
 
-def test_an_object_of_matlabs_is_refused_with_a_way_out(tmp_path):
+def test_an_object_of_matlabs_is_refused_with_the_line_that_converts_it(tmp_path):
     _file73(tmp_path / "a.mat")
-    with pytest.raises(InputError, match=r"ts: got a MATLAB object.*t = x\.Time"):
-        read_mat(tmp_path / "a.mat", {**NAMED, "time": "ts"}, **KIND)
+    for name in ("ts", "ts.Time"):
+        with pytest.raises(InputError, match=r"got a MATLAB object \(timeseries\).*t = x\.Time; u"):
+            read_mat(tmp_path / "a.mat", {**NAMED, "time": name}, **KIND)
+    path = tmp_path / "out.mat"
+    system = [_element(1, text) for text in (b"out", b"MCOS", b"Simulink.SimulationOutput")]
+    path.write_bytes(LEVEL5 + _element(14, _numbers(6, 17, 0) + b"".join([*system, NUMBER])))
+    line = r"MATLAB: t = out\.logsout\{1\}\.Values\.Time; .*; save\('log\.mat', 't', 'u'\)"
+    for columns in (None, NAMED):
+        with pytest.raises(InputError, match=line):
+            read_mat(path, columns, **KIND)
 
 
 def test_a_struct_of_many_signals_is_read_whatever_the_version(tmp_path):
@@ -300,3 +309,172 @@ def test_structs_are_within_each_other_to_a_depth(depth, fits, tmp_path):
         array = _struct(4, b"a\0\0\0", array)
     with nullcontext() if fits else pytest.raises(InputError, match="more than 32 deep"):
         _read(array, tmp_path)
+
+
+def _simulink():
+    """What Simulink saves as a structure with time, of one signal and of two, and as arrays."""
+    both = np.array([({"values": RAMP + 1, "label": "u"},), ({"values": RAMP + 2, "label": "q"},)])
+    one = {"time": RAMP, "signals": {"values": np.column_stack([RAMP, RAMP + 2]), "label": "q"}}
+    records = np.zeros((1, 2), dtype=[("values", object), ("label", object)])
+    for k, (each,) in enumerate(both):
+        records[0, k] = (each["values"][:, None], each["label"])
+    return {"one": one, "out": {"time": RAMP, "signals": records}, "tout": RAMP, "D": MATRIX[:, :3]}
+
+
+@pytest.fixture(params=["v7", "v7.3"])
+def simulink(request, tmp_path):
+    path = tmp_path / "simulink.mat"
+    if request.param == "v7":
+        savemat(path, _simulink())
+        return path
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        _write73(file, {"one": _simulink()["one"], "tout": RAMP, "out": {"time": RAMP}})
+        hidden, signals = file.create_group("#refs#"), file["out"].create_group("signals")
+        signals.attrs["MATLAB_class"] = np.bytes_("struct")
+        values = {f"v{k}": RAMP + 1 + k for k in (0, 1)}
+        _write73(hidden, {**values, "l0": "u", "l1": "q"})
+        for field in ("values", "label"):
+            refs = [hidden[f"{field[0]}{k}"].ref for k in (0, 1)]
+            signals.create_dataset(field, data=np.array(refs, h5py.ref_dtype)[:, None])
+    _claim73(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("out.time", "out.signals.0.values", "out.signals.1.values"),
+        ("tout", "one.signals.values.0", "one.signals.values.1"),
+    ],
+)
+def test_what_simulink_saves_as_structs_and_arrays_is_read_by_name(simulink, names):
+    log = read_mat(simulink, dict(zip(("time", "input", "angle"), names, strict=True)), **KIND)
+    np.testing.assert_array_equal(log.time, RAMP)
+    np.testing.assert_array_equal(log.input, RAMP + names[1].startswith("out"))
+    np.testing.assert_array_equal(log.angle, RAMP + 2)
+
+
+def test_of_an_array_of_structs_its_numbers_and_fields_are_named(simulink):
+    for name, said in [
+        ("out.signals", "a struct; expected one of its fields: out.signals.0, out.signals.1"),
+        ("out.signals.2", "no 2 in out.signals; expected one of '0', '1'"),
+        ("out.signals.1.value", "no value in out.signals.1; expected 'values'"),
+    ]:
+        with pytest.raises(InputError, match=re.escape(said)):
+            read_mat(simulink, {"time": "tout", "input": "tout", "angle": name}, **KIND)
+
+
+@pytest.mark.parametrize("columns", [None, {"time": 0, "input": "D.1", "angle": 2}])
+@pytest.mark.parametrize("level", ["4", "5"])
+def test_a_matrix_that_lies_on_its_side_is_turned(tmp_path, columns, level):
+    savemat(tmp_path / "a.mat", {"D": MATRIX.T}, format=level)
+    log = read_mat(tmp_path / "a.mat", columns, **KIND)
+    np.testing.assert_array_equal(log.angle, MATRIX[:, 2])
+
+
+LEVEL4 = {
+    "doubles": MATRIX,
+    "single": MATRIX.astype(np.float32),
+    "short": (1000 * MATRIX).astype(np.int16),
+    "unsigned": np.arange(60, dtype=np.uint16).reshape(20, 3),
+    "bytes": np.arange(60, dtype=np.uint8).reshape(20, 3),
+    "complex": MATRIX + 2j,
+}
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_level_4_is_read_as_scipy_reads_it(tmp_path, order):
+    path = tmp_path / "four.mat"
+    savemat(path, {**LEVEL4, "note": "text", "s": csc_matrix(np.eye(3))}, format="4")
+    if order == ">":
+        numbers = struct.pack(">5I", 1000, 20, 3, 0, 2)
+        path.write_bytes(numbers + b"a\0" + MATRIX[:, :3].astype(">f8").tobytes(order="F"))
+    found, names = _load(path, [])
+    arrays = {name: each for name, each in loadmat(path).items() if not name.startswith("__")}
+    assert names == [*arrays]
+    for name, each in arrays.items():
+        if isinstance(found[name], np.ndarray):
+            np.testing.assert_array_equal(found[name], each)
+        else:
+            assert found[name] in {"text", "a sparse matrix"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [(2000, "no IEEE"), (3000, "no IEEE"), (4000, "no IEEE"), (1000, "type 1000"), (60, "type 60")],
+)
+def test_floats_of_vax_and_cray_and_types_that_are_none_are_refused(tmp_path, kind, said):
+    path = tmp_path / "four.mat"
+    savemat(path, {"D": MATRIX}, format="4")
+    path.write_bytes(struct.pack("<I", kind) + path.read_bytes()[4:])
+    with pytest.raises(InputError, match=f"unreadable .*{said}"):
+        read_mat(path, **KIND)
+
+
+def test_level_4_cut_anywhere_or_without_the_matrix_is_one_line(tmp_path):
+    path = tmp_path / "four.mat"
+    savemat(path, {"D": MATRIX}, format="4")
+    whole = path.read_bytes()
+    for end in range(len(whole)):
+        path.write_bytes(whole[:end])
+        with pytest.raises(InputError):
+            read_mat(path, **KIND)
+    savemat(path, {"t": RAMP}, format="4")
+    with pytest.raises(InputError, match=r"D: got no such variable \(there are: t\)"):
+        read_mat(path, **KIND)
+
+
+def _elsewhere(folder):
+    """Files of v7.3 whose angle is not their own, or was never written."""
+    h5py = pytest.importorskip("h5py")
+    secret = folder / "secret"
+    secret.write_bytes(b"root:x:0:0:root:/root:/bin/bash\n" * 5)
+    other = folder / "other.h5"
+    with h5py.File(other, "w") as file:
+        file["q"] = RAMP
+    layout = h5py.VirtualLayout(shape=(20,), dtype="f8")
+    layout[:] = h5py.VirtualSource(str(other), "q", shape=(20,))
+    gone = h5py.VirtualLayout(shape=(20,), dtype="f8")
+    gone[:] = h5py.VirtualSource("gone.h5", "q", shape=(20,))
+
+    def some(file):
+        file.create_dataset("q", (20,), "f8", chunks=(5,))[:10] = 1.0
+
+    return {
+        "external storage": lambda f: f.create_dataset(
+            "q", (20,), "f8", external=[(str(secret), 0, 160)]
+        ),
+        "external link": lambda f: f.update(q=h5py.ExternalLink(str(other), "q")),
+        "soft link": lambda f: f.update(q=h5py.SoftLink("/t")),
+        "virtual": lambda f: f.create_virtual_dataset("q", layout),
+        "virtual, gone": lambda f: f.create_virtual_dataset("q", gone, fillvalue=0.0),
+        "never written": lambda f: f.create_dataset("q", (20,), "f8"),
+        "chunks never written": some,
+    }
+
+
+@pytest.mark.parametrize("within", [False, True])
+@pytest.mark.parametrize("name", range(7))
+def test_numbers_that_a_file_does_not_hold_itself_are_refused(tmp_path, name, within):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.mat"
+    write = [*_elsewhere(tmp_path).values()][name]
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["t"] = RAMP
+        write(file.create_group("data") if within else file)
+    _claim73(path)
+    columns = {"time": "t", "input": "t", "angle": "data.q" if within else "q"}
+    with pytest.raises(InputError, match=r"q: got .*; expected numbers in the file"):
+        read_mat(path, columns, **KIND)
+
+
+@pytest.mark.parametrize("how", [{"chunks": (4,)}, {"compression": "gzip"}, {}])
+def test_numbers_that_are_all_written_are_read_however_they_lie(tmp_path, how):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_dataset("t", data=RAMP, **how)
+    _claim73(path)
+    log = read_mat(path, {"time": "t", "input": "t", "angle": "t"}, **KIND)
+    np.testing.assert_array_equal(log.angle, RAMP)

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
@@ -68,3 +69,16 @@ def test_columns_of_one_name_are_told_apart_by_number_and_one_of_none_is_passed_
     parquet.write_table(pa.Table.from_arrays(arrays, names=["t", "u", "x", "x", ""]), path)
     log = read_parquet(path, {"time": "t", "input": "u", "angle": 3})
     assert (log.angle[0], log.velocity) == (3.0, None)
+
+
+@pytest.mark.parametrize("name", ["time", None])
+def test_pandas_index_is_a_column(tmp_path, name):
+    path = tmp_path / "a.parquet"
+    frame = pd.DataFrame({"angle": RAMP, "input": 2 * RAMP}, index=pd.Index(0.5 * RAMP, name=name))
+    frame.to_parquet(path)
+    own = {"time": "__index_level_0__", "input": "input", "angle": "angle"}
+    log = read_parquet(path, None if name else own, **KIND)
+    np.testing.assert_array_equal(log.time, 0.5 * RAMP)
+    np.testing.assert_array_equal(log.angle, RAMP)
+    frame.reset_index(names="time").to_parquet(path, index=True)
+    np.testing.assert_array_equal(read_parquet(path, **KIND).time, 0.5 * RAMP)

@@ -2,8 +2,12 @@
 
 import hashlib
 import re
+import signal
+import subprocess
+import sys
 import threading
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -12,7 +16,7 @@ from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs import thesis_logs
 from butterfly.logs.manifest import read_manifest
-from butterfly.logs.thesis_logs import digests, fetch, found_folder
+from butterfly.logs.thesis_logs import Pin, fetch, found_folder, pins
 from butterfly.yaml_files import load_yaml
 
 CONTENTS = {f"{group}/{k}.mat": f"{group}, log {k}".encode() * 500 for group in "ab" for k in "12"}
@@ -21,8 +25,10 @@ FIRST, *_, LAST = CONTENTS
 
 @pytest.fixture(autouse=True)
 def four_logs(monkeypatch):
-    of_contents = {name: hashlib.sha256(each).hexdigest() for name, each in CONTENTS.items()}
-    monkeypatch.setattr(thesis_logs, "digests", lambda: of_contents)
+    of_contents = {
+        name: Pin(hashlib.sha256(each).hexdigest(), len(each)) for name, each in CONTENTS.items()
+    }
+    monkeypatch.setattr(thesis_logs, "pins", lambda: of_contents)
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
 
 
@@ -74,14 +80,14 @@ def served(spoiled=None, asked=None):
 def test_the_pinned_logs_are_those_of_the_shipped_data_set(monkeypatch):
     monkeypatch.undo()
     listed = load_yaml(shipped("experiments/real-logs.yaml")).content["logs"]
-    assert {entry["file"] for entry in listed} == digests().keys()
-    assert all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests().values())
+    assert {entry["file"] for entry in listed} == pins().keys()
+    assert all(re.fullmatch("[0-9a-f]{64}", pin.sha256) for pin in pins().values())
 
 
 def test_the_logs_have_the_pinned_digests(logs_folder, tmp_path, monkeypatch):
     monkeypatch.undo()
     assert fetch(tmp_path, str(logs_folder)) == 41
-    assert files_of(tmp_path) == digests().keys()
+    assert files_of(tmp_path) == pins().keys()
 
 
 def test_logs_come_from_an_address_and_only_those_that_are_missing(tmp_path):
@@ -125,8 +131,23 @@ def stopped_in_the_middle(handler, name):
     return never_answered()
 
 
-def with_a_length_that_is_none(handler, name):
-    handler.wfile.write(b"HTTP/1.0 200 OK\r\nContent-Length: long\r\n\r\n" + CONTENTS[name])
+def that_has_no_end(handler, name):
+    handler.send_response(200)
+    handler.end_headers()
+    with suppress(OSError):
+        while True:
+            handler.wfile.write(CONTENTS[name])
+
+
+def that_comes_drop_by_drop(handler, name):
+    handler.send_response(200)
+    handler.send_header("Content-Length", str(len(CONTENTS[name])))
+    handler.end_headers()
+    with suppress(OSError):
+        for k in range(30):
+            handler.wfile.write(CONTENTS[name][k : k + 1])
+            handler.wfile.flush()
+            time.sleep(0.1)
     return True
 
 
@@ -138,7 +159,7 @@ def with_a_length_that_is_none(handler, name):
         (that_is_not_there, "transfer: got 404 Not Found"),
         (never_answered, "transfer: got no answer within 1.5 s"),
         (stopped_in_the_middle, "transfer: got no answer within 1.5 s"),
-        (with_a_length_that_is_none, "transfer: got invalid literal"),
+        (that_has_no_end, "transfer: got more than"),
     ],
 )
 def test_a_broken_transfer_leaves_nothing_and_the_next_call_goes_on(
@@ -156,6 +177,36 @@ def test_a_broken_transfer_leaves_nothing_and_the_next_call_goes_on(
     with served(asked=asked) as address:
         assert fetch(tmp_path, address) == 1
     assert asked == [LAST]
+
+
+def test_all_logs_have_one_deadline_however_slowly_one_comes(tmp_path, monkeypatch):
+    monkeypatch.setattr(thesis_logs, "_DEADLINE", 1.0)
+    begin = time.monotonic()
+    with (
+        served(lambda handler, name: name == LAST and that_comes_drop_by_drop(handler, name)) as at,
+        pytest.raises(InputError, match=r"transfer: got 1 logs that had not come in 1 s"),
+    ):
+        fetch(tmp_path, at)
+    assert time.monotonic() - begin < 4.5  # the server's own end, which waits for its 3 s
+    assert files_of(tmp_path) == CONTENTS.keys() - {LAST}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has other signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_stop_it_while_a_server_says_nothing(tmp_path, number):
+    program = (
+        "from butterfly.logs.thesis_logs import fetch; from pathlib import Path; "
+        f"print(1, flush=True); fetch(Path({str(tmp_path)!r}), "
+    )
+    with served(never_answered) as address:
+        words = [sys.executable, "-c", f"{program}{address!r})"]
+        child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)  # noqa: S603
+        child.stdout.readline()
+        time.sleep(0.5)
+        child.send_signal(number)
+        assert child.wait(2.0) != 0
+        child.stdout.close()
+    assert not files_of(tmp_path)
 
 
 def test_after_a_failure_no_further_logs_are_asked_for(tmp_path, monkeypatch):

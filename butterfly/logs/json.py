@@ -1,0 +1,120 @@
+"""Logs in JSON: records (a list, or one a line) or columns, nested as they like."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.errors import InputError, require_room
+from butterfly.files import read_file
+from butterfly.logs.formats import ColumnMap, chosen_columns
+from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
+from butterfly.logs.units import AS_IS, Heading, Units
+
+_PER_BYTE = 32  # of memory
+_NUMBERS = {float, type(None)}
+_RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
+_DEEPEST = 16  # objects within objects
+
+
+def read_json(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Read a log (see `read_log`); what lies deeper is called ``joint.position.0``."""
+    content, cut = _content(path)
+    ways = _ways(content)
+    names = [".".join(way) for way in ways]
+    places, unasked = chosen_columns(path, names, columns)
+    arrays = {field: _column(path, content, names[k], ways[k]) for field, k in places.items()}
+    said = content.get("units") if isinstance(content, dict) else None
+    said = {str(k): str(each) for k, each in said.items()} if isinstance(said, dict) else {}
+    headings = {
+        field: Heading(name=names[k], said={"units": said.get(names[k], "")})
+        for field, k in places.items()
+    }
+    properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+
+
+def holds_table(path: Path) -> bool:
+    """Whether a file holds as many numbers as a log does at least."""
+    try:
+        content, _ = _content(path)
+        sizes = [_column(path, content, "", way).size for way in _ways(content)[:3]]
+    except InputError:
+        return False
+    return len(sizes) == 3 and min(sizes) >= MIN_SAMPLES  # noqa: PLR2004 - t, u, q
+
+
+def _content(path: Path) -> tuple[Any, int]:
+    """Return what a file holds, and how many last lines were cut off."""
+    content = read_file(path, "an existing JSON file")
+    require_room(path, "content", f"{len(content)} bytes of JSON", _PER_BYTE * len(content))
+    try:
+        text = content.decode("utf-8-sig").strip(" ")
+        if path.suffix.lower() == ".json" and not _RECORDS.match(text):
+            return _parsed(text), 0
+        lines = [line for line in text.split("\n") if line.strip()]
+        cut = not text.endswith("\n") and len(lines) > 1
+        return [_parsed(line) for line in lines[: len(lines) - cut]], int(cut)
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, "content", f"unreadable ({error})", "whole JSON") from None
+
+
+def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise ValueError("an object that has a name twice")
+        return found
+
+    return json.loads(text, parse_int=float, object_pairs_hook=unique)
+
+
+def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tuple[str, ...]]:  # noqa: ANN401 - any JSON
+    """Return how one gets to every column: names of objects, and numbers in lists of a ``row``."""
+    if len(way) > _DEEPEST:
+        return []
+    if isinstance(node, list) and not row:
+        inner = bool(node) and isinstance(node[0], dict | list)
+        return _ways(node[0], row=True, way=way) if inner else [way] * bool(way)
+    node = {str(k): each for k, each in enumerate(node)} if isinstance(node, list) else node
+    if not isinstance(node, dict):
+        return [way] * row
+    if not row and way and all(key.isdecimal() for key in node):  # pandas' index
+        return [way]
+    return [each for key, below in node.items() for each in _ways(below, row=row, way=(*way, key))]
+
+
+def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: ANN401 - any JSON
+    """Return what lies at the end of a way, in every row of a list; ``...`` where nothing does."""
+    if isinstance(node, list) and not row and node and isinstance(node[0], dict | list):
+        return [_at(each, way, row=True) for each in node]
+    if not way:
+        return node
+    try:
+        below = node[int(way[0])] if isinstance(node, list) else node[way[0]]
+    except (KeyError, IndexError, TypeError, ValueError):
+        return ...
+    return _at(below, way[1:], row=row)
+
+
+def _column(path: Path, content: Any, name: str, way: Sequence[str]) -> Samples:  # noqa: ANN401 - any JSON
+    found = _at(content, way)
+    values = [found[key] for key in sorted(found, key=int)] if isinstance(found, dict) else found
+    if not isinstance(values, list):
+        raise InputError(path, name, "a single value", "a list of numbers")
+    wrong = (k for k, each in enumerate(values) if type(each) not in _NUMBERS)
+    if (k := next(wrong, None)) is not None:
+        what = "nothing" if values[k] is ... else repr(values[k])
+        raise InputError(path, name, f"{what} in record {k}", "a number, or null where it lacks")
+    return np.array(values, dtype=np.float64)
