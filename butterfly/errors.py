@@ -110,7 +110,8 @@ def size_text(size: float) -> str:
     while size >= 1000 and thousands < len(_PREFIXES) - 1:  # noqa: PLR2004 - of one in the next
         size /= 1000
         thousands += 1
-    return f"{size:.{min(thousands, 1)}f} {_PREFIXES[thousands]}"
+    number = f"{size:.{min(thousands, 1)}f}" if size < 1000 else f"{size:.1e}"  # noqa: PLR2004
+    return f"{number} {_PREFIXES[thousands]}"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

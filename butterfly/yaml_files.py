@@ -81,6 +81,9 @@ def validate(
         return schema.model_validate(content)
     except ValidationError as error:
         slips = error.errors()
+    except ArithmeticError as error:
+        found = f"numbers of which nothing can be calculated ({error.args[-1]})"
+        raise InputError(_source(documents, [], source), "content", found, "usual ones") from None
     unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
     first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from butterfly.errors import InputError
 from butterfly.experiment.methods import (
     DEFAULT_OF_EXPERIMENTS,
     ESTIMATORS,
@@ -20,7 +21,7 @@ from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.splits import Split
-from butterfly.logs.log import InputKind, Sine
+from butterfly.logs.log import MIN_SAMPLES, InputKind, Sine
 from butterfly.logs.manifest import Uncertain
 from butterfly.model.energy import Orbit
 from butterfly.model.linear import LARGEST_SWING, predicted_swing
@@ -264,6 +265,10 @@ class Experiment(StrictModel):
         self.plant.clock.count(self.duration)
         for added in self.added_masses:
             self.plant.robot.loaded(added)
+        shortest = min([self.duration, *([self.control.duration] if self.control else [])])
+        if self.plant.clock.step * MIN_SAMPLES > shortest:
+            expected = f"up to {shortest / MIN_SAMPLES:g} s, {MIN_SAMPLES} cycles in the duration"
+            raise InputError("experiment", "plant.clock.step", self.plant.clock.step, expected)
         return self
 
     @model_validator(mode="after")

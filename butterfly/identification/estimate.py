@@ -219,8 +219,12 @@ class Estimate:
         named = {*names, *found.on_bound, *found.fixed, *found.unestimated}
         if not named <= TERMS.keys() or len({*names}) < len(names):
             raise ValueError("names that are no parameters, or twice the same")
-        if any(each.shape != found.values.shape for each in (*found.rivals, *left_out.values())):
+        each_of_all = (*found.rivals, *left_out.values())
+        each_of_all += () if found.freedom is None else (found.freedom,)
+        if any(each.shape != found.values.shape for each in each_of_all):
             raise ValueError("not as many values as names")
+        if not np.allclose(found.covariance, found.covariance.T, atol=0.0, equal_nan=True):
+            raise ValueError("a covariance that is not symmetric")
         if (np.diag(found.covariance) < 0).any():
             raise ValueError("variances below 0")
         return found
@@ -229,6 +233,7 @@ class Estimate:
     def usable(self) -> Estimate:
         """The same, if results can be made of it; a ValueError says why none can."""
         arrays = (self.values, *self.left_out.values(), *self.rivals)
+        arrays += () if self.freedom is None else (self.freedom,)
         if not all(np.isfinite(each).all() for each in arrays):
             raise ValueError("values that are no numbers")
         others = (self.covariance, self.lower, self.upper, np.array(self.condition))

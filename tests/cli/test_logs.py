@@ -211,8 +211,8 @@ def published(tmp_path, monkeypatch):
     folder = tmp_path / "published"
     folder.mkdir()
     (folder / "log.mat").write_bytes(b"log")
-    digest = hashlib.sha256(b"log").hexdigest()
-    monkeypatch.setattr(thesis_logs, "digests", lambda: {"log.mat": digest})
+    pin = thesis_logs.Pin(hashlib.sha256(b"log").hexdigest(), 3)
+    monkeypatch.setattr(thesis_logs, "pins", lambda: {"log.mat": pin})
     monkeypatch.setattr(thesis_logs, "own_folder", lambda: tmp_path / "own")
     monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
     return folder
@@ -235,7 +235,7 @@ def test_a_folder_of_ones_own_is_told_to_the_next_command(butterfly, published, 
 
 
 def test_what_cannot_be_fetched_is_one_line_that_names_it(butterfly, published):
-    (published / "log.mat").write_bytes(b"another")
+    (published / "log.mat").write_bytes(b"lug")
     result = butterfly("fetch", "--from", published)
     assert_one_line_error(result, published / "log.mat", "SHA-256")
     assert_one_line_error(butterfly("fetch", "--from", "nowhere"), "--from", "nowhere")

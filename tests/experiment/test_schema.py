@@ -47,6 +47,11 @@ LINEAR = {"method": "linear"}
 WAVE = {"base": 1.0, "harmonics": [1, 2_000_000_000], "peak": 0.1}
 
 SLIPS = [
+    (_plant("hand", com_distance=1e155), "content: got numbers of which nothing can be calc"),
+    (_masses(arm=1e155), "content: got numbers of which nothing can be calculated"),
+    (_plant("clock", step=1e5), "plant.clock.step: got 100000.0; expected up to 3.75 s"),
+    ({"duration": 1e155}, r"duration: got 1e\+155 s; expected less: it takes 6.4e"),
+    ({"known": {"p4": 10**400}}, "known.p4: got 1000"),
     (_plant("hand", mass=-0.1), r"s\.yaml:5: plant\.hand\.mass: got -0\.1; expected a finite pos"),
     (_plant("hand", mas=0.1), r"s\.yaml:6: plant\.hand\.mas: got an unknown key; expected 'mass'"),
     (_plant("hand", tilt=2.0), r"plant\.hand\.tilt: got 2\.0; expected less than pi/2"),
