@@ -4,6 +4,8 @@ A joint of the program stands beside none of these: dead zones are of the comman
 inertias of the integrator, and friction that differs by direction of a time stepping written here.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,14 @@ def test_a_term_that_a_bench_has_is_found_unasked(method, row, term, size):
                 pytest.approx(truth, rel=0.03)
             )
     assert getattr(found.parameters, term) > 0
+
+
+def test_a_dead_zone_is_found_whichever_way_the_input_counts():
+    logs = defects.draw("dead zone", NUMBER, SEED).logs
+    turned = [replace(log, input=-log.input) for log in logs]
+    found, mirrored = (METHODS["harmonic-balance"](DataSet.of(each)) for each in (logs, turned))
+    assert "dead_zone" in mirrored.names == found.names
+    np.testing.assert_allclose(np.abs(mirrored.values), np.abs(found.values), rtol=1e-4)
 
 
 def test_friction_is_chosen_once_more_where_a_rarer_term_was_missing():

@@ -160,8 +160,7 @@ class HarmonicBalance(Estimator):
         )
         slow = chosen.settings.get("stribeck_velocity", phasors.stribeck_velocity)
         with_them = replace(phasors, names=chosen.names, stribeck_velocity=slow)
-        rivals = tuple(fit.values_of(each) for each in chosen.rivals)
-        return replace(chosen, rivals=rivals), HarmonicBalanceFit.of(with_them)
+        return chosen, HarmonicBalanceFit.of(with_them)
 
 
 @dataclass(frozen=True, kw_only=True)

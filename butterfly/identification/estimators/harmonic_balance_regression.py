@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.equations import CellEquations, Regression, compressed
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
@@ -27,7 +27,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, lower_bounds
+from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms
 from butterfly.signals.frequency_response import ResponsePoint
 
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
@@ -223,31 +223,14 @@ class HarmonicBalanceFit:
         return float(np.linalg.norm(self.regression.rows @ (there - here))) / left if left else 0.0
 
     def nested(self, phasors: Phasors) -> Submodels:
-        """Return the equations of a balance with more terms, as this one weighs them.
-
-        Their unknowns are the parameters, but for what p4 multiplies: p4 (delay - this one's).
-        """
-        known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
-        balance = phasors.equations(self.parameters)
-        regression = _regression(phasors, balance, self.weights, self.parameters)
-        unknowns = np.array([0.0 if TERMS[n].of_gain else known.get(n, 0.0) for n in phasors.names])
-        left = regression.rows @ unknowns - regression.target
-        count = phasors.omega.size
+        """Return the equations of a balance with more terms, as this one weighs them."""
+        about = self.parameters
+        regression = _regression(phasors, phasors.equations(about), self.weights, about)
+        values = np.array([getattr(about, name) for name in phasors.names])
+        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
         slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
-        rows, residuals = compressed(
-            (regression.rows[k::count], left[k::count]) for k in range(count)
-        )
-        equations = CellEquations(
-            names=phasors.names,
-            values=unknowns,
-            lower=lower_bounds(phasors.names),
-            on_bound=np.zeros(unknowns.size, dtype=bool),
-            rows=rows,
-            residuals=residuals,
-            log=np.arange(count),
-            prior=regression.turned_prior,
-        )
         negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
+        equations = CellEquations.of(regression, solution)
         return submodels_of(equations, phasors.masses, negligible)
 
     def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
@@ -259,14 +242,6 @@ class HarmonicBalanceFit:
         tried = tuple(name for name in every if name not in names)
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
         return lacking_term(nested.equations, tried, conditions)
-
-    def values_of(self, unknowns: dict[str, float]) -> dict[str, float]:
-        """Return the values of parameters from unknowns of `nested`."""
-        gain = unknowns.get("p4", self.parameters.p4) or np.inf
-        return {
-            name: getattr(self.parameters, name) + each / gain if TERMS[name].of_gain else each
-            for name, each in unknowns.items()
-        }
 
 
 def _regression(
