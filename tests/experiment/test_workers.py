@@ -145,7 +145,7 @@ def test_a_sweep_whose_scheduler_dies_goes_on_with_the_next_one(
     address, (scheduler, *_) = cluster
     out = folder / "restarted"
     engine = _KillsAfter(DaskEngine(address), scheduler, done=2)
-    with pytest.raises(ButterflyError, match="the scheduler is gone: .* the same command goes on"):
+    with pytest.raises(ButterflyError, match=r"the scheduler is gone: .* the same command goes on"):
         run_sweep(small_plan(folder), out, engine)
     assert 2 <= len(list(out.glob("runs/*/*.json"))) < 6
     with _cluster(tmp_path / "next") as (address, _):
