@@ -301,7 +301,7 @@ def _is_value(cell: str) -> bool:
 
 def _is_without_names(cells: list[str]) -> bool:
     """Whether a line above the first full row is one too, its numbers missing, and no header."""
-    return any(cells) and len(cells) > 1 and all(map(_is_value, cells))
+    return any(cells) and len(cells) > 1 and all(_is_value(cell.rstrip(";")) for cell in cells)
 
 
 def _heads(

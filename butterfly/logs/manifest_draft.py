@@ -9,7 +9,7 @@ from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS, holds_table
-from butterfly.logs.log import InputKind
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
@@ -26,6 +26,7 @@ _QUESTIONS = {
     "sine? The names of the files do not say.",
 }
 _FIRST_THREE = {"time": 0, "input": 1, "angle": 2}
+_INDEX = {"", "index", "Unnamed: 0"}  # names of a column in front that numbers rows
 _DIGITS = 12  # of a number in another unit: the last ones are those of rounding
 
 
@@ -89,17 +90,20 @@ def of_logs(
 def with_columns(manifest: Manifest) -> Manifest:
     """Return a manifest by which its first log can be read, if it can: by the first columns."""
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
-    if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
+    if manifest.columns is not None or _read(manifest) or (log := _read(numbered)) is None:
         return manifest
+    if log.reading.columns["time"].name in _INDEX and "no header" not in log.reading.layout:
+        numbered = manifest.model_copy(
+            update={"columns": {k: n + 1 for k, n in _FIRST_THREE.items()}}
+        )
     return numbered
 
 
-def _is_read(manifest: Manifest) -> bool:
+def _read(manifest: Manifest) -> Log | None:
     try:
-        read_entry(manifest, manifest.logs[0])
+        return read_entry(manifest, manifest.logs[0])
     except InputError:
-        return False
-    return True
+        return None
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:

@@ -54,6 +54,8 @@ def _heading(schema: pa.Schema, number: int) -> Heading:
         for key, value in (field.metadata or {}).items()
         if key.lower() in _UNIT_KEYS
     }
+    if _is_clock(field.type):
+        said["type"] = field.type.unit
     return Heading(name=field.name, number=number, said=said)
 
 
@@ -68,17 +70,27 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
     arrays = {}
     for field, number in places.items():
         name, kind = names[number], file.schema_arrow.types[number]
-        if not _is_number(kind):
+        clock = field == "time" and _is_clock(kind)
+        if not _is_number(kind) and not clock:
             raise InputError(path, name, f"a column of {kind}", "numbers")
         batches = file.iter_batches(_AT_A_TIME, columns=[name])
         which = names[:number].count(name)  # of the columns of this name
-        parts = [each.column(which).to_numpy(zero_copy_only=False) for each in batches]
+        own = [each.column(which) for each in batches]
+        if clock:
+            own = [each.cast(pa.int64()) for each in own]
+        parts = [each.to_numpy(zero_copy_only=False) for each in own]
+        if clock and parts:  # since 1970 no double holds nanoseconds
+            parts = [each - parts[0][0] for each in parts]
         arrays[field] = np.concatenate([np.empty(0), *parts])
     return arrays
 
 
 def _is_number(kind: pa.DataType) -> bool:
     return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+
+
+def _is_clock(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
 
 
 def parquet_bytes(log: Log) -> bytes:

@@ -210,7 +210,8 @@ def _unit_and_place(
     fits = [unit for each in fitting for unit in QUANTITIES[each]]
     fits += ["counts/4096 (counts per turn)"] if "angle" in fitting else []
     known: dict[str, str] = {}
-    for place, texts in {"name": words_in(heading.name), **_listed(heading.said)}.items():
+    own = words_in(heading.name) or _ending(field, heading.name)
+    for place, texts in {"name": own, **_listed(heading.said)}.items():
         named = [units_spelt(field, text) for text in texts]
         found = {each[0]: place for each in named if len(each) == 1}
         if texts and not found and given is None:
@@ -242,6 +243,12 @@ def _listed(said: Mapping[str, str]) -> dict[str, list[str]]:
 def words_in(name: str) -> list[str]:
     """Return the texts in brackets or parentheses in a column's name, but for an index."""
     return [text for text in _BRACKETS.findall(name) if text not in _SILENT]
+
+
+def _ending(field: str, name: str) -> list[str]:
+    """Return the unit, of more than a letter, in which a name ends: angle_deg, or by itself: ms."""
+    last = re.split(r"[_\s]", name)[-1]
+    return [last] if len(last) > 1 and last in UNITS[field] else []
 
 
 def without_unit(name: str) -> str:

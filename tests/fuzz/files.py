@@ -1,6 +1,7 @@
 """Files that are read: what they are when sound, and what escapes of damaged ones."""
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from butterfly.experiment.sweep import plan_sweep
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
 from butterfly.logs.csv import read_csv
+from butterfly.logs.json import read_json
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import read_mat
@@ -80,6 +82,16 @@ logs:
 MANIFESTS = [shipped("experiments/real-logs.yaml").read_bytes(), _MANIFEST]
 
 
+_VALUES = dict(zip(("time", "input", "angle [deg]"), MATRIX.T.tolist(), strict=False))
+_RECORDS = [dict(zip(_VALUES, row, strict=True)) for row in MATRIX[:, :3].tolist()]
+JSON = [
+    json.dumps(_RECORDS).encode(),
+    "".join(f"{json.dumps(each)}\n" for each in _RECORDS).encode(),
+    json.dumps({"units": {"time": "s"}, "a": [[1.0]], **_VALUES}).encode(),
+    json.dumps({k: dict(enumerate(each)) for k, each in _VALUES.items()}).encode(),
+]
+
+
 def mats() -> list[bytes]:
     contents = CONTENTS.values()
     level5 = [_mat(each, do_compression=packed) for each in contents for packed in (False, True)]
@@ -131,6 +143,12 @@ def parquet_escapes(content: bytes, path: Path) -> str:
     """Read a table, and tell what is neither a log nor a line."""
     path = _written(content, path.with_suffix(".parquet"))
     return escape_of(lambda: read_parquet(path, **_KIND))
+
+
+def json_escapes(content: bytes, path: Path) -> str:
+    """Read records or columns, and tell what is neither a log nor a line."""
+    path = _written(content, path.with_suffix(".json"))
+    return escape_of(lambda: read_json(path, **_KIND))
 
 
 def csv_escapes(content: bytes, path: Path) -> str:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.logs.csv import holds_table, read_csv, read_text_table
 from butterfly.logs.log import InputKind
+from butterfly.logs.units import Units
 
 KIND = {"input_kind": InputKind.VOLTAGE}
 NAMES = ("time", "input", "angle")
@@ -277,3 +278,22 @@ def test_a_line_of_more_columns_than_anybody_logs_is_refused_in_little_memory(
     finally:
         tracemalloc.stop()
     assert pyarrow.default_memory_pool().bytes_allocated() < 1e6
+
+
+def test_a_real_log_of_a_drive_says_its_units_below_its_names(tmp_path):
+    head = [
+        "%Date:,29/04/2021",
+        "",
+        "%timestep (8kHz),input,angle,velocity",
+        "%[#],[V],[turns],[turns/s]",
+    ]
+    rows = [f"{k},{line.split(',', 1)[1]},0.5;" for k, line in enumerate(_lines())]
+    lines = [*head, "nan,nan,nan,nan;", *rows]
+    columns = {"time": 0, "input": 1, "angle": 2}
+    with pytest.raises(InputError, match="the unit '8kHz' of time"):
+        _read(tmp_path, lines, columns)
+    log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": 1.25e-4}), **KIND)
+    assert np.isnan(log.time[0])
+    np.testing.assert_allclose(log.time[1:], 1.25e-4 * np.arange(24))
+    np.testing.assert_allclose(log.angle[1:], 2 * np.pi * TABLE[:, 2])
+    assert log.reading.columns["angle"].said == "row of units"

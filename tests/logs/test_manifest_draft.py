@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest_draft import draft, has_thesis_names
+from butterfly.logs.manifest_draft import draft, has_thesis_names, with_columns
 from tests.logs.test_formats import write_log
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
@@ -76,3 +76,17 @@ def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log)
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"no .*file with a table"):
         draft(tmp_path / "empty", HOW)
+
+
+@pytest.mark.parametrize(
+    ("head", "columns"),
+    [("t,u,q", (0, 1, 2)), (",t,u,q", (1, 2, 3)), ("Unnamed: 0,t,u,q", (1, 2, 3)), ("", (0, 1, 2))],
+)
+def test_a_column_that_numbers_the_rows_is_none_of_the_first_three(tmp_path, head, columns):
+    width = 3 if head.count(",") < 3 else 4
+    rows = [
+        ",".join([str(k), f"{0.1 * k}", f"{k % 7}.5", f"{k % 5}.25"][:width]) for k in range(40)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join([*([head] if head else []), *rows, ""]))
+    drafted = with_columns(draft(tmp_path, {}))
+    assert tuple(drafted.columns.values()) == columns

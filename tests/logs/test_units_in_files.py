@@ -300,6 +300,26 @@ def test_a_velocity_that_nobody_asked_for_is_left_out_if_its_unit_is_not_known(t
     assert read_log(tmp_path / "log.csv").velocity is None
 
 
+@pytest.mark.parametrize("names", ["t_ms u_mV pos_deg", "ms mV deg", "t[ms]x u(mV)x q[deg]x"])
+def test_a_unit_ends_a_name_or_stands_within(joint, names):
+    table = dict(zip(names.split(), (1e3, 1e3, 1 / DEGREE), strict=True))
+    table = {
+        name: factor * each
+        for (name, factor), each in zip(table.items(), joint.values(), strict=True)
+    }
+    data = bf.read(table, columns=dict(zip(FIELDS, table, strict=True)), known={"p3": P3})
+    _assert_estimate(data, names)
+    with pytest.raises(bf.InputError, match=r"deg \(name\) and turns \(given\)"):
+        bf.read(table, columns=dict(zip(FIELDS, table, strict=True)), units={"angle": "turns"})
+
+
+@pytest.mark.parametrize("names", ["time_s u_ma q_m", "s V m", "t_deg u_rad q_V", "t u_min q_max"])
+def test_an_ending_that_may_be_no_unit_is_none(joint, names):
+    table = dict(zip(names.split(), joint.values(), strict=True))
+    data = bf.read(table, columns=dict(zip(FIELDS, table, strict=True)), known={"p3": P3})
+    _assert_estimate(data, names)
+
+
 def test_an_index_in_brackets_is_no_unit_and_tells_columns_apart(joint):
     table = {"time": joint["time"], "u (motor 2) [mV]": 1e3 * joint["input"]}
     table |= {"q[0]": 0 * joint["time"], "q[1]": joint["angle"]}
