@@ -144,7 +144,7 @@ def _step_for(robot: Robot, friction: LumpedParameters, delay: float) -> tuple[f
     if constants.lag > 0:
         longest = _CURRENT_STEP
     if constants.bristle_stiffness > 0:
-        longest = min(longest, _BRISTLE_STEP, 1e-3 / least_steps(constants, 0.0, 1e-3))
+        longest = min(longest, _BRISTLE_STEP, 1e-3 / max(least_steps(constants, 0.0, 1e-3), 1))
     else:
         inertia = robot.clutch.rotor_inertia if robot.clutch else friction.p1
         resonance = max(math.sqrt(abs(friction.p3) / friction.p1), _SLOWEST)

@@ -28,6 +28,7 @@ from butterfly.model.kernel.steps import (
     INTERVAL,
     KIND,
     LOOSE,
+    LOST,
     MAX_REVERSALS,
     PART,
     PARTS,
@@ -69,6 +70,8 @@ def differentiate(time, drives, state, c, into, weights, values, column, initial
             values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
         drive = (drives[k, 0], drives[k, 1], drives[k, 2])
         count = least_steps(c, state[V], h)
+        if count == 0:
+            state = LOST
         for part in range(count):
             tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
             own = drive if count == 1 else part_of(drive, part, count)

@@ -75,6 +75,7 @@ weights of the stage, and rates."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _DAMPED_STEPS = 2  # the same in one time constant of the speed: from 0.4 on RK4 is stable
+_UNSEEN = 10_000  # time constants of the speed in one interval, from which on no log shows it
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
 _VANISHED = 6.0  # Stribeck velocities, at which exp(-36) is lost in rounding
 
@@ -127,8 +128,13 @@ def excess_at(v, c):
 
 @compiled
 def least_steps(c, v, h):
-    """Count the steps that damping, lag and bristles ask for in h s at a velocity of v rad/s."""
+    """Count the steps that damping, lag and bristles ask for in h s at a velocity of v rad/s.
+
+    They are 0 of a speed that is none, or would settle so fast that steps were without number.
+    """
     damping = (c.viscous + c.back_emf + 2.0 * c.drag * abs(v)) / c.p1
+    if not h * damping <= _UNSEEN:
+        return 0
     count = max(1, math.ceil(_DAMPED_STEPS * h * damping))
     if c.lag > 0.0:
         count = max(count, math.ceil(_LAG_STEPS * h / c.lag))

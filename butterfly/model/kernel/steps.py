@@ -34,6 +34,9 @@ TAPE_WIDTH = STAGE + 4 * PER_STAGE
 MAX_REVERSALS = 8
 """Reversals of the velocity that one step may hold before it is cut short."""
 
+LOST = (math.nan, math.nan, math.nan, math.nan)
+"""The state of a joint that diverged."""
+
 _REFINEMENTS = 3  # chords to the instant at which the velocity vanishes
 _BISECTIONS = 60  # where a velocity that grazes 0 leads chords astray
 _ASTRAY = 0.1  # change by the last chord, as a share of what it changed
@@ -60,6 +63,8 @@ def interval(state, drives, h, c):
     count = least_steps(c, state[V], h)
     if count == 1:
         return advance(state, drives, h, c, None, None)
+    if count == 0:
+        return LOST
     for k in range(count):
         state = advance(state, part_of(drives, k, count), h / count, c, None, None)
     return state
