@@ -32,10 +32,13 @@ uint32 nanosec
 BEGIN = 1_700_000_000 * 10**9
 STEP = 2_000_000  # ns
 COUNT = 50
+_FACTORS = {"position": 1.0, "velocity": 10.0, "effort": -1.0}
 ANGLE = np.cos(np.arange(COUNT) / 7)
 
 
-def _write(path, *, joints=("hand",), topics=("/joint_states",), kind=None, stamped=True, keys="pve"):
+def _write(
+    path, *, joints=("hand",), topics=("/joint_states",), kind=None, stamped=True, keys="pve"
+):
     with path.open("wb") as file:
         writer = Writer(file)
         schema = writer.register_msgdef(kind or "sensor_msgs/msg/JointState", JOINT_STATE)
@@ -44,10 +47,8 @@ def _write(path, *, joints=("hand",), topics=("/joint_states",), kind=None, stam
             stamp = BEGIN + k * STEP
             for topic in topics:
                 parts = {
-                    name: [k_th(ANGLE, k) + n for n, _ in enumerate(joints)]
-                    if name[0] in keys
-                    else []
-                    for name, k_th in _COLUMNS.items()
+                    name: [factor * ANGLE[k] + n for n, _ in enumerate(joints) if name[0] in keys]
+                    for name, factor in _FACTORS.items()
                 }
                 seconds = divmod(stamp, 10**9) if stamped else (0, 0)
                 header = {"stamp": dict(zip(("sec", "nanosec"), seconds, strict=True))}
@@ -56,13 +57,6 @@ def _write(path, *, joints=("hand",), topics=("/joint_states",), kind=None, stam
             writer.write_message("/bus", other, {"data": 24.0}, log_time=stamp)
         writer.finish()
     return path
-
-
-_COLUMNS = {
-    "position": lambda angle, k: angle[k],
-    "velocity": lambda angle, k: 10 * angle[k],
-    "effort": lambda angle, k: -angle[k],
-}
 
 
 def test_the_only_joint_of_a_bag_is_read_with_its_own_stamps(tmp_path):
