@@ -10,25 +10,11 @@ from butterfly.errors import InputError
 from butterfly.logs.formats import read_log
 from butterfly.logs.log import InputKind
 from butterfly.logs.mcap import _columns
+from tests.logs.bags import JOINT_STATE
 
 Writer = pytest.importorskip("mcap_ros2.writer").Writer
 
 KIND = {"input_kind": InputKind.TORQUE}
-JOINT_STATE = """\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 BEGIN = 1_700_000_000 * 10**9
 STEP = 2_000_000  # ns
 COUNT = 50
