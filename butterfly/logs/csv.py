@@ -224,7 +224,7 @@ def read_text_table(path: Path) -> TextColumns:
         first -= 1
     rows = body[first:]
     unended = rows[-1].number == len(lines)
-    cut = unended or len(_cells(rows[-1].text, delimiter)) < width
+    cut = len(rows) > 1 and (unended or len(_cells(rows[-1].text, delimiter)) < width)
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
     names, units = _names_and_units(heads)
