@@ -330,5 +330,5 @@ def test_units_of_a_line_that_is_no_header_are_not_passed_over(tmp_path, head):
 def test_a_header_and_a_row_without_its_end_are_no_log(tmp_path):
     path = tmp_path / "log.txt"
     path.write_text("# a\ntime [s]\tinput [V]\tangle [rad]\n0.00\t0.0000")
-    with pytest.raises(InputError, match="time: got 1 samples|header: got"):
+    with pytest.raises(InputError, match=r"time: got 1 samples|header: got"):
         read_csv(path)
