@@ -17,7 +17,7 @@ from butterfly.logs.units import AS_IS, Heading, Units, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
-FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json")
+FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json") | {".mcap": "mcap"}
 """The module that reads files of an ending; imported when it is used, as each is slow."""
 
 OFTEN_TEXTS = {".txt", ".dat", ".json"}

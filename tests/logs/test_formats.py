@@ -90,7 +90,7 @@ def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
 
 @pytest.mark.parametrize(("name", "value"), [("log.xls", ".xls"), ("log", "no ending")])
 def test_another_ending_is_refused_with_those_that_are_known(tmp_path, name, value):
-    assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt, .dat, .json, .jsonl or .ndjson"
+    assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt, .dat, .json, .jsonl, .ndjson or .mcap"
     with pytest.raises(InputError, match=f"got {value}; expected {ENDINGS}"):
         read_log(tmp_path / name, **KIND)
 
