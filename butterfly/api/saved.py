@@ -15,6 +15,7 @@ from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file
 from butterfly.identification.identification import Identification
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.report.parameter_table import Separated
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
@@ -61,7 +62,9 @@ def load(
             manifest["root"] = str(root_of(file, manifest["root"], moved))
         result = kind.from_dict(content)
         result.shown_rows()
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(result, Identification):
+            estimate_sentences(result.estimate)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         expected = "a result as its method save writes it"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result

@@ -252,7 +252,7 @@ def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(ans
     assert said.startswith("Do not use: The model does not follow the logs")
 
 
-@pytest.mark.parametrize("damage", ["short", "missing", "none", "lopsided"])
+@pytest.mark.parametrize("damage", ["short", "missing", "none", "lopsided", "nameless", "foreign"])
 def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
     butterfly, quick_data, tmp_path, damage
 ):
@@ -264,6 +264,9 @@ def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
     content["freedom"] = damaged.get(damage, freedom)
     if damage == "lopsided":
         content["covariance"]["matrix"][0][1] = None
+    if damage in {"nameless", "foreign"}:
+        names = [] if damage == "nameless" else ["p1", 1e-308]
+        content["findings"].append({"kind": "rests-on", "parameters": names})
     other = tmp_path / "other.json"
     other.write_text(json.dumps(content))
     assert_one_line_error(butterfly("compare", file, other), "other.json" * (damage != "missing"))

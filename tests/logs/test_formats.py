@@ -45,6 +45,7 @@ KINDS = [".mat", ".csv", ".parquet", ".tsv"]  # that tests write; .txt and .dat 
 )
 def test_any_numbers_are_read_back_bit_for_bit(tmp_path_factory, ending, columns, whole):
     columns = np.where(np.isnan(columns), 0.0, columns)  # the bits of a NaN are nobody's promise
+    columns[:, 0] = np.where(np.isfinite(columns[:, 0]), columns[:, 0], 0.0)  # a text has numbers
     columns = np.round(columns) if whole else columns
     log = Log(**dict(zip(("time", "input", "angle", "velocity"), columns, strict=False)), **KIND)
     path = tmp_path_factory.mktemp("formats") / f"log{ending}"
