@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo docs pictures test test-slow lint types bench bench-short coverage kinds fuzz record record-check wheel clean
+.PHONY: demo docs pictures test test-slow lint types bench bench-short coverage kinds fuzz readers record record-check wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -58,6 +58,11 @@ kinds: $(VENV)/.development
 CASES ?= 1000
 fuzz: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.fuzz --cases $(CASES) --seed $(SEED)
+
+# Whole files of any dialect, FILES of each format, read by the program and by a second reader.
+FILES ?= 2000
+readers: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.independent.readers --files $(FILES) --seed $(SEED)
 
 # What the program answers, digit by digit, written to RECORD; and what another version of it answers
 # beside that. RECORD_OPTIONS='--part quick' takes a minute, all of it a quarter of an hour.

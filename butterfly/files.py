@@ -82,14 +82,15 @@ def require_file(path: Path, expected: str) -> int:
     require_path(str(path), path, "path")
     try:
         found = path.stat()
+        if stat.S_ISREG(found.st_mode):
+            path.open("rb").close()
+            return found.st_size
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", expected) from None
     except OSError as error:
         raise InputError(path, "path", error.strerror or error, "a readable file") from None
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
-        raise InputError(path, "path", kind, expected)
-    return found.st_size
+    kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
+    raise InputError(path, "path", kind, expected)
 
 
 def read_file(path: Path, expected: str, most: float = math.inf) -> bytes:

@@ -1,5 +1,8 @@
+import ctypes
 import os
+import subprocess
 import sys
+import tempfile
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -130,3 +133,64 @@ def test_a_name_that_no_file_can_have_is_one_line(tmp_path, name, said, ending):
     read = load_yaml if ending == ".yaml" else read_log
     with pytest.raises(InputError, match=said):
         read(tmp_path / f"{name}{ending}")
+
+
+_AS_NOBODY = """
+import butterfly as bf
+from pathlib import Path
+from butterfly.errors import InputError
+from butterfly.logs.formats import read_log
+from butterfly.files import write_file
+for act in (
+    lambda: read_log(Path("closed/a.csv")),
+    lambda: read_log(Path("closed.csv")),
+    lambda: read_log(Path("closed.mat")),
+    lambda: read_log(Path("closed.parquet")),
+    lambda: bf.read("closed/a.csv", input="torque"),
+    lambda: bf.read("closed.yaml"),
+    lambda: bf.read("closed", input="torque"),
+    lambda: bf.read("open", input="torque"),
+    lambda: write_file(Path("closed/new.csv"), "a"),
+    lambda: write_file(Path("closed/new/new.csv"), "a"),
+):
+    try:
+        act()
+        print("nothing refused")
+    except InputError as error:
+        print(error)
+"""
+
+
+def _as_others():
+    """Take from root, in a process about to begin, what opens any file."""
+    for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
+        ctypes.CDLL(None).prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="root is not taken its rights elsewhere")
+def test_files_and_folders_without_permission_are_one_line_each():
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        for each in ("closed", "open/closed"):
+            (folder / each).mkdir(parents=True)
+        names = [f"closed{ending}" for ending in (".csv", ".mat", ".parquet", ".yaml")]
+        for each in ("closed/a.csv", *names):
+            (folder / each).write_text("time,input,angle\n" + "1,2,3\n" * 20)
+            (folder / each).chmod(0)
+        for each in ("closed", "open/closed"):
+            (folder / each).chmod(0)
+        done = subprocess.run(  # noqa: S603
+            [sys.executable, "-c", _AS_NOBODY],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+            preexec_fn=_as_others,
+        )
+        for each in ("closed", "open/closed"):
+            (folder / each).chmod(0o755)
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0, done.stderr
+    assert len(lines) == 10
+    assert all("closed" in line and "Permission denied" in line for line in lines), lines

@@ -130,6 +130,31 @@ CASES = {
         "counter.csv: angle: got 11 jumps by 400 rad",
         ("inspect counter.csv --units angle=counts/400 --repair unwrap",),
     ),
+    "a word in a bracket that is no unit": Case(
+        "inspect ticks.csv",
+        "ticks.csv: angle [ticks]: got the unit 'ticks' of angle; expected one of rad, mrad, deg",
+        ("inspect ticks.csv --units angle=counts/4096",),
+    ),
+    "two units that differ": Case(
+        "inspect deg.csv --input torque --units angle=rad",
+        "deg.csv: angle [deg]: got the units deg (name) and rad (given) of angle",
+        ("inspect deg.csv --input torque", "inspect deg.csv --input torque --units angle=1"),
+    ),
+    "a unit that does not fit the input": Case(
+        "inspect deg.csv",
+        "deg.csv: input (Nm): got the unit Nm of input (name); expected a unit of voltage",
+        ("inspect deg.csv --input torque",),
+    ),
+    "a header of another length": Case(
+        "inspect wide.csv",
+        "wide.csv: header: got 'time,input,angle' above rows of 4 numbers",
+        ("inspect wide.csv --columns time=0,input=1,angle=2",),
+    ),
+    "separated thousands in the stamps": Case(
+        "inspect thousands.csv",
+        "thousands.csv: time: got 1 after 999 at sample 999",
+        ("inspect 0.csv",),
+    ),
     "degrees taken for rad": Case(
         f"identify degrees.yaml {WEAK} {GAIN}",
         "The angle looks like degrees",
@@ -276,6 +301,12 @@ def _write_slips(folder, log):
     for name, columns in tables.items():
         _write_table(folder / f"{name}.csv", "time,input,angle", columns)
     _write_table(folder / "named.csv", "t_s,torque,pos", (time, u, angle))
+    _write_table(folder / "ticks.csv", "time,input,angle [ticks]", (time, u, 650 * angle))
+    _write_table(folder / "deg.csv", "time,input (Nm),angle [deg]", (time, u, np.rad2deg(angle)))
+    _write_table(folder / "wide.csv", "time,input,angle", (time, u, angle, u + 0.5))
+    stamps = np.arange(1.0, time.size + 1)
+    stamps[stamps > 999] /= 1000
+    _write_table(folder / "thousands.csv", "time,input,angle", (stamps, u, angle))
 
 
 def _write_table(path, header, columns):

@@ -266,7 +266,11 @@ def _manifests(
     sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], *, massless: bool = False
 ) -> list[Manifest]:
     """Return the manifests of data, or drafts, with what is given besides."""
-    manifests = [_described(path, root, given, massless=massless) for path in _paths(sources)]
+    try:
+        manifests = [_described(path, root, given, massless=massless) for path in _paths(sources)]
+    except OSError as error:  # of a folder that may not be looked into
+        found = error.strerror or str(error)
+        raise InputError(error.filename, "path", found, "a readable file or folder") from None
     return [each.piece(given.get("begin"), given.get("end")) for each in manifests]
 
 

@@ -7,7 +7,7 @@ import os
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from itertools import islice
@@ -28,6 +28,7 @@ _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they tak
 _ANSWER = "20s"  # in which a scheduler has to answer
 _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
 _DIED = f"the worker died {_ATTEMPTS} times"
+_GONE = "the scheduler is gone: what is done is kept, and the same command goes on with another"
 _NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
 """Modules that workers need, read once for all of them."""
 
@@ -157,7 +158,10 @@ class DaskEngine:
                     expected = f"one that answers ({error})"
                     raise InputError("butterfly run", "--scheduler", target, expected) from None
                 with client:
-                    yield from _on_cluster(client, work, iter(tasks), tables)
+                    try:
+                        yield from _on_cluster(client, work, iter(tasks), tables)
+                    except (CancelledError, OSError):  # of futures whose scheduler has ended
+                        raise ButterflyError(_GONE) from None
 
 
 def _on_cluster(

@@ -227,6 +227,8 @@ class Estimate:
             raise ValueError("a covariance that is not symmetric")
         if (np.diag(found.covariance) < 0).any():
             raise ValueError("variances below 0")
+        if found.freedom is not None and (found.freedom <= 0).any():
+            raise ValueError("degrees of freedom that are not above 0")
         return found
 
     @property

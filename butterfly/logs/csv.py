@@ -95,13 +95,20 @@ def read_csv(
         field: _numeric(path, table, k, str(wanted.get(field, field)))
         for field, k in places.items()
     }
-    rows = {} if table.units is None else {"row of units": table.units}
     headings = {
-        field: Heading(name=table.names[k], number=k, said={each: rows[each][k] for each in rows})
+        field: Heading(name=table.names[k], number=k, said=_said(table, field, k))
         for field, k in places.items()
     }
     properties |= {"source": str(path), "reading": reading}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+
+
+def _said(table: TextColumns, field: str, number: int) -> dict[str, str]:
+    """Return the unit of a column besides its name; of a line that is no header it is unclear."""
+    if table.units is not None:
+        return {"row of units": table.units[number]}
+    words = [word for word in words_in(table.headless or "") if units_spelt(field, word)]
+    return {"line above": f"{', '.join(words)} of some column"} if words else {}
 
 
 def write_csv(log: Log, path: Path) -> None:
@@ -217,11 +224,12 @@ def read_text_table(path: Path) -> TextColumns:
         first -= 1
     rows = body[first:]
     unended = rows[-1].number == len(lines)
-    cut = unended or len(_cells(rows[-1].text, delimiter)) < width
+    cut = len(rows) > 1 and (unended or len(_cells(rows[-1].text, delimiter)) < width)
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
     names, units = _names_and_units(heads)
-    above = repr(body[first - 1].text.strip()) if first else "no line"
+    before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
+    above = repr(max(before).text.strip()) if before else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
     decimal = "," if _has_decimal_commas(rows, delimiter) else "."
     texts = {
@@ -268,7 +276,9 @@ def _decoded(path: Path) -> tuple[str, str]:
 
 def _cells(text: str, delimiter: str) -> list[str]:
     if delimiter == " ":
-        cells = _BLANKS.split(text.strip()) if "[" in text or "(" in text else text.split()
+        cells = text.split()
+        if any(cell[0] not in "[(" for cell in cells) and ("[" in text or "(" in text):
+            cells = _BLANKS.split(text.strip())
     elif '"' in text:
         cells = next(csv_reader([text.strip()], delimiter=delimiter, skipinitialspace=True))
     else:
@@ -342,18 +352,24 @@ def _are_names(cells: list[str]) -> bool:
 
 
 def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str] | None]:
-    """Tell the names from the row of units below them: most of its cells are units, or brackets."""
+    """Tell the names from the row of units below or above them."""
     if not heads:
         return None, None
-    given = [cell for cell in heads[-1] if cell not in {"", "-"}]
+    first, last = heads[0], heads[-1]
+    distinct = all(first) and len(set(first)) == len(first)
+    if len(heads) > 1 and _are_units(last, most=not distinct):
+        return first, last
+    return last, first if len(heads) > 1 and _are_units(first) else None
+
+
+def _are_units(cells: list[str], *, most: bool = True) -> bool:
+    """Whether a row holds units: most of its cells are, or one if not ``most``; or all brackets."""
+    given = [cell for cell in cells if cell not in {"", "-"}]
     known = [
         cell for cell in given if any(units_spelt(name, cell.strip("[]() ")) for name in UNITS)
     ]
     bracketed = all(words_in(cell) and not without_unit(cell) for cell in given)
-    texts = all(heads[0]) and len(set(heads[0])) == len(heads[0])
-    if len(heads) > 1 and (2 * len(known) > len(given) or bracketed or (known and texts)):
-        return heads[0], heads[1]
-    return heads[-1], None
+    return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 
 
 def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:

@@ -17,7 +17,7 @@ from butterfly.logs.units import AS_IS, Heading, Units, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
-FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json")
+FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json") | {".mcap": "mcap"}
 """The module that reads files of an ending; imported when it is used, as each is slow."""
 
 OFTEN_TEXTS = {".txt", ".dat", ".json"}
@@ -35,7 +35,20 @@ def read_log(
 ) -> Log:
     """Read one file, by its ending; InputError if it cannot be read, or is none of `FORMATS`."""
     read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
-    return read(path, columns, units, **{"name": path.name} | properties)
+    before = _state(path)
+    log = read(path, columns, units, **{"name": path.name} | properties)
+    if _state(path) != before:
+        raise InputError(path, "content", "a file that changed while it was read", "a finished one")
+    return log
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    """Return what is another of a file that was replaced, or written on; nothing if none is."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return ()
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def holds_table(path: Path) -> bool:

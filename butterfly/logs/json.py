@@ -17,10 +17,7 @@ from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
 from butterfly.logs.units import AS_IS, Heading, Units
 
-_PER_BYTE = 32  # of memory
-_NUMBERS = {float, type(None)}
 _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
-_DEEPEST = 16  # objects within objects
 
 
 def read_json(
@@ -32,15 +29,10 @@ def read_json(
     """Read a log (see `read_log`); what lies deeper is called ``joint.position.0``."""
     content, cut = _content(path)
     ways = _ways(content)
-    names = [".".join(way) for way in ways]
+    names = [*map(".".join, ways)]
     places, unasked = chosen_columns(path, names, columns)
     arrays = {field: _column(path, content, names[k], ways[k]) for field, k in places.items()}
-    said = content.get("units") if isinstance(content, dict) else None
-    said = {str(k): str(each) for k, each in said.items()} if isinstance(said, dict) else {}
-    headings = {
-        field: Heading(name=names[k], said={"units": said.get(names[k], "")})
-        for field, k in places.items()
-    }
+    headings = {f: Heading(name=names[k], said=_said(content, ways[k])) for f, k in places.items()}
     properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
@@ -58,7 +50,7 @@ def holds_table(path: Path) -> bool:
 def _content(path: Path) -> tuple[Any, int]:
     """Return what a file holds, and how many last lines were cut off."""
     content = read_file(path, "an existing JSON file")
-    require_room(path, "content", f"{len(content)} bytes of JSON", _PER_BYTE * len(content))
+    require_room(path, "content", f"{len(content)} bytes of JSON", 32 * len(content))
     try:
         text = content.decode("utf-8-sig").strip(" ")
         if path.suffix.lower() == ".json" and not _RECORDS.match(text):
@@ -82,7 +74,7 @@ def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON
 
 def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tuple[str, ...]]:  # noqa: ANN401 - any JSON
     """Return how one gets to every column: names of objects, and numbers in lists of a ``row``."""
-    if len(way) > _DEEPEST:
+    if len(way) > 16:  # noqa: PLR2004 - objects within objects
         return []
     if isinstance(node, list) and not row:
         inner = bool(node) and isinstance(node[0], dict | list)
@@ -108,13 +100,20 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
     return _at(below, way[1:], row=row)
 
 
+def _said(content: Any, way: Sequence[str]) -> dict[str, str]:  # noqa: ANN401 - any JSON
+    """Return the unit of a column: of ``units`` above all, or of ``unit`` beside the numbers."""
+    ways = {"units": ("units", ".".join(way)), "unit": (*way[:-1], "unit")}
+    found = {key: _at(content, each) for key, each in ways.items()}
+    lists = {key: each if isinstance(each, list) else [each] for key, each in found.items()}
+    texts = {key: {each for each in own if isinstance(each, str)} for key, own in lists.items()}
+    return {key: " or ".join(sorted(each)) for key, each in texts.items()}
+
+
 def _column(path: Path, content: Any, name: str, way: Sequence[str]) -> Samples:  # noqa: ANN401 - any JSON
     found = _at(content, way)
     values = [found[key] for key in sorted(found, key=int)] if isinstance(found, dict) else found
-    if not isinstance(values, list):
-        raise InputError(path, name, "a single value", "a list of numbers")
-    wrong = (k for k, each in enumerate(values) if type(each) not in _NUMBERS)
-    if (k := next(wrong, None)) is not None:
-        what = "nothing" if values[k] is ... else repr(values[k])
-        raise InputError(path, name, f"{what} in record {k}", "a number, or null where it lacks")
+    for k, each in enumerate(values):
+        if type(each) not in {float, type(None)}:
+            what = "nothing" if each is ... else repr(each)
+            raise InputError(path, name, f"{what} in record {k}", "a number, or null")
     return np.array(values, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -129,7 +130,13 @@ def log_files(folder: Path) -> list[Path]:
     """Return the files below a folder that end as logs do."""
     if not folder.is_dir():
         raise InputError(folder, "path", "no such folder", "a folder of logs")
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in FORMATS)
+
+    def refuse(error: OSError) -> None:
+        raise InputError(error.filename, "path", error.strerror, "a folder that can be looked into")
+
+    walked = os.walk(folder, onerror=refuse)
+    paths = (Path(below) / name for below, _, names in walked for name in names)
+    return sorted(path for path in paths if path.suffix.lower() in FORMATS)
 
 
 def has_thesis_names(folder: Path) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import mmap
 import re
 import struct
 import zlib
@@ -186,7 +185,7 @@ def _load(
             header = file.read(_HEADER)
             if header[_VERSION] == _HDF5:
                 return _load73(path, wanted, {} if said is None else said)
-            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            data = memoryview(header + file.read())  # mapped, it would end us if it were cut now
             found = _load4(data) if 0 in header[:4] else _load5(data)
     except InputError:
         raise

@@ -104,7 +104,7 @@ _NUMBER_OF_COUNTS = re.compile(
     r"|(\d+(?:\.\d+)?)(?:counts?|ticks?|increments?|inc|steps?|pulses?)"
     r"(?:/|per)(?:turns?|rev|revolution)"
 )
-_BRACKETS = re.compile(r"\s*[\[(]\s*(?!\d*\s*[\])])([^\[\]()]*?)\s*[\])]")  # [0] is an index
+_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 _SILENT = {"", "-"}
 
 
@@ -224,7 +224,8 @@ def _unit_and_place(
         known.setdefault(given, GIVEN)
     if len({factor_of(field, unit) for unit in known}) > 1:
         both = " and ".join(f"{unit} ({place})" for unit, place in known.items())
-        expected = f"one unit; or, which goes before all, a factor: --units {field}=0.01"
+        factor = factor_of(field, given or next(iter(known)))
+        expected = f"one unit; or, which goes before all, a factor: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
     if not known:
         return fits[0], ASSUMED
@@ -241,8 +242,9 @@ def _listed(said: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def words_in(name: str) -> list[str]:
-    """Return the texts in brackets or parentheses in a column's name, but for an index."""
-    return [text for text in _BRACKETS.findall(name) if text not in _SILENT]
+    """Return the texts in brackets or parentheses in a column's name, but for an index: q[0]."""
+    texts = (text.strip() for text in _BRACKETS.findall(name))
+    return [text for text in texts if text not in _SILENT and not text.isdecimal()]
 
 
 def _ending(field: str, name: str) -> list[str]:
@@ -252,8 +254,9 @@ def _ending(field: str, name: str) -> list[str]:
 
 
 def without_unit(name: str) -> str:
-    """Return a column's name without its brackets."""
-    return _BRACKETS.sub("", name).strip()
+    """Return a column's name without its brackets, but for those of an index."""
+    bare = _BRACKETS.sub(lambda each: each[0] if each[1].strip().isdecimal() else " ", name)
+    return " ".join(bare.split())
 
 
 def units_spelt(name: str, text: str) -> list[str]:
@@ -265,7 +268,7 @@ def units_spelt(name: str, text: str) -> list[str]:
     counts = _NUMBER_OF_COUNTS.fullmatch(plain.lower()) if name == "angle" else None
     if counts is not None:
         number = counts[1] or counts[2]
-        return [f"counts/{number}"] if float(number) else []
+        return [f"counts/{number}"] if 0 < float(number) < math.inf else []
     exact = {spelt: unit for unit in UNITS[name] for spelt in _spellings(unit)}
     if plain in exact:
         return [exact[plain]]

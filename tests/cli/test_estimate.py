@@ -252,7 +252,7 @@ def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(ans
     assert said.startswith("Do not use: The model does not follow the logs")
 
 
-@pytest.mark.parametrize("damage", ["short", "missing", "lopsided"])
+@pytest.mark.parametrize("damage", ["short", "missing", "none", "lopsided"])
 def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
     butterfly, quick_data, tmp_path, damage
 ):
@@ -260,9 +260,10 @@ def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
     butterfly("identify", quick_data, "--method", "weak-form", "--save", file)
     content = json.loads(file.read_text())
     freedom = content["freedom"]
-    content["freedom"] = freedom[:-1] if damage == "short" else [None, *freedom[1:]]
+    damaged = {"short": freedom[1:], "missing": [None, *freedom[1:]], "none": [0, *freedom[1:]]}
+    content["freedom"] = damaged.get(damage, freedom)
     if damage == "lopsided":
-        content["freedom"], content["covariance"]["matrix"][0][1] = freedom, None
+        content["covariance"]["matrix"][0][1] = None
     other = tmp_path / "other.json"
     other.write_text(json.dumps(content))
     assert_one_line_error(butterfly("compare", file, other), "other.json" * (damage != "missing"))

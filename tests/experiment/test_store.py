@@ -1,9 +1,11 @@
 """What is on disk is whole, found again, and the tables hold whatever a field may be set to."""
 
+import itertools
 import os
 import shutil
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord,
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS, SweepColumns
-from tests.experiment.setting import HereEngine, planned, small_plan
+from tests.experiment.setting import HereEngine, planned, small_plan, tables_of
 
 
 def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted(folder):
@@ -178,21 +180,21 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
 WRITES = 1_000
 
 
-def _written_by_two(function, folder):
-    """Return the store that two processes have written with a function of this module."""
+def _written(function, folder, names):
+    """Return the store that processes of some names have written with a function from here."""
     begin = f"import sys; from tests.experiment import test_store as t; t.{function}(*sys.argv[1:])"
     words = [sys.executable, "-c", begin, str(folder)]
-    writers = [subprocess.Popen([*words, name]) for name in ("a", "b")]  # noqa: S603
-    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
+    writers = [subprocess.Popen([*words, name]) for name in names]  # noqa: S603
+    assert [writer.wait(timeout=120) for writer in writers] == [0] * len(names)
     return ResultStore(folder)
 
 
 @pytest.mark.slow
-def test_two_writers_lose_nothing(tmp_path):
-    """Every record of both is there and whole, of runs of their own and of runs they share."""
-    store = _written_by_two("write_many", tmp_path)
+def test_four_writers_lose_nothing(tmp_path):
+    """Every record of each is there and whole, of runs of their own and of runs they share."""
+    store = _written("write_many", tmp_path, "abde")
     for number in range(WRITES):
-        for name in ("a", "b", "c"):
+        for name in "abcde":
             record = store.read(_key(name, number))
             assert record is not None
             assert store.holds(record)
@@ -201,7 +203,7 @@ def test_two_writers_lose_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_tables_that_two_write_belong_to_the_sweep(tmp_path):
-    store = _written_by_two("end_often", tmp_path)
+    store = _written("end_often", tmp_path, "ab")
     (run,) = store.sweep().runs
     assert store.table(RUNS)["key"].to_pylist() == [run.key]
 
@@ -229,3 +231,13 @@ def write_many(folder, name):
 
 def _key(name, number):
     return f"{number:03d}{name}"[::-1]
+
+
+@pytest.mark.parametrize("jump", [1e7, -1e7])
+def test_a_clock_that_jumps_changes_no_result(folder, undisturbed, monkeypatch, jump):
+    clock = itertools.count(time.time(), jump)
+    monkeypatch.setattr("time.time", lambda: next(clock))
+    out = folder / f"jumps {jump > 0}"
+    run_sweep(small_plan(folder), out, HereEngine())
+    assert tables_of(out) == undisturbed
+    assert not list(out.rglob(".draft-*"))

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from functools import partial
 
 import pytest
@@ -101,11 +102,11 @@ def test_a_sweep_that_cannot_be_written_leaves_no_process(folder, monkeypatch):
     assert multiprocessing.active_children() == []
 
 
-@pytest.fixture
-def cluster(tmp_path):
+@contextmanager
+def _cluster(folder):
     """A Dask scheduler and two workers, each a process of its own."""
-    pytest.importorskip("distributed")
-    address = tmp_path / "scheduler.json"
+    folder.mkdir()
+    address = folder / "scheduler.json"
     common = ["--scheduler-file", str(address), "--host", "127.0.0.1", "--no-dashboard"]
     commands = [
         ["scheduler", "--port", "0", *common],
@@ -122,15 +123,40 @@ def cluster(tmp_path):
     deadline = time.monotonic() + 30
     while not address.exists() and time.monotonic() < deadline:
         time.sleep(0.1)
-    yield json.loads(address.read_text())["address"], started[1:]
-    for process in started:
-        process.kill()
-        process.wait()
+    try:
+        yield json.loads(address.read_text())["address"], started
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    pytest.importorskip("distributed")
+    with _cluster(tmp_path / "cluster") as found:
+        yield found
+
+
+@pytest.mark.slow
+def test_a_sweep_whose_scheduler_dies_goes_on_with_the_next_one(
+    folder, undisturbed, cluster, tmp_path
+):
+    address, (scheduler, *_) = cluster
+    out = folder / "restarted"
+    engine = _KillsAfter(DaskEngine(address), scheduler, done=2)
+    with pytest.raises(ButterflyError, match=r"the scheduler is gone: .* the same command goes on"):
+        run_sweep(small_plan(folder), out, engine)
+    assert 2 <= len(list(out.glob("runs/*/*.json"))) < 6
+    with _cluster(tmp_path / "next") as (address, _):
+        summary = run_sweep(small_plan(folder), out, DaskEngine(address))
+    assert summary.unsuccessful == 0
+    assert tables_of(out) == undisturbed
 
 
 @pytest.mark.slow
 def test_a_dask_cluster_that_loses_a_worker_loses_no_result(folder, undisturbed, cluster):
-    address, workers = cluster
+    address, (_, *workers) = cluster
     shared = dict(DaskEngine(address).run(work, [Job("a", folder)], {"a": (1.0, 2.0)}))
     assert shared == {"a": (1.0, 2.0)}
     out = folder / "dask"

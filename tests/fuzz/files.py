@@ -20,9 +20,11 @@ from butterfly.logs.json import read_json
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import read_mat
+from butterfly.logs.mcap import read_mcap
 from butterfly.logs.parquet import read_parquet
 from butterfly.model.parameters import AddedMass
 from tests.fuzz.escape import escape_of
+from tests.logs.bags import JOINT_STATE
 
 _TIME = np.arange(40) * 0.01
 MATRIX = np.column_stack([_TIME, np.sin(_TIME), np.cos(_TIME), np.sin(2 * _TIME)])
@@ -130,6 +132,36 @@ def _level73() -> bytes:
             data.create_dataset(name, data=column[None])
     head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM"
     return head + file.getvalue()[len(head) :]
+
+
+def bags() -> list[bytes]:
+    """Return ROS 2 bags of a joint, packed and not."""
+    from mcap.writer import CompressionType  # noqa: PLC0415 - an extra
+
+    return [_bag(packed) for packed in CompressionType]
+
+
+def _bag(packed: Any) -> bytes:
+    from mcap_ros2.writer import Writer  # noqa: PLC0415 - an extra
+
+    file = io.BytesIO()
+    writer = Writer(file, compression=packed)
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+    for k, (time, *state) in enumerate(MATRIX.tolist()):
+        stamp = dict(zip(("sec", "nanosec"), divmod(round(time * 1e9), 10**9), strict=True))
+        parts = {
+            key: [each] for key, each in zip(("effort", "position", "velocity"), state, strict=True)
+        }
+        message = {"header": {"stamp": stamp, "frame_id": ""}, "name": ["hand"], **parts}
+        writer.write_message("/joint_states", schema, message, log_time=k)
+    writer.finish()
+    return file.getvalue()
+
+
+def mcap_escapes(content: bytes, path: Path) -> str:
+    """Read a bag, and tell what is neither a log nor a line."""
+    path = _written(content, path.with_suffix(".mcap"))
+    return escape_of(lambda: read_mcap(path, **_KIND))
 
 
 def mat_escapes(content: bytes, path: Path) -> str:

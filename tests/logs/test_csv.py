@@ -297,3 +297,38 @@ def test_a_real_log_of_a_drive_says_its_units_below_its_names(tmp_path):
     np.testing.assert_allclose(log.time[1:], 1.25e-4 * np.arange(24))
     np.testing.assert_allclose(log.angle[1:], 2 * np.pi * TABLE[:, 2])
     assert log.reading.columns["angle"].said == "row of units"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        ["time input angle", "[ms] [V] [deg]"],
+        ["# time input angle", "# [ms] (V) [deg]"],
+        ["ms V deg", "time input angle"],
+        ["time [ms] input [V] angle [deg]"],
+        ["time[ms] input angle (deg)"],
+    ],
+)
+def test_units_between_blanks_are_those_of_their_columns(tmp_path, head):
+    for columns in (None, {"time": 0, "input": 1, "angle": 2}):
+        log = _read(tmp_path, [*head, *_lines("  ")], columns)
+        np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
+        np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
+
+
+@pytest.mark.parametrize("head", ["time [ms],angle [deg]", "# t (ms) angle (deg)"])
+def test_units_of_a_line_that_is_no_header_are_not_passed_over(tmp_path, head):
+    columns = {"time": 0, "input": 1, "angle": 2}
+    rows = [f"{line},1,2" for line in _lines()]
+    with pytest.raises(InputError, match="column 0: got the unit 'ms of some column' of time"):
+        _read(tmp_path, [head, *rows], columns)
+    log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": "ms", "angle": "deg"}), **KIND)
+    np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
+    _same(_read(tmp_path, ["Bench 2 (Tuesday), run (3)", *rows], columns))
+
+
+def test_a_header_and_a_row_without_its_end_are_no_log(tmp_path):
+    path = tmp_path / "log.txt"
+    path.write_text("# a\ntime [s]\tinput [V]\tangle [rad]\n0.00\t0.0000")
+    with pytest.raises(InputError, match=r"time: got 1 samples|header: got"):
+        read_csv(path)

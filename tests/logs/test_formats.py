@@ -1,5 +1,7 @@
 """Logs in files of every format: what was written is read, in little more than its own memory."""
 
+import itertools
+import threading
 import tracemalloc
 
 import numpy as np
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from butterfly.errors import InputError
+from butterfly.files import write_file
 from butterfly.logs.csv import write_csv
 from butterfly.logs.formats import ENDINGS, FORMATS, read_log
 from butterfly.logs.health import examine
@@ -87,7 +90,7 @@ def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
 
 @pytest.mark.parametrize(("name", "value"), [("log.xls", ".xls"), ("log", "no ending")])
 def test_another_ending_is_refused_with_those_that_are_known(tmp_path, name, value):
-    assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt, .dat, .json, .jsonl or .ndjson"
+    assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt, .dat, .json, .jsonl, .ndjson or .mcap"
     with pytest.raises(InputError, match=f"got {value}; expected {ENDINGS}"):
         read_log(tmp_path / name, **KIND)
 
@@ -118,3 +121,41 @@ def test_a_long_log_takes_little_more_than_its_arrays(ending, long_log, tmp_path
     assert few.time.size == SAMPLES // 10
     own = sum(column.nbytes for column in log.columns().values())
     assert peak - own < PER_SAMPLE * SAMPLES
+
+
+@pytest.mark.parametrize("how", ["replaced", "written over"])
+@pytest.mark.parametrize("ending", [".csv", ".txt", ".mat", ".parquet"])
+def test_a_file_that_changes_while_it_is_read_is_one_of_both_or_a_line(tmp_path, ending, how):
+    contents = []
+    for size in (400, 40_000):
+        log = Log(np.arange(size) * 1e-3, np.full(size, size), np.full(size, size))
+        write_log(log, tmp_path / f"whole{'.csv' if ending == '.txt' else ending}")
+        contents.append(next(tmp_path.iterdir()).read_bytes())
+    path, over = tmp_path / f"log{ending}", threading.Event()
+    path.write_bytes(contents[0])
+
+    def change():
+        for content in itertools.cycle(contents):
+            if how == "replaced":
+                write_file(path, content)
+            else:
+                path.write_bytes(content)
+            if over.wait(0.002):
+                break
+
+    changing = threading.Thread(target=change)
+    changing.start()
+    refused = 0
+    try:
+        for _ in range(60):
+            try:
+                log = read_log(path, **KIND)
+            except InputError:
+                refused += 1
+            else:
+                assert log.time.size in {400, 40_000}
+                assert set(log.input) == set(log.angle) == {float(log.time.size)}
+    finally:
+        over.set()
+        changing.join()
+    assert refused < 60 or how == "written over"

@@ -90,6 +90,23 @@ def test_what_is_no_log_is_one_typed_error(tmp_path, text, message):
         read_log(_written(tmp_path, text))
 
 
+def test_a_unit_beside_the_numbers_is_read(tmp_path):
+    columns = {name: {"unit": "s", "values": FRAME[name].tolist()} for name in FRAME}
+    columns["input"]["unit"], columns["angle"]["unit"] = "mV", "deg"
+    records = [
+        {name: {"unit": columns[name]["unit"], "values": row[name]} for name in row}
+        for row in RECORDS
+    ]
+    names = {name: f"{name}.values" for name in FRAME}
+    for content in (columns, records):
+        log = read_log(_written(tmp_path, json.dumps(content)), names)
+        np.testing.assert_allclose(log.input, FRAME["input"] / 1000)
+        np.testing.assert_allclose(log.angle, np.radians(FRAME["angle"]))
+    records[3]["angle"]["unit"] = "rad"
+    with pytest.raises(InputError, match="the unit 'deg or rad' of angle"):
+        read_log(_written(tmp_path, json.dumps(records)), names)
+
+
 def test_null_and_numbers_beyond_all_are_not_finite(tmp_path):
     assert np.isnan(read_log(_written(tmp_path, _changed(5, angle=None))).angle[5])
     assert np.isinf(read_log(_written(tmp_path, _changed(5, angle=10**4000))).angle[5])

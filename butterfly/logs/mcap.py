@@ -1,0 +1,117 @@
+"""Logs in MCAP, as ROS 2 bags hold them: the messages sensor_msgs/JointState of one topic."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.errors import InputError, size_text
+from butterfly.files import most_in, require_file
+from butterfly.logs.formats import ColumnMap, chosen_columns
+from butterfly.logs.log import Log
+from butterfly.logs.units import AS_IS, Heading, Units
+
+_TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
+_FIELDS = {"angle": "position", "input": "effort", "velocity": "velocity"}
+_EXTRA = "the extra mcap (pip install 'butterfly-testbed[mcap]')"
+_WHOLE = "a whole MCAP file (`mcap recover` mends one that was cut off)"
+
+
+def read_mcap(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Read a log (see `read_log`): ``time``, the messages' own stamps, and ``JOINT.position``.
+
+    Besides ``JOINT.velocity``, ``JOINT.effort`` and ``log_time``, when the bag received them; where
+    there are several topics, each name begins with its own (``/joint_states:time``). Both times
+    begin at 0. Without a map it is position and effort of the only joint.
+    """
+    table = _table(path)
+    names = list(table)
+    if columns is None:
+        columns = _only_joint(path, names)
+    places, _ = chosen_columns(path, names, columns)
+    arrays = {field: table[names[k]] for field, k in places.items()}
+    if not np.any(arrays["time"]):
+        expected = "stamps in the messages' headers, or log_time as the column time"
+        raise InputError(path, names[places["time"]], "0 throughout", expected)
+    headings = {field: Heading(name=names[k], number=k) for field, k in places.items()}
+    return Log.of_columns(arrays, headings, units, **properties | {"source": str(path)})
+
+
+def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
+    """Return the columns of a bag in which one joint moves."""
+    joints = [name.removesuffix(".position") for name in names if name.endswith(".position")]
+    if len(joints) != 1 or ":" in joints[0]:
+        expected = "--columns time=time,input=JOINT.effort,angle=JOINT.position"
+        raise InputError(path, "joints", ", ".join(joints) or "none", f"one, or {expected}")
+    found: dict[str, str | int] = {f: f"{joints[0]}.{key}" for f, key in _FIELDS.items()}
+    if found["velocity"] not in names:
+        del found["velocity"]
+    return {"time": "time"} | found
+
+
+def _table(path: Path) -> dict[str, Samples]:
+    """Return the columns of all topics with states of joints."""
+    size = require_file(path, "an existing MCAP file")
+    try:
+        from mcap.reader import make_reader  # noqa: PLC0415 - an extra
+        from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
+    except ImportError:
+        raise InputError(path, "content", "MCAP", _EXTRA) from None
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            summary = reader.get_summary()
+            if summary is None:
+                raise InputError(path, "content", "no summary at its end", _WHOLE)
+            unpacked = sum(each.uncompressed_size for each in summary.chunk_indexes)
+            if unpacked > most_in(size):
+                raise InputError(path, "content", f"chunks of {size_text(unpacked)}", _WHOLE)
+            kinds = {number: each.name for number, each in summary.schemas.items()}
+            channels = summary.channels.values()
+            topics = sorted({c.topic for c in channels if kinds.get(c.schema_id) in _TYPES})
+            if not topics:
+                found = ", ".join(sorted({*kinds.values()})) or "no messages"
+                raise InputError(path, "content", found, "messages sensor_msgs/msg/JointState")
+            table: dict[str, Samples] = {}
+            for topic in topics:
+                before = f"{topic}:" if len(topics) > 1 else ""
+                own = _columns(reader.iter_decoded_messages(topics=[topic]))
+                table |= {before + name: each for name, each in own.items()}
+    except InputError:
+        raise
+    except Exception as error:  # readers meet damage with whatever it is
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, "content", f"unreadable ({reason})", _WHOLE) from None
+    return table
+
+
+def _columns(messages: Any) -> Mapping[str, Samples]:  # noqa: ANN401 - mcap's
+    """Return times from 0 on, and what each joint's messages hold; NaN where one is silent."""
+    found: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+    stamps, received = array("q"), array("q")
+    for count, (_, _, message, state) in enumerate(messages):
+        stamps.append(state.header.stamp.sec * 10**9 + state.header.stamp.nanosec)
+        received.append(message.log_time)
+        for key in _FIELDS.values():
+            for name, value in zip(state.name, getattr(state, key), strict=False):
+                own = found[f"{name}.{key}"]
+                own.extend([math.nan] * (count - len(own)))
+                own.append(value)
+    for own in found.values():
+        own.extend([math.nan] * (len(stamps) - len(own)))
+    times = {"time": stamps, "log_time": received}
+    exact = {name: np.array(each, dtype=np.int64) for name, each in times.items()}
+    seconds = {name: (each - each[:1].sum()) / 1e9 for name, each in exact.items()}
+    return seconds | {name: np.array(each) for name, each in found.items()}
