@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from tests.fuzz import files, results, values
@@ -12,7 +13,6 @@ KINDS = (
     "mat",
     "csv",
     "parquet",
-    "mcap",
     "experiment",
     "manifest",
     "results",
@@ -20,6 +20,7 @@ KINDS = (
     "values",
     "json",
 )
+KINDS += ("mcap",) if find_spec("mcap_ros2") else ()
 """Their names."""
 
 
