@@ -30,12 +30,13 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identification import Identification
-from butterfly.identification.levels import MATTERS
+from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 
 _CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
+_MIMICS = "mass_inertia"  # the term that a wrong clock looks like
 
 _UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
@@ -106,8 +107,8 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """Estimate, not judged yet, from logs whose sines have their omega.
 
     Where the sines of all logs run off it by one share, the clock is wrong or omega is. Masses that
-    are known tell which, since the inertia that they add goes with the square of time: with the
-    right one the free runs are nearer, or as near without a term in its place. Where neither is,
+    are known tell which, since the inertia that they add goes with the square of time: the wrong
+    one needs an inertia of the masses' own that is none, or is not followed. Where neither shows,
     the intervals hold both answers.
     """
     share = clock_error(data.sines)
@@ -120,12 +121,16 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     ]
     found = [(each, estimated(each, estimator)) for each in either]
     left = [each.simulations.left_over(estimate) for each, estimate in found]
-    near = [pair for pair, own in zip(found, left, strict=True) if own <= (1 + MATTERS) * min(left)]
-    (best, estimate), *others = sorted(near, key=lambda pair: len(pair[1].names))
-    if not others or others[0][1].names != estimate.names:
+    pairs = zip(found, left, strict=True)
+    near = [each for each, own in pairs if LOST * own <= min(left)]
+    (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
+    if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):
         return best, estimate
+    rival = dict(zip(others[0][1].names, others[0][1].values.tolist(), strict=True))
+    values = zip(estimate.names, estimate.values.tolist(), strict=True)
     unsure = Finding(FindingKind.CLOCK, ("p1",), number=share)
-    return replace(best, correction=unsure), estimate.holding(others[0][1].values)
+    held = estimate.holding(np.array([rival.get(name, value) for name, value in values]))
+    return replace(best, correction=unsure), held
 
 
 @_UNWARNED
