@@ -5,6 +5,7 @@ python -m tests.independent.readers --files 2000 --seed 7
 
 import argparse
 import io
+import json
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -157,6 +158,35 @@ def matlab(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None,
     return named, second, path
 
 
+def records(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None, Second, Path]:
+    """Write JSON in records or columns, flat or nested, for the standard library to read."""
+    columns = columns_of(rng, missing=True)
+    lists = {name: [None if np.isnan(x) else x for x in own] for name, own in columns.items()}
+    rows = [dict(zip(FIELDS, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+    form = ("columns", "records", "lines", "nested")[rng.integers(4)]
+    if form == "nested":
+        rows = [{"n": k, "joint": row} for k, row in enumerate(rows)]
+    path = path.with_suffix(".jsonl" if form == "lines" else ".json")
+    if form == "lines":
+        path.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    else:
+        indent = (None, 2)[rng.integers(2)]
+        path.write_text(json.dumps(lists if form == "columns" else rows, indent=indent))
+    named = {field: f"joint.{field}" for field in FIELDS} if form == "nested" else None
+
+    def second(written: Path) -> Columns:
+        text = written.read_text()
+        if form == "columns":
+            found = json.loads(text)
+        else:
+            read = [*map(json.loads, text.splitlines())] if form == "lines" else json.loads(text)
+            whole = [row["joint"] if form == "nested" else row for row in read]
+            found = {field: [row[field] for row in whole] for field in FIELDS}
+        return {field: np.array(each, dtype=float) for field, each in found.items()}
+
+    return named, second, path
+
+
 def _cast(rng: np.random.Generator, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the columns in a type that a logger may have chosen for them all."""
     kind = KINDS[rng.integers(len(KINDS))]
@@ -194,7 +224,7 @@ def _write73(path: Path, content: Mapping[str, Any], rng: np.random.Generator) -
     path.write_bytes(head + file.getvalue()[len(head) :])
 
 
-WRITERS = {"csv": text, "parquet": table, "mat": matlab}
+WRITERS = {"csv": text, "parquet": table, "mat": matlab, "json": records}
 
 
 def difference(kind: str, seed: int, folder: Path) -> str:
