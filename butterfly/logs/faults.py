@@ -80,6 +80,7 @@ def restarts(time: Samples) -> list[int]:
     return found
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of stamps that no clock has
 def cut_by_thousand(time: Samples) -> int | None:
     """Return the number of a sample whose stamp is a thousandth of what follows: 1.000 after 999.
 

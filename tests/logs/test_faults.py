@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from butterfly.logs.faults import (
     clipped,
+    cut_by_thousand,
     find_wrapping,
     increasing,
     repeated,
@@ -263,3 +264,10 @@ def test_what_happens_in_a_gap_is_no_jump():
     angle = np.where(LONG < 5, 0.0, TURN) + 0.1 * np.sin(3 * LONG)
     assert find_wrapping(angle, np.diff(angle) > 5) is None
     assert find_wrapping(angle, NO_GAPS) is not None
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1.0, 1e305])
+def test_stamps_of_any_size_are_looked_at_for_lost_separators(scale):
+    time = np.concatenate([np.arange(990.0, 1000.0), 1 + np.arange(10.0) / 1000])
+    assert cut_by_thousand(time / 1000 * scale) == 10
+    assert cut_by_thousand(1.7e308 * np.array([-1, 0.5, 1.0, 0.9, 0.95, -1.0, 1.0])) is None
