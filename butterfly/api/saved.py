@@ -15,7 +15,7 @@ from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file
 from butterfly.identification.identification import Identification
-from butterfly.report.finding_texts import estimate_sentences
+from butterfly.report.finding_texts import finding_text, values_of
 from butterfly.report.parameter_table import Separated
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
@@ -63,7 +63,8 @@ def load(
         result = kind.from_dict(content)
         result.shown_rows()
         if isinstance(result, Identification):
-            estimate_sentences(result.estimate)
+            for each in result.estimate.findings:
+                finding_text(each, values_of(result.estimate))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         expected = "a result as its method save writes it"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None

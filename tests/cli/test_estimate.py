@@ -252,7 +252,9 @@ def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(ans
     assert said.startswith("Do not use: The model does not follow the logs")
 
 
-@pytest.mark.parametrize("damage", ["short", "missing", "none", "lopsided", "nameless", "foreign"])
+@pytest.mark.parametrize(
+    "damage", ["short", "missing", "none", "lopsided", "nameless", "foreign", "numberless"]
+)
 def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
     butterfly, quick_data, tmp_path, damage
 ):
@@ -267,6 +269,8 @@ def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
     if damage in {"nameless", "foreign"}:
         names = [] if damage == "nameless" else ["p1", 1e-308]
         content["findings"].append({"kind": "rests-on", "parameters": names})
+    if damage == "numberless":
+        content["findings"].append({"kind": "few-logs", "parameters": []})
     other = tmp_path / "other.json"
     other.write_text(json.dumps(content))
     assert_one_line_error(butterfly("compare", file, other), "other.json" * (damage != "missing"))
