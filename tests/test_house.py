@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 185,
     "lines of the package": 34_920,
-    "lines of tests": 28_054,
+    "lines of tests": 28_057,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 60,

@@ -233,6 +233,7 @@ def _key(name, number):
     return f"{number:03d}{name}"[::-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jump", [1e7, -1e7])
 def test_a_clock_that_jumps_changes_no_result(folder, undisturbed, monkeypatch, jump):
     clock = itertools.count(time.time(), jump)

@@ -86,7 +86,8 @@ def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
     assert float(told[2]) == pytest.approx(truth / torque * 0.05, rel=0.01)
 
 
-@pytest.mark.parametrize("ripple", [pytest.param("0.0002", marks=pytest.mark.slow), "0.0006"])
+@pytest.mark.slow
+@pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
 def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
     found = _identified(cases / f"constant-velocity-{ripple}")
     assert found.velocity_fit.median < 50
