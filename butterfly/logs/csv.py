@@ -147,7 +147,7 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
         plain_names = {*names, *map(without_unit, names)}
         known = [*wanted, *(name for name in welcome if name in plain_names)]
         numbers = [place(path, names, name) for name in known]
-        plain = all(_is_number_type(schema.types[number]) for number in numbers)
+        plain = all(is_number_type(schema.types[number]) for number in numbers)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
             cut = int(not _is_ended(path))
@@ -191,7 +191,8 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
-def _is_number_type(kind: pyarrow.DataType) -> bool:
+def is_number_type(kind: pyarrow.DataType) -> bool:
+    """Whether a column of pyarrow's holds numbers."""
     return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))
 
 
@@ -407,6 +408,6 @@ def _parsed(
         reason = " ".join(str(error).split())
         raise InputError(path, "content", f"unreadable ({reason})", "a table") from None
     return [
-        np.asarray(each.to_numpy().astype(np.float64)) if _is_number_type(each.type) else each
+        np.asarray(each.to_numpy().astype(np.float64)) if is_number_type(each.type) else each
         for each in table.columns
     ]

@@ -13,6 +13,7 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file
+from butterfly.logs.csv import is_number_type
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Heading, Units
@@ -35,7 +36,7 @@ def read_parquet(
             schema = file.schema_arrow
             places, unasked = chosen_columns(path, schema.names, columns)
             for field in unasked:
-                if not _is_number(schema.types[places[field]]):
+                if not is_number_type(schema.types[places[field]]):
                     del places[field]
             headings = {field: _heading(schema, k) for field, k in places.items()}
             arrays = _columns(path, file, places)
@@ -71,7 +72,7 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
     for field, number in places.items():
         name, kind = names[number], file.schema_arrow.types[number]
         clock = field == "time" and _is_clock(kind)
-        if not _is_number(kind) and not clock:
+        if not is_number_type(kind) and not clock:
             raise InputError(path, name, f"a column of {kind}", "numbers")
         batches = file.iter_batches(_AT_A_TIME, columns=[name])
         which = names[:number].count(name)  # of the columns of this name
@@ -83,10 +84,6 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
             parts = [each - parts[0][0] for each in parts]
         arrays[field] = np.concatenate([np.empty(0), *parts])
     return arrays
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
 
 
 def _is_clock(kind: pa.DataType) -> bool:

@@ -42,7 +42,6 @@ _NAMED = (
     FindingKind.LIKE_CLOCK,
 )
 """Causes, by themselves."""
-_LACKING = FindingKind.MISSING_TERM
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -65,10 +64,10 @@ def estimate_notes(estimate: Estimate) -> list[str]:
 
 def _outdone(finding: Finding, estimate: Estimate) -> bool:
     """Whether terms that did not help the method are among those that the free runs lack."""
-    if finding.kind is not FindingKind.NOT_HELPING:
-        return False
-    lacking = [each.parameters[0] for each in estimate.findings if each.kind is _LACKING]
-    return any({*finding.parameters} & {*re.findall(r"\w+", each)} for each in lacking)
+    missing = (each for each in estimate.findings if each.kind is FindingKind.MISSING_TERM)
+    lacking = {name for each in missing for name in re.findall(r"\w+", each.parameters[0])}
+    idle = finding.kind is FindingKind.NOT_HELPING
+    return idle and not lacking.isdisjoint(finding.parameters)
 
 
 def _contrasts(estimate: Estimate) -> list[Contrast]:
@@ -145,9 +144,7 @@ def model_sentence(estimate: Estimate) -> str:
     found = {each.kind: each for each in estimate.findings}
     causes = [each for kind in _NAMED for each in estimate.findings if each.kind is kind]
     named = [finding_text(each, values_of(estimate)) for each in causes]
-    if scatters := _scatters(estimate):
-        sizes = (f"{', '.join(each.parameters)} by {_percent(_number(each))}" for each in scatters)
-        named.append(f"Scatter from log to log: {'; '.join(sizes)}.")
+    named += [_scatter(*scatters)] if (scatters := _scatters(estimate)) else []
     if FindingKind.FOLLOWED not in found:
         return " ".join(named)
     share = found[FindingKind.FOLLOWED].number
@@ -246,6 +243,11 @@ def _missing_term(finding: Finding, _: Values) -> str:
         f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
         f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
     )
+
+
+def _scatter(*findings: Finding) -> str:
+    sizes = (f"{', '.join(each.parameters)} by {_percent(_number(each))}" for each in findings)
+    return f"Scatter from log to log: {'; '.join(sizes)}."
 
 
 def _percent(share: float) -> str:
@@ -356,7 +358,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
         "differs from run to run: record more."
     ),
-    FindingKind.SCATTER: "Scatter from log to log: {names} by {percent:.2g} %.",
+    FindingKind.SCATTER: lambda finding, _: _scatter(finding),
     FindingKind.CLOCK: (
         "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
         "or omega is. {names} differs by about twice that share: its interval holds both. Check "
