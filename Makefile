@@ -101,9 +101,10 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
 
-# uv installs in a tenth of pip's time. pip fetches it into the environment, its hash too in constraints.txt.
+# uv installs in a tenth of pip's time; where it is missing pip installs the one of constraints.txt.
 $(UV): | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt uv
+	sed -n '/^uv==/,/[^\\]$$/p' constraints.txt > $(VENV)/uv.txt
+	$(BIN)/pip install --quiet --requirement $(VENV)/uv.txt
 
 $(VENV)/.runtime: pyproject.toml constraints.txt | $(UV)
 	$(INSTALL) --editable .
