@@ -16,6 +16,8 @@ from types import FunctionType
 from typing import Any
 
 import numba
+from numba.core.registry import CPUDispatcher
+from numba.core.types import unliteral
 
 
 def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
@@ -28,14 +30,37 @@ def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infer
     return numba.njit(cache=True, nogil=True, error_model="numpy")(_stamped(function))
 
 
+def inner(function: Callable[..., Any], **how: bool) -> Any:  # noqa: ANN401 - numba infers the types
+    """Compile a function as `compiled` does, for other compiled functions alone: that takes less.
+
+    Called from Python it runs as Python.
+    """
+    alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    made = numba.njit(cache=True, nogil=True, error_model="numpy", **alone, **how)(
+        _stamped(function)
+    )
+    if isinstance(made, CPUDispatcher):  # numba can be switched off
+        made.__class__ = _Inner
+    return made
+
+
 def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
-    """Compile a function as `compiled` does, into each of its callers.
+    """Compile a function as `inner` does, into each of its callers.
 
     numba counts references to every array that a call takes; for a short function that costs more
     than what it does.
     """
-    compile_inlined = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-    return compile_inlined(_stamped(function))
+    return inner(function, forceinline=True)
+
+
+class _Inner(CPUDispatcher):  # type: ignore[misc] - untyped
+    """Has no way in from Python, and is not compiled anew for each constant that it is given."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:  # noqa: ANN401 - numba's own
+        return super().get_call_template(tuple(map(unliteral, args)), kws)
+
+    def __call__(self, *args: Any) -> Any:  # noqa: ANN401 - whatever the function takes
+        return self.py_func(*args)
 
 
 def _stamped(function: Callable[..., Any]) -> Callable[..., Any]:
