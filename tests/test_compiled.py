@@ -88,3 +88,36 @@ def test_a_change_in_a_file_that_is_called_is_noticed_at_the_next_start(
     source = (small / f"{file}.py").read_text()
     (small / f"{file}.py").write_text(source.replace(before, after))
     assert _start(small) == (expected, 0)
+
+
+ALONE = """
+import numba
+from numba.core import event
+from butterfly.compiled import compiled, inner
+
+@inner
+def power(x, times):
+    return x**times
+
+@compiled
+def total(x):
+    return power(x, 2) + power(x, 3)
+
+class Count(event.Listener):
+    names = []
+    def on_start(self, event):
+        self.names.append(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Count())
+print(total(2.0), Count.names.count("power"), power(2.0, 4))
+"""
+
+
+def test_what_only_kernels_call_is_compiled_once_for_all_constants_and_runs_in_python(tmp_path):
+    source = tmp_path / "alone.py"
+    source.write_text(ALONE)
+    command = [sys.executable, str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - our own
+    assert done.stdout.split() == ["12.0", "1", "16.0"]

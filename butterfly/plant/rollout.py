@@ -48,7 +48,7 @@ def simulate_runs(
 
     The runs share ``threads``, one per core if not given. Each log is that of the motor wrapper,
     `Rig.play`, bit for bit; to within rounding where MuJoCo does whole runs (`Rig.runs_in_mujoco`).
-    A run is what the robot carries and its excitation; all that is random in it comes from its seed.
+    A run is what the robot carries and its excitation; its seed gives all that is random in it.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
