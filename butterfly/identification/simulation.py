@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.logs.log import InitialState, Log
@@ -111,16 +112,16 @@ class Simulation:
         if columns.drives > inputs.shape[0]:
             inputs = np.concatenate([inputs, self._by_drive(parameters)])
         start = self._start(zero, begin)
-        readings, measured = self._averages
+        readings, measured, _ = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
 
-    def averaged(self, values: Samples) -> Samples:
-        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
-        log, first = self.log, self._first
-        return polynomials.averages(self.grid, log.time[first:], values[first:])[2]
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(m,) samples over which `linearised` averages each error, one after the other."""
+        return self._averages[2]
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
@@ -161,13 +162,13 @@ class Simulation:
         return begin.angle - zero, begin.velocity
 
     @cached_property
-    def _averages(self) -> tuple[Readings, Samples]:
-        """What is read off, and the (m,) averages of the measured angle."""
+    def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
+        """What is read off, and (m,) averages of the measured angle, and of how many samples."""
         log, first = self.log, self._first
-        into, weights, measured = polynomials.averages(
+        into, weights, measured, counts = polynomials.averages(
             self.grid, log.time[first:], log.angle[first:]
         )
-        return Readings(into=into, weights=weights), measured
+        return Readings(into=into, weights=weights), measured, counts
 
     def _inputs(self, parameters: LumpedParameters) -> Samples:
         """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
