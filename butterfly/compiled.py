@@ -24,10 +24,10 @@ def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infer
     """Compile a function when it is first called, to run without Python's lock.
 
     A division by zero gives an infinity or NaN, as NumPy's does, and no error. What the function
-    uses of other files must be imported at the top of its own, and be a function made by this
-    decorator or `inlined`, a number, or what the types of arguments tell.
+    uses of other files must be imported at the top of its own, and be a function made by one of
+    these decorators, a number, or what the types of arguments tell.
     """
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(_stamped(function))
+    return _made(function)
 
 
 def inner(function: Callable[..., Any], **how: bool) -> Any:  # noqa: ANN401 - numba infers the types
@@ -35,10 +35,7 @@ def inner(function: Callable[..., Any], **how: bool) -> Any:  # noqa: ANN401 - n
 
     Called from Python it runs as Python.
     """
-    alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    made = numba.njit(cache=True, nogil=True, error_model="numpy", **alone, **how)(
-        _stamped(function)
-    )
+    made = _made(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **how)
     if isinstance(made, CPUDispatcher):  # numba can be switched off
         made.__class__ = _Inner
     return made
@@ -53,7 +50,12 @@ def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers
     return inner(function, forceinline=True)
 
 
-class _Inner(CPUDispatcher):  # type: ignore[misc] - untyped
+def _made(function: Callable[..., Any], **how: Any) -> Any:  # noqa: ANN401 - numba's own
+    how |= {"cache": True, "nogil": True, "error_model": "numpy"}
+    return numba.njit(**how)(_stamped(function))
+
+
+class _Inner(CPUDispatcher):
     """Has no way in from Python, and is not compiled anew for each constant that it is given."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:  # noqa: ANN401 - numba's own

@@ -140,7 +140,7 @@ def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms =
     instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
     inputs = drive.delivered(log.input)
     means = hold.mean(log.time, inputs, instants - delay, log.intersample)
-    angles = joint.follow(means, np.diff(instants))[numbers]
+    angles: Samples = joint.follow(means, np.diff(instants))[numbers]
     if not np.isfinite(angles).all():
         raise InputError(log.source, "angle", "a joint that diverged", "another model or input")
     return angles
