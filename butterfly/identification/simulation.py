@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.logs.log import InitialState, Log
+from butterfly.logs.log import InitialState, InputKind, Intersample, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -202,3 +202,22 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     if not fastest:
         return longest
     return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / FINEST)
+
+
+def rehearse() -> None:
+    """Call all that numba compiles of an identification, so that it is on disk from then on."""
+    time = np.arange(0.0, 0.2, 0.01)
+    robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
+    log = Log(
+        time=time,
+        input=time,
+        angle=time,
+        input_kind=InputKind.VOLTAGE,
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        source="rehearsal",
+    )
+    simulation = Simulation(log, robot)
+    simulation.run(robot, 0.0).at(time)
+    simulation.linearised(("p1",), robot, 0.0)
+    hold.mean(time, time, time, log.intersample)
+    polynomials.slope(time, 2, 2, 0.01)

@@ -67,6 +67,22 @@ class Joint(ABC):
     def advance(self, command: float, duration: float) -> None:
         """Move on for ``duration`` s with ``command`` held."""
 
+    @abstractmethod
+    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+        """Return the (n,) true angles in rad at ``stamps`` in s of a whole run.
+
+        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
+        the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
+        """
+
+    def follow(self, commands: Samples, durations: Samples) -> Samples:
+        """Hold each of (n,) commands for its duration in s; return the (n + 1,) angles between."""
+        reached = [self.angle]
+        for command, duration in zip(commands.tolist(), durations.tolist(), strict=True):
+            self.advance(command, duration)
+            reached.append(self.angle)
+        return np.array(reached)
+
     @property
     @abstractmethod
     def _armature_current(self) -> float:
@@ -135,6 +151,31 @@ class MujocoJoint(Joint):
             halfway = 0.5 * self._options.timestep * self.data.qacc[0]
             self.model.dof_frictionloss[0] = self._loaded.level(self.data.qvel[0] + halfway)
             self._step(command, 1)
+
+    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+        """Return the angles of a whole run; see `Joint`."""
+        self.reset()
+        switches = stamps + delay
+        edges = np.union1d(stamps, switches[switches < stamps[-1]])
+        latest = np.searchsorted(switches, edges[:-1], side="right")
+        held = np.concatenate([[0.0], commands])[latest]
+        return self.follow(held, np.diff(edges))[np.searchsorted(edges, stamps)]
+
+    def follow(self, commands: Samples, durations: Samples) -> Samples:
+        """Hold commands in turn; see `Joint`."""
+        if self._is_stiff or self._sticks_harder:
+            return super().follow(commands, durations)
+        counts = np.ceil(durations / LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
+        steps = durations / counts
+        model, data, step, position = self.model, self.data, mujoco.mj_step, self._position
+        reached = [self.angle]  # what is done here is done a million times
+        for command, length, count in zip(
+            commands.tolist(), steps.tolist(), counts.tolist(), strict=True
+        ):
+            self._options.timestep, self._command[0] = length, command
+            step(model, data, count)
+            reached.append(position[0])
+        return np.array(reached)
 
     def _step(self, command: float, count: int) -> None:
         if self._armature is not None:
@@ -238,11 +279,9 @@ class GreyBoxJoint(Joint):
         self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
 
     def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
-        """Return the (n,) angles in rad at ``stamps`` in s of a whole run, of no effect.
+        """Return the angles of a whole run; see `Joint`.
 
-        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
-        the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order. NaN from the
-        instant on at which the joint has turned beyond `LARGEST_ANGLE`.
+        NaN from the instant on at which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
         return np.asarray(_follow(self._constants, self._state, stamps, torques, delay))

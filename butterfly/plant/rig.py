@@ -108,10 +108,10 @@ class Rig:
     faults: Faults = Faults()
 
     @property
-    def runs_open_loop(self) -> bool:
-        """Whether a compiled loop can do its runs: MuJoCo's has a regular clock and no help."""
+    def runs_in_mujoco(self) -> bool:
+        """Whether MuJoCo does whole runs: all its steps have one length then, and need no help."""
         if self.simulator is Simulator.GREY_BOX:
-            return True
+            return False
         return self.clock.jitter == 0 and self.path.delay == 0 and not self.robot.assistance
 
     def joint(
