@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.logs.log import InitialState, Log
+from butterfly.logs.log import InitialState, InputKind, Intersample, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -109,16 +110,16 @@ class Simulation:
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters, columns.drives)
         start = self._start(zero, begin)
-        readings, measured = self._averages
+        readings, measured, _ = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
 
-    def averaged(self, values: Samples) -> Samples:
-        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
-        log, first = self.log, self._first
-        return polynomials.averages(self.grid, log.time[first:], values[first:])[2]
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(m,) samples over which `linearised` averages each error, one after the other."""
+        return self._averages[2]
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
@@ -159,13 +160,13 @@ class Simulation:
         return begin.angle - zero, begin.velocity
 
     @cached_property
-    def _averages(self) -> tuple[Readings, Samples]:
-        """What is read off, and the (m,) averages of the measured angle."""
+    def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
+        """What is read off, and (m,) averages of the measured angle, and of how many samples."""
         log, first = self.log, self._first
-        into, weights, measured = polynomials.averages(
+        into, weights, measured, counts = polynomials.averages(
             self.grid, log.time[first:], log.angle[first:]
         )
-        return Readings(into=into, weights=weights), measured
+        return Readings(into=into, weights=weights), measured, counts
 
     def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
         """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
@@ -202,3 +203,22 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     if not fastest:
         return longest
     return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / FINEST)
+
+
+def rehearse() -> None:
+    """Call all that numba compiles of an identification, so that it is on disk from then on."""
+    time = np.arange(0.0, 0.2, 0.01)
+    robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
+    log = Log(
+        time=time,
+        input=time,
+        angle=time,
+        input_kind=InputKind.VOLTAGE,
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        source="rehearsal",
+    )
+    simulation = Simulation(log, robot)
+    simulation.run(robot, 0.0).at(time)
+    simulation.linearised(("p1",), robot, 0.0)
+    hold.mean(time, time, time, log.intersample)
+    polynomials.slope(time, 2, 2, 0.01)
