@@ -54,6 +54,7 @@ def compare_three(
     track: Track = untracked,
 ) -> list[ThreeWay]:
     """Simulate logs by number in MuJoCo, with a hand of a mass in kg, and by the grey box."""
+    data.require_angles("MuJoCo")
     predictor = data.simulations
     found = []
     for number in track(numbers, "Simulating twice"):

@@ -70,13 +70,13 @@ DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
 
 VELOCITY = "velocity"
-"""Column that is read besides, where no map is given and it is there."""
+"""Column that is read besides, where no map is given and it is there, or in place of the angle."""
 
 _HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
 
 
 def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
-    """Return a column map that says where time, input and angle stand, or refuse it."""
+    """Return a column map that says where time, input and angle, or velocity, stand."""
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
@@ -85,7 +85,7 @@ def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
                 source, f"columns.{field}", "an unknown field", nearest(field, SAMPLED)
             )
     for field in DEFAULT_COLUMNS:
-        if field not in columns:
+        if field not in columns and (field, VELOCITY in columns) != ("angle", True):
             raise InputError(source, f"columns.{field}", "nothing", "the name of a column")
     return dict(columns)
 
@@ -115,9 +115,12 @@ def chosen_columns(
 ) -> tuple[dict[str, int], list[str]]:
     """Return the number of each column that is read, by field, and the fields unasked for."""
     wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns)
-    there = columns is None and any(VELOCITY in {name, without_unit(name)} for name in names)
-    unasked = [VELOCITY] if there else []
-    wanted |= dict(zip(unasked, unasked, strict=True))
+    there, unasked = {*names, *map(without_unit, names)}, []
+    if columns is None and VELOCITY in there:
+        wanted |= {VELOCITY: VELOCITY}
+        unasked = [VELOCITY] if "angle" in there else []
+        if not unasked:
+            del wanted["angle"]
     return {field: place(source, names, name) for field, name in wanted.items()}, unasked
 
 

@@ -18,13 +18,14 @@ _BLOCK = 1024  # samples that stay in the fastest cache
 
 
 def averages(
-    grid: Samples, instants: Samples, values: Samples
+    grid: Samples, instants: Samples, values: Samples, *, slopes: bool = False
 ) -> tuple[NDArray[np.int64], Samples, Samples]:
-    """Average the polynomials, and values, over the instants in each interval of a grid.
+    """Average the polynomials, or their ``slopes``, and values over the instants in each interval.
 
     What is averaged is linear in the ends of the interval: four numbers stand for many instants.
-    Returns (n - 1,) numbers of the average of each interval, -1 where it holds no instant; (4, k)
-    weights of angle and velocity at its start, and at its end; and (k,) mean values.
+    Returns (n - 1,) numbers of the average of each interval of a grid, -1 where it holds no
+    instant; (4, k) weights of angle and velocity at its start, and at its end; and (k,) mean
+    values.
     """
     counts = np.diff(np.searchsorted(instants, grid[1:-1]), prepend=0, append=instants.size)
     cells = np.repeat(np.arange(counts.size), counts)
@@ -37,12 +38,15 @@ def averages(
     length = length[held]
     start = 1.0 - 3.0 * two + 2.0 * three, length * (one - 2.0 * two + three)
     end = 3.0 * two - 2.0 * three, length * (three - two)
+    if slopes:
+        rise = 6.0 * (one - two) / length
+        start, end = (-rise, 1.0 - 4.0 * one + 3.0 * two), (rise, 3.0 * two - 2.0 * one)
     return np.where(held, np.cumsum(held) - 1, -1), np.array([*start, *end]), mean
 
 
 @compiled
-def interpolate(grid, angle, velocity, instants):
-    """Return the (m,) angles at increasing instants; the outermost polynomials go on beyond."""
+def interpolate(grid, angle, velocity, instants, slopes=False):
+    """Return the (m,) angles, or ``slopes``, at increasing instants, also beyond the grid."""
     result = np.empty(instants.size)
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
@@ -52,7 +56,8 @@ def interpolate(grid, angle, velocity, instants):
         c2, c3, rate = 3.0 * rise - 2.0 * c1 - end, c1 + end - 2.0 * rise, 1.0 / length
         while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
             s = (instants[k] - grid[cell]) * rate
-            result[k] = c0 + s * (c1 + s * (c2 + s * c3))
+            slope = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * rate
+            result[k] = slope if slopes else c0 + s * (c1 + s * (c2 + s * c3))
             k += 1
     return result
 

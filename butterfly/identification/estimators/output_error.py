@@ -49,7 +49,7 @@ from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
+from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
 _WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say
@@ -119,6 +119,8 @@ class OutputError(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
+        asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
+        data.require_angles(*asked & {*OF_ANGLE, "zero"})
         first = starts(data, self.terms)
         calm = data.take(data.calm)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
