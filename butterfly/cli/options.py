@@ -82,7 +82,8 @@ class DataOptions:
         Units (time=ms, angle=deg): also counts/4096, or a factor; a minus turns the sign. Of arm,
         mass and omega, too.
     input
-        What the logs' input commands, if no manifest says; voltage if nothing does.
+        What the logs' input commands, if no manifest says; voltage if nothing does; none where
+        there is none, as the joint swings freely.
     arm
         Pivot to added mass.
     known
@@ -110,7 +111,7 @@ class DataOptions:
 
     columns: Pairs = None
     units: Pairs = None
-    input: Literal["voltage", "torque"] | None = None
+    input: Literal["voltage", "torque", "none"] | None = None
     arm: Annotated[float | None, Parameter(metavar="m")] = None
     known: Pairs = None
     zero: Annotated[str | None, _Detail, Parameter(metavar="rad", allow_leading_hyphen=True)] = None

@@ -61,7 +61,9 @@ def compare_three(
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
-        robot, added = Robot.of_loaded(parameters, log.added_mass, mass)
+        # of a joint that nothing drives any gain will do
+        driven = replace(parameters, p4=parameters.p4 or 1.0)
+        robot, added = Robot.of_loaded(driven, log.added_mass, mass)
         joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
         mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive)
         greybox = predictor.run_with(number, setting).simulated

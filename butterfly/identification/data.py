@@ -101,7 +101,7 @@ class DataSet:
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
-        kinds = sorted({log.input_kind for log in recorded})
+        kinds = sorted({log.input_kind for log in recorded} - {InputKind.NONE})
         if len(kinds) > 1:
             raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
         joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
@@ -118,7 +118,7 @@ class DataSet:
             name=name,
             description=description,
             manifest=manifest,
-            input_kind=recorded[0].input_kind,
+            input_kind=kinds[0] if kinds else InputKind.NONE,
             given=given,
             known=_implied(given, recorded),
             recorded=tuple(recorded),
@@ -330,11 +330,15 @@ class DataSet:
 
 
 def _of_logs(logs: Sequence[Log]) -> Prior:
-    """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
+    """Tell what follows of the logs: across no gravity is no moment, without input nothing late.
+
+    Nor of any gain: where nothing ever drives, p4 is none.
+    """
     absent = {
         "p3": not logs[0].added_mass.gravity,
         "spring": any(log.integrated for log in logs),
         "delay": not is_driven(logs),
+        "p4": all(log.input_kind is InputKind.NONE for log in logs),
     }
     zero = Known(value=0.0)
     return Prior({name: zero for name, holds in absent.items() if holds})

@@ -81,13 +81,13 @@ def read_csv(
     end, is dropped and counted. A row below the names may hold units. Without a map a column
     ``velocity`` is read too, if it holds numbers.
     """
-    wanted = checked_map(path, DEFAULT_COLUMNS if columns is None else columns)
+    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties.get("input_kind"))
     table = _table(
         path,
-        lambda names: chosen_columns(path, names, columns)[0].values(),
+        lambda names: chosen_columns(path, names, columns, properties)[0].values(),
         by_number=all(str(each).isdecimal() for each in wanted.values()),
     )
-    places, unasked = chosen_columns(path, table.names, columns)
+    places, unasked = chosen_columns(path, table.names, columns, properties)
     reading = table.reading
     for field in unasked:
         if not isinstance(table.columns[places[field]], np.ndarray):

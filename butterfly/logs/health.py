@@ -24,7 +24,7 @@ from butterfly.logs.faults import (
     saturated,
     unwrapped,
 )
-from butterfly.logs.log import Lead, Log
+from butterfly.logs.log import InputKind, Lead, Log
 from butterfly.logs.units import ASSUMED, ColumnReading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
@@ -176,6 +176,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     if wrapping is not None:
         _refuse_wrapped(clean, wrapping, repairs)
         clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
+    driven = clean.input_kind is not InputKind.NONE
     regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(
         samples=log.time.size,
@@ -190,7 +191,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         jitter=float(np.sqrt(np.mean((regular - step) ** 2))),
         saturated=saturated(clean.input),
         clipped=0 if clean.integrated else clipped(clean.angle),
-        idle=clean.time.size if np.ptp(clean.input) == 0 else 0,
+        idle=clean.time.size if driven and np.ptp(clean.input) == 0 else 0,
         wraps=0 if wrapping is None else wrapping.rows.size,
         turns=float(np.ptp(clean.angle)) / (2 * math.pi) if turning else 0.0,
         middle=float(np.median(clean.angle)),

@@ -47,6 +47,7 @@ class InputKind(StrEnum):
 
     VOLTAGE = "voltage"
     TORQUE = "torque"
+    NONE = "none"  # nothing drives: a joint that swings freely needs no such column
 
 
 class Intersample(StrEnum):
@@ -119,7 +120,7 @@ class Log:
     time
         (n,) stamps in s, as recorded (see `butterfly.logs.health` for repeated or backward ones).
     input
-        (n,) command at each stamp: V, or units of torque command.
+        (n,) command at each stamp: V, or units of torque command; 0 where nothing drives.
     angle
         (n,) rad, from the encoder's own zero. Without one it is the integral of the velocity, which
         does where no gravity acts.
@@ -148,7 +149,7 @@ class Log:
     """
 
     time: Samples
-    input: Samples
+    input: Samples = field(default_factory=lambda: _NOT_RECORDED)
     angle: Samples = field(default_factory=lambda: _NOT_RECORDED)
     velocity: Samples | None = None
     _: KW_ONLY
@@ -175,11 +176,24 @@ class Log:
                 raise InputError(self.source, name, getattr(self, name), expected)
         if self.zero is not None:
             object.__setattr__(self, "zero", known_of(self.zero, self.source, "zero"))
+        self._declare_input()
         self._require_lengths()
         if self.integrated:
             if self.velocity is None:
                 raise InputError(self.source, "angle", "nothing", "an angle, or a velocity")
             object.__setattr__(self, "angle", _integral(self.time, self.velocity))
+
+    def _declare_input(self) -> None:
+        """Set the input of a joint that swings freely to 0; refuse one that says otherwise."""
+        free = self.input_kind is InputKind.NONE
+        if self.input is _NOT_RECORDED:
+            if not free:
+                expected = "an input, or the kind of input none where nothing drives the joint"
+                raise InputError(self.source, "input", "nothing", expected)
+            object.__setattr__(self, "input", np.zeros(self.time.size))
+        elif free and np.any(self.input):
+            found = f"{self.input[np.flatnonzero(self.input)[0]]:g}"
+            raise InputError(self.source, "input", found, "0 throughout, where nothing drives")
 
     def _require_lengths(self) -> None:
         n = self.time.size
@@ -265,6 +279,8 @@ class Log:
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return what a sampled column may measure, the project's own unit of it first."""
         turns = self.added_mass.joint is JointKind.HINGE
+        if name == "input" and self.input_kind is InputKind.NONE:
+            return ("voltage", "torque", "force", "current", "share")
         if name == "input" and self.input_kind is InputKind.VOLTAGE:
             return ("voltage",)
         if name == "input":

@@ -48,7 +48,8 @@ def read_mat(
         arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
         headings = {field: Heading(name=_MATRIX, number=k) for k, field in enumerate(arrays)}
     else:
-        mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
+        wanted = checked_map(path, columns, properties.get("input_kind"))
+        mapping = {field: _parts(name) for field, name in wanted.items()}
         said: dict[str, dict[str, str]] = {}
         variables, names = _load(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
