@@ -45,7 +45,7 @@ def averages(
 
 
 @compiled
-def interpolate(grid, angle, velocity, instants, slopes=False):
+def interpolate(grid, angle, velocity, instants, slopes):
     """Return the (m,) angles, or ``slopes``, at increasing instants, also beyond the grid."""
     result = np.empty(instants.size)
     k, last = 0, grid.size - 2
