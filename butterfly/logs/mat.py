@@ -66,6 +66,8 @@ def write_mat(log: Log, path: Path) -> None:
     Not compressed: angles and velocities hardly shrink, and to inflate them takes longer than all
     else that is done with a log of a minute.
     """
+    if log.integrated:
+        raise InputError(path, "angle", "a velocity alone", "an angle; or another format")
     with replacing(path) as draft:
         savemat(draft, {_MATRIX: np.column_stack(list(log.columns().values()))})
 
