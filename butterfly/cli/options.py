@@ -82,8 +82,7 @@ class DataOptions:
         Units (time=ms, angle=deg): also counts/4096, or a factor; a minus turns the sign. Of arm,
         mass and omega, too.
     input
-        What the logs' input commands, if no manifest says; voltage if nothing does; none where
-        there is none, as the joint swings freely.
+        What the logs' input commands, if no manifest says; voltage if nothing does.
     arm
         Pivot to added mass.
     known
