@@ -146,6 +146,10 @@ class MujocoJoint(Joint):
         step = duration / count
         if step != self._length:  # to set it costs as much as to read all columns
             self._options.timestep = self._length = step
+        if self._armature is None and not self._sticks_harder:
+            self._command[0] = command
+            mujoco.mj_step(self.model, self.data, count)
+            return
         if not self._sticks_harder:
             self._step(command, count)
             return

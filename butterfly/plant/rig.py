@@ -81,7 +81,8 @@ class SimulatedMotor:
         """Read the encoder; see `Motor`."""
         time, joint = self._time, self._joint
         angle = self._encoder.read_one(time, joint.angle, self._rng)
-        return Reading._make((time, angle, joint.current(self._applied)))  # twice as fast
+        found = time, angle, joint.current(self._applied)
+        return tuple.__new__(Reading, found)  # as `Reading` does, in half the time
 
     def wait(self, duration: float) -> None:
         """Simulate ``duration`` s, switching to each delayed command at its own instant."""
