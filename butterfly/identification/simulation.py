@@ -108,9 +108,7 @@ class Simulation:
         """
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters)
-        if columns.drives > inputs.shape[0]:
-            inputs = np.concatenate([inputs, self._by_drive(parameters)])
+        inputs = self._inputs(parameters, columns.drives)
         start = self._start(zero, begin)
         readings, measured, _ = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
@@ -170,18 +168,21 @@ class Simulation:
         )
         return Readings(into=into, weights=weights), measured, counts
 
-    def _inputs(self, parameters: LumpedParameters) -> Samples:
-        """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
+    def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
+        """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
+
+        The first derivative is that by the delay (see `hold.parabolas`); those by the terms of the
+        drive follow if so many ``drives`` are asked for.
+        """
         latest, key = self._latest, (parameters.delay, parameters.drive)
         if latest is None or latest[0] != key:
-            driving = parameters.delivered(self._command[1])
-            self._latest = latest = key, self._parabolas(driving, parameters.delay)
-        return latest[1]
-
-    def _by_drive(self, parameters: LumpedParameters) -> Samples:
-        """(k, n - 1, 3) derivatives of the delivered input by the k terms of the drive."""
-        slopes = parameters.slopes(self._command[1]).values()
-        return np.concatenate([self._parabolas(each, parameters.delay)[:1] for each in slopes])
+            delivered = self._parabolas(parameters.delivered(self._command[1]), parameters.delay)
+            self._latest = latest = key, delivered
+        if drives > len(latest[1]):
+            slopes = parameters.slopes(self._command[1]).values()
+            by_drive = (self._parabolas(each, parameters.delay)[:1] for each in slopes)
+            self._latest = latest = key, np.concatenate([latest[1], *by_drive])
+        return latest[1][: max(drives, 2)]
 
     def _parabolas(self, inputs: Samples, delay: float) -> Samples:
         return hold.parabolas(self._command[0], inputs, self.grid - delay, self.log.intersample)
