@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -263,10 +263,12 @@ class DataSet:
             test_logs=None if self.test_logs is None else self.test_logs.with_zero(zero),
         )
 
-    def corrected(self, logs: Sequence[Log], said: Finding) -> DataSet:
-        """Return the data set with its logs corrected."""
+    def corrected(self, correct: Callable[[Log], Log], said: Finding) -> DataSet:
+        """Return the data set with every log corrected, those that are held out too."""
+        logs = tuple(map(correct, self.logs))
+        held = None if self.test_logs is None else self.test_logs.corrected(correct, said)
         points = _responses(logs, untracked)
-        return replace(self, logs=tuple(logs), points=points, correction=said)
+        return replace(self, logs=logs, points=points, test_logs=held, correction=said)
 
     @property
     def whole(self) -> DataSet:

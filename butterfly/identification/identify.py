@@ -116,8 +116,8 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
         return data, estimated(data, estimator)
     slow, told = [Finding(kind, ("p1",), number=share) for kind in _CORRECTED]
     either = [
-        data.corrected([log.timed(1 + share) for log in data.logs], slow),
-        data.corrected([log.tuned(1 + share) for log in data.logs], told),
+        data.corrected(lambda log: log.timed(1 + share), slow),
+        data.corrected(lambda log: log.tuned(1 + share), told),
     ]
     found = [(each, estimated(each, estimator)) for each in either]
     left = [each.simulations.left_over(estimate) for each, estimate in found]

@@ -13,9 +13,9 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file
-from butterfly.logs.csv import is_number_type
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
+from butterfly.logs.text_table import is_number_type
 from butterfly.logs.units import AS_IS, Heading, Units
 
 _BYTES = 8  # of a number

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.logs.csv import holds_table, read_csv, read_text_table
+from butterfly.logs.csv import holds_table, read_csv
 from butterfly.logs.log import InputKind
+from butterfly.logs.text_table import read_text_table
 from butterfly.logs.units import Units
 
 KIND = {"input_kind": InputKind.VOLTAGE}

@@ -14,7 +14,8 @@ from scipy.sparse import csc_matrix
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
-from butterfly.logs.mat import MatlabObject, _load, read_mat
+from butterfly.logs.mat import read_mat
+from butterfly.logs.matlab_variables import MatlabObject, load_variables
 from butterfly.logs.units import Units
 from tests.fuzz.files import CONTENTS, mat_escapes
 
@@ -203,7 +204,7 @@ def _same(found, scipys):
 def test_what_is_whole_is_read_as_scipy_reads_it(name, packed, tmp_path):
     path = tmp_path / "sound.mat"
     savemat(path, SOUND[name], do_compression=packed)
-    found, names = _load(path, [])
+    found, names = load_variables(path, [])
     assert names == [*SOUND[name]]
     assert all(_same(found[each], loadmat(path)[each]) for each in names)
 
@@ -260,7 +261,7 @@ def _array(array_class, shape, *parts, flags=0, count=2):
 def _read(array, folder):
     path = folder / "made.mat"
     path.write_bytes(LEVEL5 + array)
-    return _load(path, [])[0]["D"]
+    return load_variables(path, [])[0]["D"]
 
 
 def _struct(length, names, *values):
@@ -390,7 +391,7 @@ def test_level_4_is_read_as_scipy_reads_it(tmp_path, order):
     if order == ">":
         numbers = struct.pack(">5I", 1000, 20, 3, 0, 2)
         path.write_bytes(numbers + b"a\0" + MATRIX[:, :3].astype(">f8").tobytes(order="F"))
-    found, names = _load(path, [])
+    found, names = load_variables(path, [])
     arrays = {name: each for name, each in loadmat(path).items() if not name.startswith("__")}
     assert names == [*arrays]
     for name, each in arrays.items():

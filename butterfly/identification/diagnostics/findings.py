@@ -19,7 +19,8 @@ class FindingKind(StrEnum):
     """What was found; the number that goes with it stands behind."""
 
     UNIT_ERROR = "slip"  # its name; the factor that undoes it
-    SUSPECTED = "suspected-slip"  # the same, of one that would not move the values beyond limits
+    # the same, of one that would not move the values beyond limits, or that no motion can tell
+    SUSPECTED = "suspected-slip"
     POOR_FIT = "poor-fit"  # median FIT in per cent, so low that the model does not follow
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # what cannot be

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.compiled import compiled, inlined
+from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import DRIVE
 
@@ -100,7 +100,7 @@ def rates(state, drive, sign, c):
     return torque / c.p1, motor_rate, bend_rate
 
 
-@compiled
+@inner
 def pull(x, c):
     """Torque in N m that depends on the angle alone: gravity, spring, cogging and bias."""
     torque = c.bias - c.p3 * math.sin(x) - c.spring * x
@@ -112,13 +112,13 @@ def pull(x, c):
     return torque
 
 
-@compiled
+@inner
 def friction_level(v, c):
     """Coulomb and Stribeck friction g(v) in N m, without its sign."""
     return c.coulomb if c.stribeck == 0.0 else c.coulomb + c.stribeck * excess_at(v, c)
 
 
-@compiled
+@inner
 def excess_at(v, c):
     """Share of the Stribeck friction that is left at a velocity."""
     if abs(v) > _VANISHED * c.stribeck_velocity:
@@ -186,7 +186,7 @@ def linearise(state, rate, shape, sign, c, ripples, stages, i):
         _linearise_bristles(v, z, rate[2], excess, push, c, stages, i)
 
 
-@compiled
+@inner
 def _linearise_lag(v, motor_rate, push, c, stages, i):
     """Let the motor's torque, a state, drive the joint in the place of its input."""
     stages[i, V, V] += push * c.back_emf
@@ -197,7 +197,7 @@ def _linearise_lag(v, motor_rate, push, c, stages, i):
     stages[i, M, BASIS + LAG] = -motor_rate / c.lag
 
 
-@compiled
+@inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
     """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
     level = friction_level(v, c)

@@ -48,6 +48,16 @@ def test_known_masses_tell_which_is_wrong(logs, wrong, kind, estimator):
 
 
 @pytest.mark.parametrize("wrong", ["clock", "omega"])
+def test_logs_that_are_held_out_are_corrected_too(logs, wrong):
+    named = [replace(_told_wrong(log, wrong), name=str(k)) for k, log in enumerate(logs)]
+    found = identify(DataSet.of(named).holding_out(["1"]))
+    (held,) = found.data.test_logs.logs
+    assert held.time[-1] == pytest.approx(logs[1].time[-1], rel=1e-4)
+    assert held.excitation.omega == pytest.approx(logs[1].excitation.omega, rel=1e-4)
+    assert found.held_out["1"] > 99
+
+
+@pytest.mark.parametrize("wrong", ["clock", "omega"])
 def test_where_nothing_tells_the_interval_holds_both(logs, wrong):
     bare = [_told_wrong(log, wrong) for log in logs if not log.added_mass.mass]
     data = DataSet.of(bare, known=Prior.of({"p4": ROBOT.p4}))

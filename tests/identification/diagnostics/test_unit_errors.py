@@ -9,7 +9,13 @@ import pytest
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.unit_errors import UnitError, unit_error, unit_error_text
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.unit_errors import (
+    UnitError,
+    unit_error,
+    unit_error_text,
+    unit_errors_of_masses,
+)
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.logs.log import Sine
@@ -209,3 +215,14 @@ def test_the_unit_that_is_advised_has_the_factor_that_undoes_the_mistake(error, 
     name, unit = re.search(r"--units (\w+)=(\S+), ", said).groups()
     assert f"units: {{{name}: {unit}}}" in said
     assert Units.of({name: unit}).factor(name) == pytest.approx(factor, rel=1e-12)
+
+
+def test_a_heavy_mass_is_asked_about_and_accused_of_nothing():
+    grams = AddedMass(mass=52.0, arm=0.1)
+    assert unit_errors_of_masses([grams, AddedMass(mass=9.0, arm=0.1)]) == [
+        Finding(FindingKind.SUSPECTED, (UnitError.GRAMS,), number=52.0)
+    ]
+    assert unit_errors_of_masses([AddedMass(mass=9.0, arm=0.1)]) == []
+    (asked,) = unit_errors_of_masses([grams])
+    assert not asked.forbids
+    assert "Is an added mass of 52 kg right?" in unit_error_text(asked)

@@ -1,0 +1,317 @@
+"""Variables in MATLAB files of every level: 4, 5, and 7.3, which is HDF5."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+import zlib
+from collections.abc import Collection, Container
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError, size_text
+from butterfly.files import most_in, require_file
+
+_SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
+_CONVERSIONS = {
+    "table": "writetable(x, 'log.csv')",
+    "timetable": "T = timetable2table(x); T.(1) = seconds(T.(1)); writetable(T, 'log.csv')",
+    "Simulink.SimulationData.Dataset": _SIGNAL.format(x="x{1}.Values."),
+    "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
+    "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
+}  # lines of MATLAB that make a file for others of an object x; of all others as of a timeseries
+
+
+@dataclass(frozen=True)
+class MatlabObject:
+    """Stands for an object of MATLAB's, which nobody else can read."""
+
+    kind: str = ""
+
+    def refused(self, path: Path, wanted: str, name: str = "x") -> InputError:
+        """Return the error, with the line of MATLAB that makes a file for others of it."""
+        line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
+        kind = f" ({self.kind})" if self.kind else ""
+        found = f"a MATLAB object{kind}, which only MATLAB can read"
+        return InputError(path, wanted, found, f"plain vectors or a table; in MATLAB: {line}")
+
+
+_HEADER, _VERSION, _ORDER = 128, slice(124, 126), slice(126, 128)
+_HDF5 = b"\x00\x02"
+
+
+def load_variables(
+    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]] | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return variables, the wanted ones among them if they are there, and the names of all.
+
+    What attributes say of units, which only version 7.3 has, is added to ``said``.
+    """
+    require_file(path, "an existing .mat file")
+    try:
+        with path.open("rb") as file:
+            header = file.read(_HEADER)
+            if header[_VERSION] == _HDF5:
+                return _load73(path, wanted, {} if said is None else said)
+            data = memoryview(header + file.read())  # mapped, it would end us if it were cut now
+            found = _load4(data) if 0 in header[:4] else _load5(data)
+    except InputError:
+        raise
+    except Exception as error:  # readers meet corrupt bytes with whatever they lead to
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
+    return found, [*found]
+
+
+# Level 4 (MATLAB, MAT-File Format, 2019, chapter 1, appendix): arrays one after the other, each
+# after five numbers.
+
+_OF_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
+_OTHERS_OF_4 = {1: "text", 2: "a sparse matrix"}
+_MACHINES = "a machine's numbers that are no IEEE floats: VAX's or Cray's"
+
+
+def _load4(data: Bytes) -> dict[str, Any]:
+    """Return the variables of a file of level 4 by their names."""
+    found: dict[str, Any] = {}
+    while data:
+        if len(data) < 20:  # noqa: PLR2004 - bytes of five numbers
+            raise ValueError(f"{len(data)} bytes where five numbers should be")
+        order = "<" if struct.unpack_from("<I", data)[0] < 10_000 else ">"  # noqa: PLR2004
+        kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5I", data)
+        machine, rest = divmod(kind, 1000)
+        form, text = divmod(rest, 10)
+        if machine in {2, 3, 4}:
+            raise ValueError(_MACHINES)
+        if machine != (order == ">") or form >= len(_OF_4):
+            raise ValueError(f"an array of type {kind}")
+        numbers = np.dtype(f"{order}{_OF_4[form]}")
+        begin, count = 20 + length, rows * columns * (2 if imaginary else 1)
+        end = begin + count * numbers.itemsize
+        if end > len(data):
+            raise ValueError(f"an array of {end} bytes of which {len(data)} are there")
+        name = bytes(data[20:begin]).partition(b"\0")[0].decode("latin-1")
+        parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
+        values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
+        found[name] = values if text == 0 else _OTHERS_OF_4.get(text, f"an array of type {kind}")
+        data = data[end:]
+    return found
+
+
+# Level 5 (the same, chapter 1). SciPy's compiled reader takes the tags of a
+# file at their word, and a wrong one can end the process: here each is checked.
+
+_ARRAY, _COMPRESSED = 14, 15  # types of elements
+_INT8, _INT32, _UINT32 = 1, 5, 6
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
+_NUMBERS |= {13: "u8"}
+_NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classes
+_OTHERS = {1: "a cell array", 4: "text", 5: "a sparse matrix"}
+_COMPLEX = 0x0800
+_DEEPEST = 32  # dimensions, and structs within structs
+
+Bytes = memoryview
+
+
+class _Elements:
+    """Elements of a file or of an array, one after the other."""
+
+    def __init__(self, data: Bytes, order: str) -> None:
+        self.data, self.order = data, order
+
+    def next(self, what: str, types: Container[int]) -> tuple[int, Bytes]:
+        """Return type and data of the next one, which must be of some types."""
+        if len(self.data) < 8:  # noqa: PLR2004 - bytes of a tag
+            raise ValueError(f"{len(self.data)} bytes where a tag of 8 should be")
+        kind, size = struct.unpack_from(f"{self.order}II", self.data)
+        begin, room = 8, len(self.data) - 8
+        if kind >> 16:  # a short one has its data within the tag
+            kind, size, begin, room = kind & 0xFFFF, kind >> 16, 4, 4
+        if size > room:
+            raise ValueError(f"an element of {size} bytes of which {room} are there")
+        if kind not in types:
+            raise ValueError(f"{what} of type {kind}")
+        found = self.data[begin : begin + size]
+        padding = 0 if kind == _COMPRESSED else -(begin + size) % 8
+        self.data = self.data[begin + size + padding :]
+        return kind, found
+
+    def numbers(self, what: str, kind: int) -> list[int]:
+        """Return the whole numbers of the next one."""
+        _, data = self.next(what, {kind})
+        if len(data) % 4:
+            raise ValueError(f"{what} of {len(data)} bytes")
+        letter = "i" if kind == _INT32 else "I"
+        return list(struct.unpack(f"{self.order}{len(data) // 4}{letter}", data))
+
+    def text(self, what: str) -> str:
+        """Return the text of the next one."""
+        return bytes(self.next(what, {_INT8})[1]).decode("latin-1")
+
+
+def _load5(data: Bytes) -> dict[str, Any]:
+    """Return the variables of a file of level 5 by their names."""
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(data[_ORDER]))
+    if order is None:
+        raise ValueError("its header names no order of bytes")
+    elements, found, most = _Elements(data[_HEADER:], order), {}, most_in(len(data))
+    while elements.data:
+        kind, variable = elements.next("a variable", {_ARRAY, _COMPRESSED})
+        if kind == _COMPRESSED:
+            unpacked = _inflated(variable, most)
+            most -= len(unpacked)
+            _, variable = _Elements(unpacked, order).next("a variable", {_ARRAY})
+        name, value = _array(_Elements(variable, order), 0)
+        found[name] = value
+    found.pop("", None)  # what functions need
+    return found
+
+
+def _inflated(packed: Bytes, most: int) -> Bytes:
+    engine = zlib.decompressobj()
+    try:
+        found = engine.decompress(packed, most + 1)
+    except zlib.error as error:
+        raise ValueError(f"packed data that cannot be unpacked ({error})") from None
+    if len(found) > most:
+        raise ValueError(f"packed data of more than {most:,} bytes")
+    if not engine.eof:
+        raise ValueError("packed data that end too soon")
+    return memoryview(found)
+
+
+def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
+    """Return the name and the value of an array: numbers, a struct, or in words what else."""
+    if depth > _DEEPEST:
+        raise ValueError(f"arrays within arrays, more than {_DEEPEST} deep")
+    flags = elements.numbers("flags of an array", _UINT32)
+    if len(flags) != 2:  # noqa: PLR2004 - flags and the size of a sparse one
+        raise ValueError(f"{4 * len(flags)} bytes of flags")
+    kind, parts = flags[0] & 0xFF, 2 if flags[0] & _COMPLEX else 1
+    if kind == _OPAQUE:
+        name = elements.text("the name of an object")
+        elements.text("the system of an object")
+        return name, MatlabObject(elements.text("the class of an object"))
+    shape = elements.numbers("a shape", _INT32)
+    if not 2 <= len(shape) <= _DEEPEST or min(shape) < 0:  # noqa: PLR2004 - rows and columns
+        raise ValueError(f"a shape of {len(shape)} numbers, {min(shape, default=0)} the least")
+    name = elements.text("a name")
+    if kind in _NUMERIC:
+        values = [_numbers(elements, shape) for _ in range(parts)]
+        return name, values[0] if parts == 1 else values[0] + 1j * values[1]
+    if kind in _OBJECTS_OF:
+        return name, MatlabObject()
+    if kind == _STRUCT:
+        fields, count = _fields(elements), math.prod(shape)
+        if count > 1 + len(elements.data):
+            raise ValueError(f"{count} structs in {len(elements.data)} bytes")
+        structs = [{field: _within(elements, depth) for field in fields} for _ in range(count)]
+        return name, structs[0] if count == 1 else structs
+    if kind not in _OTHERS:
+        raise ValueError(f"an array of class {kind}")
+    return name, _OTHERS[kind]
+
+
+def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:
+    kind, data = elements.next("numbers", _NUMBERS)
+    form, count = np.dtype(f"{elements.order}{_NUMBERS[kind]}"), math.prod(shape)
+    if len(data) != count * form.itemsize:
+        raise ValueError(f"{len(data)} bytes of numbers where {count} should be")
+    return np.frombuffer(data, form).reshape(shape, order="F")
+
+
+def _fields(elements: _Elements) -> list[str]:
+    """Return the names of a struct's fields, each of the same length, filled up with zeros."""
+    lengths = elements.numbers("the length of names", _INT32)
+    names = elements.text("names of fields")
+    length = lengths[0] if len(lengths) == 1 else 0
+    if length <= 0 or len(names) % length:
+        raise ValueError(f"{len(names)} bytes of names of {length} each")
+    starts = range(0, len(names), length)
+    return [names[start : start + length].partition("\0")[0] for start in starts]
+
+
+def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
+    _, data = elements.next("an array within", {_ARRAY})
+    if not data:  # one without any bytes is empty
+        return np.empty((0, 0))
+    return _array(_Elements(data, elements.order), depth + 1)[1]
+
+
+# Version 7.3 is HDF5.
+
+_UNIT_KEYS = {"unit", "units", "Unit", "Units"}  # attributes
+_OWN = "#"  # begins what MATLAB keeps for itself
+_PLAIN = {"double", "single", "logical", "char", "struct"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+_OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
+
+
+def _load73(
+    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]]
+) -> tuple[dict[str, Any], list[str]]:
+    try:
+        import h5py  # noqa: PLC0415 - an extra
+    except ImportError:
+        expected = "h5py (pip install 'butterfly-testbed[hdf5]'), or a file saved with '-v7'"
+        raise InputError(path, "content", "MATLAB v7.3 (HDF5)", expected) from None
+    left = most_in(path.stat().st_size)
+
+    def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
+        nonlocal left
+        for key in _UNIT_KEYS & node.attrs.keys():
+            text = node.attrs[key]
+            text = text.decode() if isinstance(text, bytes) else str(text)
+            said.setdefault(node.name.strip("/").replace("/", "."), {})[f"attribute {key}"] = text
+        kind = node.attrs.get("MATLAB_class", b"")
+        if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
+            return MatlabObject(kind.decode())
+        size = _OF_NODE + getattr(node, "nbytes", 0)
+        left -= size
+        if size < 0 or left < 0:  # a file may claim any size
+            raise ValueError(f"arrays of {size_text(size)} more than there may be")
+        if hasattr(node, "items"):
+            found = {key: value(_own_node(path, node, key)) for key in node}
+            lists = [each for each in found.values() if isinstance(each, list)]
+            if not lists or len(lists) < len(found):
+                return found
+            return [dict(zip(found, each, strict=True)) for each in zip(*lists, strict=True)]
+        _require_written(path, node)
+        values = np.asarray(node[()])
+        if values.dtype == h5py.ref_dtype and not kind:  # a field of an array of structs
+            return [value(file[each]) for each in values.ravel(order="F")]
+        return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
+
+    with h5py.File(path, "r") as file:
+        names = list(file)
+        found = {name: value(_own_node(path, file, name)) for name in wanted if name in names}
+        return found, [name for name in names if not name.startswith(_OWN)]
+
+
+def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py's
+    """Return what a file itself holds: no link, which MATLAB writes none of, leads elsewhere."""
+    link = parent.get(name, getlink=True)
+    if type(link).__name__ != "HardLink":
+        raise InputError(path, name, "a link to another place", "numbers in the file itself")
+    return parent[name]
+
+
+def _require_written(path: Path, data: Any) -> None:  # noqa: ANN401 - h5py's
+    """Refuse numbers of other files, and those never written, which HDF5 reads as zeros."""
+    if data.external or data.is_virtual:
+        found = "numbers that lie in another file"
+    elif data.chunks:
+        counts = [-(-n // chunk) for n, chunk in zip(data.shape, data.chunks, strict=True)]
+        written = data.id.get_num_chunks()
+        found = f"{written} of {math.prod(counts)} pieces" if written < math.prod(counts) else ""
+    else:
+        found = "numbers never written" if data.nbytes and not data.id.get_storage_size() else ""
+    if found:
+        raise InputError(path, data.name.strip("/"), found, "numbers in the file, all written")
