@@ -43,7 +43,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, MATTERS, PRECISE
+from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
@@ -308,8 +308,8 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
         converged=end.converged,
         evaluations=end.evaluations + 2,
     )
-    most = (1 + PRECISE) * end.at.moved(found.point - end.point).cost
-    if not problem.equations(found.point).cost <= most:
+    told = end.at.moved(found.point - end.point).cost
+    if not LOST * problem.equations(found.point).cost <= told:
         return None
     return found, tuple(likelihood.findings(scatter, names))
 
