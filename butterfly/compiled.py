@@ -9,15 +9,22 @@ in `__pycache__` until somebody deletes it.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numba
+from numba.core import event
 from numba.core.registry import CPUDispatcher
 from numba.core.types import unliteral
+
+from butterfly import progress
 
 
 def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
@@ -48,6 +55,66 @@ def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers
     than what it does.
     """
     return inner(function, forceinline=True)
+
+
+@contextmanager
+def compiling_beside(rehearsal: Callable[[], None]) -> Iterator[None]:
+    """Have another process compile what a function of a module calls; in the end it is on disk."""
+    if not sys.executable or _on_disk(rehearsal):
+        yield
+        return
+    name = rehearsal.__name__
+    command = [sys.executable, "-c", f"from {rehearsal.__module__} import {name}; {name}()"]
+    paths = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    none = subprocess.DEVNULL
+    with subprocess.Popen(  # noqa: S603 - our own
+        command, env=os.environ | paths, stdin=none, stdout=none, stderr=none
+    ) as other:
+        try:
+            yield
+        except BaseException:
+            other.kill()
+            raise
+
+
+def _on_disk(rehearsal: Callable[[], None]) -> bool:
+    """Tell whether a function runs without compiling anything."""
+    try:
+        with event.install_listener("numba:compile", _Compiling(_refuse)):
+            rehearsal()
+    except _MissingError:
+        return False
+    return True
+
+
+class _MissingError(Exception):
+    """Something would have to be compiled."""
+
+
+def _refuse() -> None:
+    raise _MissingError
+
+
+@lru_cache
+def _announce() -> None:
+    """Say once that something is compiled."""
+    progress.tell("Compiling, once after an installation")
+
+
+class _Compiling(event.Listener):
+    """Does something as compiling begins."""
+
+    def __init__(self, do: Callable[[], None]) -> None:
+        self._do = do
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - whatever is compiled
+        self._do()
+
+    def on_end(self, event: event.Event) -> None:
+        """Do nothing."""
+
+
+event.register("numba:compile", _Compiling(_announce))  # type: ignore[no-untyped-call]
 
 
 def _made(function: Callable[..., Any], **how: Any) -> Any:  # noqa: ANN401 - numba's own

@@ -218,7 +218,9 @@ def _weigh(xx, xv, vx, vv, stages, i):
 @inner
 def carry_all(dt, n, stages, tangents, column):
     """Carry derivatives over a step of any number n of states."""
-    product, move, start = np.zeros((n, n)), np.eye(n), np.empty(n)
+    product, move, start = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    for r in range(n):
+        move[r, r] = 1.0
     for i in range(3, -1, -1):
         reach = 0.0 if i == 3 else (dt if i == 2 else 0.5 * dt)
         for r in range(n):

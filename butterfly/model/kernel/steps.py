@@ -47,8 +47,7 @@ _ROUNDING = 1e-12  # share of an interval
 def integrate(time, drives, state, c):
     """Return (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m."""
     n = time.size
-    angle = np.empty(n)
-    velocity = np.empty(n)
+    angle, velocity = np.empty(n), np.empty(n)
     angle[0], velocity[0] = state[X], state[V]
     for k in range(n - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
