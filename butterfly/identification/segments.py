@@ -82,7 +82,8 @@ class Segments:
             each.simulation.run(parameters, zero, each.begin(parameters, zero))
             for each in self._segments
         ]
-        return SimulatedMotion(tuple(piece for run in runs for piece in run.pieces))
+        pieces = tuple(piece for run in runs for piece in run.pieces)
+        return SimulatedMotion(pieces, self.log.integrated)
 
     def linearised(
         self,
@@ -154,7 +155,7 @@ class _Segment:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
         self._warm, self.near = warm, log.initial_state
-        self._spread = log.rms_motion**2
+        self._spread = log.rms_measured**2
         self._sought = 1 if log.initial_state.velocity == 0 else len(_START)
 
     def expanded(
@@ -197,13 +198,14 @@ class _Segment:
     ) -> _About:
         """Differentiate by names, among them those of the start.
 
-        A change of the start moves the readings by 1 less what one of the zero does.
+        A change of the start moves angles by 1 less what one of the zero does, and no velocity.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             expansion = self.simulation.linearised(names, parameters, zero, begin)
             errors, rows, mixture = expansion
             by_zero, by_velocity = (rows @ mixture[:, [names.index(each) for each in _START]]).T
-        columns = np.column_stack([1 - by_zero, by_velocity]) * self._units
+        lifted = 1 - self.simulation.log.integrated - by_zero
+        columns = np.column_stack([lifted, by_velocity]) * self._units
         if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
             nowhere = np.zeros((errors.size, 0))
             return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))

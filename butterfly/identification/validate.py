@@ -76,8 +76,8 @@ def cross_validate(
 
 
 def _squares(run: FreeRun, stretch: slice) -> tuple[float, float]:
-    """Return sums of squares in rad^2 over a stretch of a log: errors of a free run, and motion."""
-    measured = run.log.angle
+    """Return sums of squares over a stretch of a log: errors of a free run, and motion."""
+    measured = run.log.measured
     with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
         error = float(np.sum((run.simulated[stretch] - measured[stretch]) ** 2))
     return error, float(np.sum((measured[stretch] - measured.mean()) ** 2))

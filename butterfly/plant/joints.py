@@ -109,7 +109,7 @@ class MujocoJoint(Joint):
         super().__init__(robot, added, angle=angle)
         self.model = compile_model(robot, added, scene=scene)
         self.data = data = mujoco.MjData(self.model)
-        self._options = self.model.opt
+        self._options, self._length = self.model.opt, 0.0
         # looking a column up costs as much as reading it, and an array's element twice a view's
         self._position: memoryview[float] = memoryview(data.qpos)
         self._velocity: memoryview[float] = memoryview(data.qvel)
@@ -143,7 +143,13 @@ class MujocoJoint(Joint):
         count = steps_of(duration)
         if self._is_stiff:
             count = max(count, least_steps(self._constants, self.velocity, duration))
-        self._options.timestep = duration / count
+        step = duration / count
+        if step != self._length:  # to set it costs as much as to read all columns
+            self._options.timestep = self._length = step
+        if self._armature is None and not self._sticks_harder:
+            self._command[0] = command
+            mujoco.mj_step(self.model, self.data, count)
+            return
         if not self._sticks_harder:
             self._step(command, count)
             return
@@ -172,7 +178,8 @@ class MujocoJoint(Joint):
         for command, length, count in zip(
             commands.tolist(), steps.tolist(), counts.tolist(), strict=True
         ):
-            self._options.timestep, self._command[0] = length, command
+            self._options.timestep = self._length = length
+            self._command[0] = command
             step(model, data, count)
             reached.append(position[0])
         return np.array(reached)

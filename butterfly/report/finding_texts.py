@@ -279,6 +279,7 @@ _RESTS_ON = {
     "arm": "the arm (1 % is up to 2 % of p1)",
     "input_scale": "the scale of the input (1 % of p4)",
     "angle_scale": "a centred encoder of right scale (1 % of p4)",
+    "velocity_scale": "the scale of the velocity (1 % of p4)",
     "time_scale": "the clock (2 % of p1)",
 }
 
@@ -386,6 +387,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
+    FindingKind.UNDRIVEN: (
+        "Nothing drives the joint in these logs: p4 and the delay are not estimated. Add a log of "
+        "the driven joint for them."
+    ),
     FindingKind.NO_UNCERTAINTY: (
         "{number:.0f} resonance frequencies for {count} parameters leave no room for a statement "
         "of uncertainty."

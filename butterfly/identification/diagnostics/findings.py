@@ -52,6 +52,7 @@ class FindingKind(StrEnum):
     SIGN_UNKNOWN = "sign-unknown"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     NOT_ESTIMATED = "not-estimated"
+    UNDRIVEN = "undriven"
     NO_UNCERTAINTY = "no-uncertainty"  # equations there are
     ABSOLUTE = "absolute"
     RATIOS = "ratios"

@@ -347,11 +347,11 @@ def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
 
 
 def _rms_motion(log: Log, first: int) -> float:
-    """Return that of the angle in rad from a sample on, by which its errors are divided."""
-    motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
+    """Return that of what was measured from a sample on, by which its errors are divided."""
+    motion = float(np.std(log.measured[first:])) if first < log.angle.size else 0.0
     if not motion > ROUNDING:
-        found = f"{motion:.1g} rad of motion in what counts"
-        raise InputError(log.source, "angle", found, "a joint that moves: leave the log out")
+        found = f"{motion:.1g} {log.unit} of motion in what counts"
+        raise InputError(log.source, log.measures, found, "a joint that moves: leave the log out")
     return motion
 
 
