@@ -169,8 +169,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         json
             Write the answer as JSON to this file; - prints it alone.
         budget
-            Seconds after which a command that searches stops, and says what it left out; 0 for
-            none, 60 if not given.
+            Seconds of searching, 60 if not given; 0 for no end.
         help_all
             Show all options of a command.
         """
