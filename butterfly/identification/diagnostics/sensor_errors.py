@@ -25,7 +25,7 @@ from butterfly.identification.levels import CONFIDENCE, PRECISE, ROUNDING
 Places: TypeAlias = NDArray[np.int64]
 
 _PLACES = 1024  # in a step of the encoder, a power of two
-_FURTHEST = 6  # steps by which noise moves a reading
+_FURTHEST = 3  # steps by which noise of half a step moves a reading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +58,12 @@ class SensorErrors:
         if white.white:
             return white
         places = _places(angle, step)
+        share = np.bincount(places, minlength=_PLACES) / places.size
 
         @cache
         def excess(noise: float) -> float:
             mean, variance = _by_place(noise, step)
-            return _roughness(mean[places]) + 6 * float(np.mean(variance[places])) - roughness
+            return _roughness(mean[places]) + 6 * float(share @ variance) - roughness
 
         largest = math.sqrt(roughness / 6)
         if excess(0.0) >= 0 or excess(largest) <= 0:
