@@ -55,13 +55,13 @@ def test_the_logs_of_a_grey_box_run_cost_little_more_than_their_integration(grey
     measured("logs of a grey-box run of large-sweep.yaml", logs / bare)
 
 
-def test_a_grey_box_run_of_a_sweep_costs_at_most_5_kernels(grey_box, kernels):
+def test_a_grey_box_run_of_a_sweep_costs_a_few_kernels(grey_box, kernels):
     execute(*grey_box)
     bare, whole = least_seconds(kernels, lambda: execute(*grey_box))
     measured("the whole run, identified and recorded", whole / bare)
 
 
-def test_a_sweep_is_ten_times_faster_in_the_grey_box_than_in_mujoco(grey_box, tmp_path):
+def test_a_sweep_is_several_times_faster_in_the_grey_box_than_in_mujoco(grey_box, tmp_path):
     in_mujoco = _task(tmp_path, "mujoco")
     assert execute(*in_mujoco).record.status == execute(*grey_box).record.status == OK
     slow, fast = least_seconds(lambda: execute(*in_mujoco), lambda: execute(*grey_box), repeats=3)
