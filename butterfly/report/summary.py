@@ -25,7 +25,6 @@ from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
-
 _MEASURED = {
     ("angle",): "angle",
     ("velocity",): "velocity (no angle was recorded)",
