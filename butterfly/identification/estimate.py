@@ -261,7 +261,8 @@ class Estimate:
         if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
             return Level.WARNING
         near = all(self.reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
-        return Level.GOOD if near else Level.CARE
+        stopped = any(each.kind is FindingKind.SEARCH_STOPPED for each in self.findings)
+        return Level.GOOD if near and not stopped else Level.CARE
 
     @property
     def reach(self) -> dict[str, float]:

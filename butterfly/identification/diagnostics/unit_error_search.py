@@ -41,6 +41,7 @@ from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR
 from butterfly.model.terms import IDEAL, FrictionTerms
+from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
@@ -211,6 +212,8 @@ class _Search:
         likely = [each for each in tried if each.misfit < LOST * none]
         held: list[tuple[_Mistake, Estimate]] = []
         for each in likely[:_FITS]:
+            if out_of_time("mistakes of units and masses"):
+                break
             if held and each.misfit > _AS_GOOD * held[0][0].misfit:
                 break
             if (found := self._without(each)) is not None:

@@ -52,6 +52,7 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
+from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
 
@@ -156,7 +157,7 @@ class OutputError(Estimator):
         rivals: tuple[Samples, ...] = ()
         always, lacking = tuple(known.uncertain), None
         plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
-        while self.terms is None:
+        while self.terms is None and not out_of_time("the choice of terms"):
             here = wide.without(rarer)
             point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
             choice = here.choose_terms(point, at, always)
@@ -329,7 +330,8 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     losses have weights of their own: None then, and where the logs no longer tell the parameters
     apart, or are not followed there as their derivatives said.
     """
-    if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
+    few = len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR
+    if few or out_of_time("weights of logs by their scatter"):
         return None
     names = tuple(name for name, _ in problem.keys)
     prior = end.at.known and end.at.known[0].weighed(1.0)
@@ -338,7 +340,7 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
-    there = problem.equations(point, apart)
+    there = problem.equations(point, apart=apart)
     if not there.is_finite:
         return None
     logs, spread = _rows(there).moved(-apart), spread_of(names, point)
