@@ -88,11 +88,11 @@ def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict
             raise InputError(
                 source, f"columns.{field}", "an unknown field", nearest(field, SAMPLED)
             )
-    optional = {"angle"} if VELOCITY in columns else set()
-    optional |= {"input"} if kind == InputKind.NONE else set()
-    for field in DEFAULT_COLUMNS.keys() - columns.keys() - optional:
-        expected = "the name of a column" + (f"; or {_FREE}" if field == "input" else "")
-        raise InputError(source, f"columns.{field}", "nothing", expected)
+    optional = {"angle": VELOCITY in columns, "input": kind == InputKind.NONE}
+    for field in DEFAULT_COLUMNS:
+        if field not in columns and not optional.get(field):
+            expected = "the name of a column" + (f"; or {_FREE}" if field == "input" else "")
+            raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
 
 
