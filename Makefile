@@ -9,6 +9,9 @@ INSTALL := $(UV) pip install --quiet --python $(BIN)/python --constraint constra
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
+# A module is compiled when it is first imported, not by each process anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short coverage kinds fuzz readers record record-check wheel clean
 
 demo: $(VENV)/.runtime

@@ -1,10 +1,15 @@
-"""How long work shares the cores, and tells how far it has come."""
+"""How work shares the cores, tells how far it has come, and ends when its time is over."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
@@ -12,6 +17,64 @@ _R = TypeVar("_R")
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose matrix library computes with one thread: others have work."""
+
+BUDGET = 60.0
+"""Seconds after which a command stops searching, unless it is told otherwise."""
+
+
+@dataclass(eq=False)
+class Search:
+    """For how long to search, how far that has come, and what was left out in the end."""
+
+    seconds: float = math.inf
+    begun: float = field(default_factory=time.monotonic)
+    simulations: int = 0  # of all logs, so far
+    left_out: list[str] = field(default_factory=list)
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is."""
+        return time.monotonic() - self.begun > self.seconds
+
+    @property
+    def sentence(self) -> str:
+        """What to say of what was left out; nothing if nothing was."""
+        return stopped_text(self.seconds, self.left_out) if self.left_out else ""
+
+
+def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
+    """Say that a search was stopped, and what it left out."""
+    return (
+        f"Stopped searching after {seconds:g} s, without {', '.join(left_out)}: "
+        "--budget 0 searches to the end."
+    )
+
+
+_SEARCH: ContextVar[Search] = ContextVar("search", default=Search())  # noqa: B039 - has no end
+
+
+def current_search() -> Search:
+    """Return the search that goes on."""
+    return _SEARCH.get()
+
+
+@contextmanager
+def budget(seconds: float) -> Iterator[Search]:
+    """Have all searches within end after so many seconds; their answers say what they left out."""
+    token = _SEARCH.set(Search(seconds))
+    try:
+        yield _SEARCH.get()
+    finally:
+        _SEARCH.reset(token)
+
+
+def out_of_time(left_out: str) -> bool:
+    """Whether the time to search is over; then the answer says what was left out."""
+    search = _SEARCH.get()
+    if search.over and left_out not in search.left_out:
+        search.left_out.append(left_out)
+    return search.over
+
 
 Track = Callable[[Iterable[Any], str], Iterable[Any]]
 """Shows the progress of an iteration, given a description."""
@@ -26,10 +89,15 @@ def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: A
     return items
 
 
+def threads(count: int | None) -> ThreadPoolExecutor:
+    """Return threads whose searches end when the present one does."""
+    return ThreadPoolExecutor(count, initializer=_SEARCH.set, initargs=(_SEARCH.get(),))
+
+
 def in_threads(
     work: Callable[[_T], _R], items: Sequence[_T], track: Track, description: str
 ) -> list[_R]:
     """Return what work makes of each item, one thread per core, and track what is done."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with threads(os.cpu_count()) as pool:
         done = pool.map(work, items)
         return [next(done) for _ in track(items, description)]

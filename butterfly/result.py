@@ -23,6 +23,7 @@ import numpy as np
 from butterfly import __version__
 from butterfly.errors import ButterflyError
 from butterfly.files import finite, write_file
+from butterfly.progress import current_search
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -277,6 +278,12 @@ class Answer(Result):
     units: dict[str, str] = field(default_factory=dict)
     printed: tuple[TextTable, ...] = ()  # by a command; its rows if there are none
     live: Page | None = None  # that draws it; none of a result that was loaded
+
+    def __post_init__(self) -> None:
+        """Say what its search left out, if that was stopped."""
+        stopped = current_search().sentence
+        if stopped and stopped not in self.summary:
+            object.__setattr__(self, "summary", (*self.summary, stopped))
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields

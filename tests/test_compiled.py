@@ -113,6 +113,7 @@ print(total(10.0), sum(total.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.slow
 def test_another_process_compiles_what_is_not_on_disk_and_that_is_said(small):
     with (small / "outer.py").open("a") as outer:
         outer.write("\ndef rehearse():\n    total(1.0)\n")

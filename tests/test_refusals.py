@@ -27,6 +27,7 @@ ARM = "arm: 0.104"
 
 BARE, ONE = "file: 0.csv", "file: 1.csv, added_mass: 0.05"
 DECAYS = [f"file: decay{k}.csv, added_mass: {mass.mass}" for k, mass in enumerate(MASSES)]
+FREE = [f"file: free{k}.csv, added_mass: {mass.mass}" for k, mass in enumerate(MASSES)]
 SWINGS = {3.0: 0.6, 4.4: 0.3, 7.5: 0.15}
 AMPLITUDES = {
     omega: swing / abs(complex(quasi_linear_response(ROBOT, omega, swing)))
@@ -47,6 +48,10 @@ MANIFESTS = {
     "no-arm": ([BARE, ONE],),
     "decays": (DECAYS, ARM),
     "driven": ([*DECAYS, BARE], ARM),
+    "free": (FREE, ARM),
+    "free-none": (FREE, ARM, "input: none"),
+    "free-and-driven": ([f"{each}, input: none" for each in FREE] + [BARE], ARM),
+    "speed": (["file: speed.csv"],),
     "sine": (SINES[:1],),
     "sines": (SINES,),
     "unsaid-sines": ([sine.split(",")[0] for sine in SINES],),
@@ -95,6 +100,24 @@ CASES = {
         f"identify decays.yaml {WEAK}",
         "the input is zero throughout, so that p4 and the delay are not seen",
         (f"identify driven.yaml {WEAK}", f"identify decays.yaml {WEAK} --known p4=0.5,delay=0"),
+    ),
+    "no input column, as nothing drives the joint": Case(
+        f"identify free.yaml {WEAK}",
+        "free0.csv: input: got no such column; expected one of 'time', 'angle'",
+        (
+            f"identify free-none.yaml {WEAK}",
+            f"identify free-and-driven.yaml {WEAK}",
+            "inspect free0.csv --input none",
+        ),
+    ),
+    "a velocity without an angle": Case(
+        f"identify speed.yaml {WEAK} {GAIN}",
+        "speed.csv: angle: got a velocity alone; expected an angle, for gravity",
+        (
+            f"identify speed.yaml {WEAK} {GAIN} --gravity 0",
+            f"identify speed.yaml {WEAK} {GAIN} --joint slide",
+            f"identify speed.yaml {WEAK} {GAIN},p3=0",
+        ),
     ),
     "no sines, for a method that wants them": Case(
         f"identify unsaid-sines.yaml {BALANCE} {GAIN}",
@@ -269,6 +292,7 @@ def folder(tmp_path_factory):
     for number, mass in enumerate(MASSES):
         decay = simulated(ROBOT, mass, np.zeros_like, 6.0, start=0.6)
         write_csv(decay, folder / f"decay{number}.csv")
+        _write_table(folder / f"free{number}.csv", "time,angle", (decay.time, decay.angle))
     for omega, amplitude in AMPLITUDES.items():
         sine = Sine(omega=omega, amplitude=amplitude)
         log = simulated(ROBOT, MASSES[0], sine.sample, 40.0, sine=sine)
@@ -277,6 +301,8 @@ def folder(tmp_path_factory):
         write_csv(log, folder / f"folder/{name}.csv")
     sliding = simulated(replace(ROBOT, p3=0.0), MASSES[0], lambda t: 0.02 * np.sin(3 * t), 12.0)
     write_csv(sliding, folder / "slide.csv")
+    turned = sliding.time, sliding.input, np.gradient(sliding.angle, sliding.time)
+    _write_table(folder / "speed.csv", "time,input,velocity", turned)
     _write_slips(folder, logs[0])
     for name, (entries, *keys) in MANIFESTS.items():
         _write_manifest(folder / f"{name}.yaml", entries, keys)

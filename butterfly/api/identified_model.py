@@ -88,7 +88,7 @@ class IdentifiedModel:
 
         setting = Setting(parameters=self.parameters, zero=zero, velocity=velocity)
         run = FreeRun.of(log, setting)
-        return replace(log, angle=run.simulated, velocity=None, source="grey-box model")
+        return replace(log.moving_so(run.simulated), source="grey-box model")
 
     def export(
         self,

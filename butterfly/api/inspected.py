@@ -87,6 +87,7 @@ class Inspection(Answer):
             units={
                 **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},
                 "logs.angle": way,
+                "logs.velocity": f"{way}/s",
                 "logs.turns": "turns",
                 "logs.middle": way,
             },
@@ -129,7 +130,7 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
             **first,
             "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
             "input": [float(log.input.min()), float(log.input.max())],
-            "angle": [float(log.angle.min()), float(log.angle.max())],
+            log.measures: [float(log.measured.min()), float(log.measured.max())],
             **health,
         }
     findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]

@@ -199,7 +199,7 @@ class Predicted(Tabulated):
 
 def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     run = prediction.run
-    way = run.log.added_mass.joint.way
+    way = run.log.unit
     row: dict[str, Any] = {
         **about_log(run.log),
         f"swing in {way}": float(np.ptp(run.simulated)) / 2,

@@ -28,7 +28,7 @@ from butterfly.identification.free_run import Setting
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
@@ -109,7 +109,7 @@ def predict(
         found = _identified(result)
         require_possible(found.estimate)
         own = found.origin["input"]
-        if source.input_kind != own:
+        if source.input_kind not in {own, InputKind.NONE}:
             expected = f"{own}, as the estimate was made with"
             raise InputError("predict", "input", str(source.input_kind), expected)
         estimate = found.estimate

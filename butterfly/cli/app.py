@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import io
+import math
 import os
 import re
 import signal
@@ -99,6 +100,9 @@ _DATA = ("root", "arm", "input", "intersample", "columns", "units", "repair", "k
 OF_DATA = {f"--{name}" for name in (*_DATA, "joint", "gravity", "from", "to", "restarts")}
 """Options that only commands take that read data of which no manifest tells."""
 
+_SEARCHING = {"Identify", "Judge", "Plan"}
+"""Panels of the commands that search, for a minute at most unless more is asked for."""
+
 _EVERYWHERE = Group("Any command", sort_key=9)
 
 
@@ -151,6 +155,9 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         json: Annotated[
             Path | None, Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True)
         ] = None,
+        budget: Annotated[
+            float | None, Parameter(metavar="s", group=_EVERYWHERE, allow_leading_hyphen=True)
+        ] = None,
         help_all: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
     ) -> ExitCode | None:
         """Call a command.
@@ -161,6 +168,8 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             Print the verdict alone, if there is one, and no progress.
         json
             Write the answer as JSON to this file; - prints it alone.
+        budget
+            Seconds of searching, 60 if not given; 0 for no end.
         help_all
             Show all options of a command.
         """
@@ -169,7 +178,14 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         name = _name_of(tokens)
         if json is not None and not (name in COMMANDS and COMMANDS[name].answer):
             raise InputError("butterfly", "--json", name, "a command that has an answer")
+        searches = name in COMMANDS and COMMANDS[name].panel in _SEARCHING
+        if budget is not None and not searches:
+            raise InputError("butterfly", "--budget", name, "a command that searches")
+        if budget is not None and not budget >= 0:
+            raise InputError("butterfly", "--budget", budget, "0 s or more")
+        seconds = progress.BUDGET if budget is None and searches else budget or math.inf
         asked.quiet, asked.json = quiet, json
+        search = progress.current_search()
         try:
             gc.disable()  # while modules are imported it would look through them again and again
             try:
@@ -177,7 +193,8 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             finally:
                 gc.freeze()
                 gc.enable()
-            ended: ExitCode | None = command(*bound.args, **bound.kwargs)
+            with progress.budget(seconds) as search:
+                ended: ExitCode | None = command(*bound.args, **bound.kwargs)
         except UnusableError as refused:
             from butterfly.result import document  # noqa: PLC0415 - slow to import
             from butterfly.verdict import Level, Verdict  # noqa: PLC0415
@@ -185,6 +202,10 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             verdict = Verdict(Level.WARNING, refused.reasons)
             kind, title = COMMANDS[name].answer, "Nothing is made of values that no joint has"
             write_json(document(kind, title, {}, verdict=verdict, summary=verdict.lines))
+            raise
+        except ButterflyError:
+            if search.left_out:
+                print_warning(search.sentence)
             raise
         return ended
 

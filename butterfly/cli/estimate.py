@@ -49,8 +49,7 @@ def identify(
 
     Prints the verdict, how well a free-run simulation follows the logs (FIT), and the parameters
     with standard errors and intervals. A folder without manifest.yaml needs --arm, and files named
-    like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015). --help-all shows all
-    options.
+    like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015).
 
     Example: butterfly identify real-logs --report report.html
 
@@ -59,8 +58,8 @@ def identify(
     data
         A manifest, a folder of logs, logs, a saved result or a shipped data set's name.
     against
-        Other parameters to simulate the same logs with: p1=…,p2=…,p3=…, and more if wanted; without
-        p4 the best one is taken. May be repeated.
+        Other parameters to simulate the same logs with: p1=…,p2=…,p3=…; without p4 the best. May be
+        repeated.
     save
         Save the identification (.json) for other commands.
     """

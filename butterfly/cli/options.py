@@ -110,7 +110,7 @@ class DataOptions:
 
     columns: Pairs = None
     units: Pairs = None
-    input: Literal["voltage", "torque"] | None = None
+    input: Literal["voltage", "torque", "none"] | None = None
     arm: Annotated[float | None, Parameter(metavar="m")] = None
     known: Pairs = None
     zero: Annotated[str | None, _Detail, Parameter(metavar="rad", allow_leading_hyphen=True)] = None

@@ -8,6 +8,7 @@ each sentence in one line, which `grep` finds whole.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -19,6 +20,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from butterfly.progress import current_search
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -282,12 +285,19 @@ def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
 def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
     """Yield items; a thread tells how many are done, however long one takes."""
     begin, done, over = time.monotonic(), 0, threading.Event()
-    of = f" of {len(items)}" if isinstance(items, Sized) else ""
+    count = len(items) if isinstance(items, Sized) else 0
+    search = current_search()
+    before = search.simulations
 
     def tell() -> None:
         while not over.wait(EVERY):
-            line = f"{description}: {done}{of} done, {time.monotonic() - begin:.0f} s"
-            print(line, file=sys.stderr, flush=True)
+            spent = time.monotonic() - begin
+            far = f"{done}{f' of {count}' if count else ''} done"
+            if count == 1:  # which takes what its simulations take
+                far = f"{search.simulations - before} simulations of all logs"
+            left = f", about {spent / done * (count - done):.0f} s left" if 0 < done < count else ""
+            ends = "" if math.isinf(search.seconds) else f" (searches for {search.seconds:g} s)"
+            print(f"{description}: {far}, {spent:.0f} s{left}{ends}", file=sys.stderr, flush=True)
 
     threading.Thread(target=tell, daemon=True).start()
     try:

@@ -54,13 +54,16 @@ def compare_three(
     track: Track = untracked,
 ) -> list[ThreeWay]:
     """Simulate logs by number in MuJoCo, with a hand of a mass in kg, and by the grey box."""
+    data.require_angles("MuJoCo")
     predictor = data.simulations
     found = []
     for number in track(numbers, "Simulating twice"):
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
-        robot, added = Robot.of_loaded(parameters, log.added_mass, mass)
+        # of a joint that nothing drives any gain will do
+        driven = replace(parameters, p4=parameters.p4 or 1.0)
+        robot, added = Robot.of_loaded(driven, log.added_mass, mass)
         joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
         mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive)
         greybox = predictor.run_with(number, setting).simulated

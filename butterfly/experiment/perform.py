@@ -26,13 +26,16 @@ from butterfly.experiment.schema import ControlSpec, Experiment
 from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
+from butterfly.identification.derived_quantities import implied
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify, judged
+from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.simulation import rehearse
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
+from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
 from butterfly.result import versions
@@ -106,6 +109,7 @@ class RunResult:
         """Do it; raise what ends it early."""
         experiment, data = self._experiment, None
         if experiment.runs():
+            self._refuse_without_scale()
             beside = nullcontext() if self._threads == 1 else compiling_beside(rehearse)
             with self.timed("simulate"), beside:
                 self.logs.extend(simulate(experiment, threads=self._threads, track=self._track))
@@ -118,6 +122,18 @@ class RunResult:
                 self.orbit = self._hold_orbit(experiment.control, data)
         elif not self.identifications:
             raise IdentifiabilityError(self._estimates[0].error)
+
+    def _refuse_without_scale(self) -> None:
+        """Refuse masses that tell no estimator the scale, before anything is simulated."""
+        experiment, specs = self._experiment, self._experiment.all_estimators
+        if experiment.control is not None or any(spec.method == "thesis" for spec in specs):
+            return
+        known = implied(Prior.of(experiment.known), experiment.input_kind)
+        try:
+            refuse_without_scale(experiment.added_masses, known)
+        except IdentifiabilityError as error:
+            self._estimates += [EstimateRecord(estimator=s.label, error=str(error)) for s in specs]
+            raise
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:

@@ -263,8 +263,13 @@ class Experiment(StrictModel):
             raise ValueError("at least one of the keys excitations, signals and control.believed")
         Prior.of(self.known)
         self.plant.clock.count(self.duration)
-        for added in self.added_masses:
+        for number, added in enumerate(self.added_masses):
             self.plant.robot.loaded(added)
+            if added.mass and not added.arm:
+                name = f"added_masses.{number}.arm"
+                raise InputError(
+                    "experiment", name, 0, f"more than 0 m, where {added.mass:g} kg are"
+                )
         shortest = min([self.duration, *([self.control.duration] if self.control else [])])
         if self.plant.clock.step * MIN_SAMPLES > shortest:
             expected = f"up to {shortest / MIN_SAMPLES:g} s, {MIN_SAMPLES} cycles in the duration"

@@ -34,6 +34,7 @@ from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import NO_PRIOR, Known, Prior
+from butterfly.model.terms import OF_ANGLE
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
@@ -100,7 +101,7 @@ class DataSet:
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
-        kinds = sorted({log.input_kind for log in recorded})
+        kinds = sorted({log.input_kind for log in recorded} - {InputKind.NONE})
         if len(kinds) > 1:
             raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
         joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
@@ -117,7 +118,7 @@ class DataSet:
             name=name,
             description=description,
             manifest=manifest,
-            input_kind=recorded[0].input_kind,
+            input_kind=kinds[0] if kinds else InputKind.NONE,
             given=given,
             known=_implied(given, recorded),
             recorded=tuple(recorded),
@@ -157,7 +158,14 @@ class DataSet:
 
     @cached_property
     def offsets(self) -> tuple[EncoderOffset, ...]:
-        """Encoder reading where the model's angle is 0, for each log, and how it was found."""
+        """Encoder reading where the model's angle is 0, for each log, and how it was found.
+
+        InputError if there is none, for want of an angle that matters.
+        """
+        known = self.known.parameters.items()
+        acting = [name for name, each in known if name in OF_ANGLE and each != Known(value=0.0)]
+        if acting or self.hangs:
+            self.require_angles((*acting, "gravity")[0])
         return encoder_offsets(self.logs, self.points)
 
     @cached_property
@@ -213,6 +221,16 @@ class DataSet:
     def counted(self) -> list[int]:
         """Numbers of the logs by whose free runs a model is judged: the calm ones, or else all."""
         return self.calm or list(range(len(self.logs)))
+
+    def require_angles(self, *needed: str) -> None:
+        """Raise InputError if something needs the angle, and a log has only a velocity."""
+        lacking = next((log for log in self.recorded if log.integrated), None)
+        if lacking is not None and needed:
+            expected = (
+                f"an angle, for {needed[0]} (weak-form and output-error do without one where no "
+                "gravity acts: --gravity 0, --joint slide, or --known p3=0 of a balanced joint)"
+            )
+            raise InputError(lacking.source, "angle", "a velocity alone", expected)
 
     def __repr__(self) -> str:
         return (
@@ -314,8 +332,16 @@ class DataSet:
 
 
 def _of_logs(logs: Sequence[Log]) -> Prior:
-    """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
-    absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
+    """Tell what follows of the logs: across no gravity is no moment, without input nothing late.
+
+    Nor of any gain: where nothing ever drives, p4 is none.
+    """
+    absent = {
+        "p3": not logs[0].added_mass.gravity,
+        "spring": any(log.integrated for log in logs),
+        "delay": not is_driven(logs),
+        "p4": all(log.input_kind is InputKind.NONE for log in logs),
+    }
     zero = Known(value=0.0)
     return Prior({name: zero for name, holds in absent.items() if holds})
 
@@ -343,7 +369,8 @@ def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None,
     """Fit the steady response of each sine; a refusal names the slip that explains it."""
     try:
         return tuple(
-            response_point(log) if log.excitation else None for log in track(logs, "Fitting sines")
+            response_point(log) if log.excitation and not log.integrated else None
+            for log in track(logs, "Fitting sines")
         )
     except InputError as error:
         raise with_unit_errors(error, unit_errors_of_refused(logs)) from None

@@ -114,6 +114,7 @@ def next_experiments(
     model; ``estimate``: with its covariance; ``largest_swing``: allowed, in rad or m;
     `LARGEST_SWING`, or what a slide's logs have shown, if not given.
     """
+    estimate.parameters.require_gain("design")
     if largest_swing is None:
         seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
         largest_swing = seen if data.joint is JointKind.SLIDE else LARGEST_SWING

@@ -100,7 +100,7 @@ class DrawnRun:
     def serves(self, log: Log, setting: Setting) -> bool:
         """Whether a log would be simulated alike: the same record, perhaps read again."""
         asked, own = (
-            (each.time, each.angle, *each.command, np.array(each.initial_state))
+            (each.time, each.measured, *each.command, np.array(each.initial_state))
             for each in (log, self.log)
         )
         return (
@@ -252,7 +252,7 @@ def _of_log(data: DataSet, number: int, draws: ParameterDraws, wanted: Container
         draws.estimate.names, setting.parameters, setting.zero, setting.velocity
     )
     jacobian = rows @ mixture
-    square = log.rms_motion**2 or _TINY
+    square = log.rms_measured**2 or _TINY
     shown = samples_of_bands(log) if log.name in wanted else None
     start = setting.run(simulation).rms ** 2 / square
     risen, angles = [], []

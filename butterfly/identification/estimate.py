@@ -116,9 +116,17 @@ class Estimate:
                 known=True,
                 claim="known",
             )
-            for name, value in self.known.fixed.items()
+            for name, value in self.told.fixed.items()
         ]
         return tuple(rows)
+
+    @property
+    def told(self) -> Prior:
+        """What was known beforehand; not the 0 of p4 and delay where nothing drives."""
+        if self.input_kind is not InputKind.NONE:
+            return self.known
+        absent = {name for name in ("p4", "delay") if self.known.fixed.get(name) == 0}
+        return self.known.within(self.known.values.keys() - absent)
 
     def _about(self, name: str, truth: Mapping[str, float] | None) -> dict[str, Any]:
         term = TERMS[name]
@@ -253,7 +261,8 @@ class Estimate:
         if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
             return Level.WARNING
         near = all(self.reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
-        return Level.GOOD if near else Level.CARE
+        stopped = any(each.kind is FindingKind.SEARCH_STOPPED for each in self.findings)
+        return Level.GOOD if near and not stopped else Level.CARE
 
     @property
     def reach(self) -> dict[str, float]:

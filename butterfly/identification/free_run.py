@@ -28,8 +28,9 @@ _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 class FreeRun:
     """A log and its simulation with the recorded input, from the first sample on or in segments.
 
-    ``simulated`` is the (n,) angle in rad at the log's stamps, from the encoder's zero; segments
-    are no longer than the ``horizon`` in s, each from a start of its own.
+    ``simulated`` is what the log measures at its (n,) stamps: the angle in rad from the encoder's
+    zero, or the velocity; segments are no longer than the ``horizon`` in s, each from a start of
+    its own.
     """
 
     log: Log
@@ -44,7 +45,7 @@ class FreeRun:
     @cached_property
     def fit(self) -> float:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        return fit_of(self.rms, self.log.rms_motion)
+        return fit_of(self.rms, self.log.rms_measured)
 
     @cached_property
     def velocity_fit(self) -> float:
@@ -52,6 +53,8 @@ class FreeRun:
 
         The angle of a joint that goes on and on has a FIT near 100 for any inertia.
         """
+        if self.log.integrated:
+            return self.fit
         grid = uniform_grid(self.log.time)
         step = float(grid[1] - grid[0])
         reach = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
@@ -69,9 +72,9 @@ class FreeRun:
 
     @cached_property
     def rms(self) -> float:
-        """Rms error in rad."""
+        """Rms error, in rad or rad/s."""
         with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
-            error = self.simulated - self.log.angle
+            error = self.simulated - self.log.measured
             return float(np.sqrt(error @ error / error.size))
 
 
@@ -130,8 +133,8 @@ class Setting:
     def run(self, simulation: Simulation | Segments) -> FreeRun:
         """Simulate a log."""
         motion = simulation.run(self.parameters, self.zero, self.velocity)
-        angle = motion.at(simulation.log.time)
-        return FreeRun(log=simulation.log, simulated=angle, horizon=self.horizon)
+        simulated = motion.at(simulation.log.time)
+        return FreeRun(log=simulation.log, simulated=simulated, horizon=self.horizon)
 
 
 class Simulations:

@@ -33,7 +33,7 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, current_search, untracked
 
 _CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
 _MIMICS = "mass_inertia"  # the term that a wrong clock looks like
@@ -100,7 +100,13 @@ def judge(
         *judge_knowledge(found, data),
         *judge_basis(found, data),
     )
-    return judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
+    sure = judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
+    search = current_search()
+    if not search.left_out:
+        return sure
+    left_out = tuple(search.left_out)
+    stopped = Finding(FindingKind.SEARCH_STOPPED, left_out, number=search.seconds)
+    return sure.with_findings(stopped)
 
 
 def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:

@@ -45,7 +45,7 @@ _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Band:
-    """(m,) angles in rad, between which (m,) angles are expected."""
+    """(m,) angles in rad, or velocities, between which (m,) are expected."""
 
     lower: Samples
     upper: Samples
@@ -78,8 +78,8 @@ class Prediction:
 
     @property
     def measured(self) -> Samples:
-        """(m,) measured angles in rad where the bands are."""
-        return self.run.log.angle[self.samples]
+        """(m,) what was measured where the bands are."""
+        return self.run.log.measured[self.samples]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,13 +117,13 @@ def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
     found = []
     further = math.sqrt(1 + 1 / len(data.masses))
     for number, log in enumerate(data.logs):
-        motion = log.rms_motion
+        motion = log.rms_measured
         if not motion:
             continue
         others = estimate.left_out.get(log.added_mass)
         own = estimate if others is None else replace(estimate, values=others)
         run = data.simulations.run(number, own)
-        relative = (log.angle - run.simulated) / motion * (further if others is None else 1.0)
+        relative = (log.measured - run.simulated) / motion * (further if others is None else 1.0)
         found.append(ExpectedErrors(log=log, relative=relative, unseen=others is not None))
     return found
 

@@ -22,6 +22,7 @@ from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.parameters import LumpedParameters
+from butterfly.progress import current_search
 
 _HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
@@ -65,13 +66,24 @@ class Segments:
         """Step of the simulation in s."""
         return self._counted[0].simulation.step
 
+    @property
+    def begins(self) -> list[InitialState]:
+        """Where the search for the start of each segment begins."""
+        return [each.near for each in self._segments]
+
+    @begins.setter
+    def begins(self, states: Sequence[InitialState]) -> None:
+        for each, own in zip(self._segments, states, strict=True):
+            each.near = own
+
     def run(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> SimulatedMotion:
         """Simulate the log (see `Simulation.run`), each segment from the start that fits best."""
         runs = [
             each.simulation.run(parameters, zero, each.begin(parameters, zero))
             for each in self._segments
         ]
-        return SimulatedMotion(tuple(piece for run in runs for piece in run.pieces))
+        pieces = tuple(piece for run in runs for piece in run.pieces)
+        return SimulatedMotion(pieces, self.log.integrated)
 
     def linearised(
         self,
@@ -142,8 +154,8 @@ class _Segment:
     def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, warm: bool) -> None:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
-        self._warm, self._near = warm, log.initial_state
-        self._spread = log.rms_motion**2
+        self._warm, self.near = warm, log.initial_state
+        self._spread = log.rms_measured**2
         self._sought = 1 if log.initial_state.velocity == 0 else len(_START)
 
     def expanded(
@@ -151,7 +163,7 @@ class _Segment:
     ) -> tuple[Samples, Samples, Samples, Samples]:
         """Return errors, derivatives (two) and directions at the best start (see `_About`)."""
         every = tuple(dict.fromkeys((*names, *_START)))
-        found = self._about(every, parameters, zero, self._near)
+        found = self._about(every, parameters, zero, self.near)
         if not found.settled:
             found = self._about(every, parameters, zero, self.begin(parameters, zero))
         directions, rows = found.directions, found.rows
@@ -161,14 +173,15 @@ class _Segment:
 
     def begin(self, parameters: LumpedParameters, zero: float) -> InitialState:
         """Return the start from which a simulation follows the segment best."""
-        begin = self._near
+        begin = self.near
         at = self._about(_START, parameters, zero, begin)
         if not math.isfinite(at.cost):
             begin = self.simulation.log.initial_state
             at = self._about(_START, parameters, zero, begin)
         reach = 1.0
         for tries in range(MOST):
-            if at.settled or reach < ROUNDING or (tries > _HOPEFUL and at.cost > self._spread):
+            hopeless = at.cost > self._spread or (self._warm and current_search().over)
+            if at.settled or reach < ROUNDING or (tries > _HOPEFUL and hopeless):
                 break
             there = InitialState(*(np.array(begin) + reach * at.step).tolist())
             tried = self._about(_START, parameters, zero, there)
@@ -177,7 +190,7 @@ class _Segment:
             else:
                 reach *= _SHORTER
         if self._warm:
-            self._near = begin
+            self.near = begin
         return begin
 
     def _about(
@@ -185,13 +198,14 @@ class _Segment:
     ) -> _About:
         """Differentiate by names, among them those of the start.
 
-        A change of the start moves the readings by 1 less what one of the zero does.
+        A change of the start moves angles by 1 less what one of the zero does, and no velocity.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             expansion = self.simulation.linearised(names, parameters, zero, begin)
             errors, rows, mixture = expansion
             by_zero, by_velocity = (rows @ mixture[:, [names.index(each) for each in _START]]).T
-        columns = np.column_stack([1 - by_zero, by_velocity]) * self._units
+        lifted = 1 - self.simulation.log.integrated - by_zero
+        columns = np.column_stack([lifted, by_velocity]) * self._units
         if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
             nowhere = np.zeros((errors.size, 0))
             return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))

@@ -40,14 +40,15 @@ class SimulatedMotion(NamedTuple):
     """The motion of a log: pieces of it, and of each the grid in s, angle in rad and velocity."""
 
     pieces: tuple[tuple[Samples, Samples, Samples], ...]  # angles from the encoder's zero
+    slopes: bool = False  # whether the log measures the velocity
 
     def at(self, instants: Samples) -> Samples:
-        """Return the angles in rad at increasing instants in s."""
+        """Return what the log measures, in rad or rad/s, at increasing instants in s."""
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
         return np.concatenate(
             [
-                polynomials.interpolate(*piece, own)
+                polynomials.interpolate(*piece, own, self.slopes)
                 for piece, own in zip(self.pieces, groups, strict=True)
             ]
         )
@@ -91,7 +92,7 @@ class Simulation:
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters)[0]
         angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
-        return SimulatedMotion(((self.grid, zero + angle, speed),))
+        return SimulatedMotion(((self.grid, zero + angle, speed),), self.log.integrated)
 
     def linearised(
         self,
@@ -102,7 +103,8 @@ class Simulation:
     ) -> tuple[Samples, Samples, Samples]:
         """Return the errors, and what they change by with n parameters, zero or velocity.
 
-        They are simulated less measured angle in rad, averaged over the samples of each grid
+        They are what is simulated less what was measured, angle in rad or velocity in rad/s,
+        averaged over the samples of each grid
         interval: the average keeps what the samples tell at a fraction of their number. Returned
         are (m,) errors, and (m, k) and (k, n) matrices whose product is the Jacobian.
         """
@@ -112,9 +114,10 @@ class Simulation:
         start = self._start(zero, begin)
         readings, measured, _ = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
+        rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
-            rows[:, zero_column] += 1  # it moves the start back, and all readings on
-        return values + (zero - measured), rows, columns.mixture
+            rows[:, zero_column] += rise  # it moves the start back, and all readings on
+        return values + (rise * zero - measured), rows, columns.mixture
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -161,10 +164,10 @@ class Simulation:
 
     @cached_property
     def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
-        """What is read off, and (m,) averages of the measured angle, and of how many samples."""
+        """What is read off, and (m,) averages of what was measured, and of how many samples."""
         log, first = self.log, self._first
         into, weights, measured, counts = polynomials.averages(
-            self.grid, log.time[first:], log.angle[first:]
+            self.grid, log.time[first:], log.measured[first:], log.integrated
         )
         return Readings(into=into, weights=weights), measured, counts
 

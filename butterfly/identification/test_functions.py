@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
@@ -162,9 +162,9 @@ class Averaging:
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
         self._places: dict[int, _Place] = {}
 
-    def moving_so(self, angle: NDArray[np.float64]) -> Averaging:
-        """Return the same of other (n,) angles in rad, with the same test functions."""
-        log, settings = replace(self._log, angle=angle), self._settings
+    def moving_so(self, measured: NDArray[np.float64]) -> Averaging:
+        """Return the same of another motion (see `Log.moving_so`), with the same test functions."""
+        log, settings = self._log.moving_so(measured), self._settings
         found = Averaging(log, self._zero, self._half_width, settings, self._balance)
         found._rests = self._rests
         return found

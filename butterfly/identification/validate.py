@@ -19,7 +19,7 @@ from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
 from butterfly.identification.splits import Division, Split, divide, remedy
 from butterfly.model.terms import COMPANIONS
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, out_of_time, untracked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,8 +58,11 @@ def cross_validate(
     """
     division, predictor = divide(data, split, folds), data.simulations
     squares = np.zeros((len(data.logs), 2))
-    estimates, horizon = {}, math.inf
+    estimates: dict[str, Estimate] = {}
+    horizon = math.inf
     for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
+        if estimates and out_of_time("parts of the data that were to be left out"):
+            break
         try:
             found = estimator(division.kept(data, name))
         except IdentifiabilityError as error:
@@ -73,8 +76,8 @@ def cross_validate(
 
 
 def _squares(run: FreeRun, stretch: slice) -> tuple[float, float]:
-    """Return sums of squares in rad^2 over a stretch of a log: errors of a free run, and motion."""
-    measured = run.log.angle
+    """Return sums of squares over a stretch of a log: errors of a free run, and motion."""
+    measured = run.log.measured
     with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
         error = float(np.sum((run.simulated[stretch] - measured[stretch]) ** 2))
     return error, float(np.sum((measured[stretch] - measured.mean()) ** 2))
@@ -123,10 +126,15 @@ def select_terms(
     best = fits.judge(chosen, first)
     passed = [chosen]
     while rest := [term for term in candidates if term not in chosen]:
+        if out_of_time("further terms"):
+            break
         scores = {
             term: fits.score((*chosen, term), first)
             for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
+            if not out_of_time("further terms")
         }
+        if len(scores) < len(rest):
+            break
         term = max(scores, key=lambda name: scores[name])
         found = fits.judge((*chosen, term), first)
         if found.mean < best.mean + 100 * SHOWS:
@@ -271,6 +279,8 @@ def bootstrap(
     values: list[Samples] = []
     failures = 0
     for _ in track(range(repetitions), "Bootstrap"):
+        if len(values) >= DRAWS and out_of_time("some repetitions of the bootstrap"):
+            break
         while True:
             rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
             try:

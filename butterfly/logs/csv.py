@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from butterfly.errors import InputError
 from butterfly.files import require_file, write_file
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
-    VELOCITY,
     ColumnMap,
     checked_map,
     chosen_columns,
@@ -31,7 +30,7 @@ from butterfly.logs.text_table import (
     read_text_table,
     require_narrow,
 )
-from butterfly.logs.units import AS_IS, Heading, Units, units_spelt, without_unit, words_in
+from butterfly.logs.units import AS_IS, Heading, Units, units_spelt, words_in
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
@@ -53,9 +52,13 @@ def read_csv(
     end, is dropped and counted. A row below the names may hold units. Without a map a column
     ``velocity`` is read too, if it holds numbers.
     """
-    wanted = checked_map(path, DEFAULT_COLUMNS if columns is None else columns)
-    table = _table(path, list(wanted.values()), () if columns else (VELOCITY,))
-    places, unasked = chosen_columns(path, table.names, columns)
+    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties.get("input_kind"))
+    table = _table(
+        path,
+        lambda names: chosen_columns(path, names, columns, properties)[0].values(),
+        by_number=all(str(each).isdecimal() for each in wanted.values()),
+    )
+    places, unasked = chosen_columns(path, table.names, columns, properties)
     reading = table.reading
     for field in unasked:
         if not isinstance(table.columns[places[field]], np.ndarray):
@@ -93,7 +96,7 @@ def write_csv(log: Log, path: Path) -> None:
 
 def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
     """Read (n,) numeric columns of a table by their names."""
-    table = _table(path, wanted)
+    table = _table(path, lambda names: [place(path, names, name) for name in wanted])
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
@@ -106,8 +109,13 @@ def holds_table(path: Path) -> bool:
     return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= len(DEFAULT_COLUMNS)
 
 
-def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ()) -> TextColumns:
-    """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
+def _table(
+    path: Path, wanted: Callable[[Sequence[str]], Iterable[int]], *, by_number: bool = False
+) -> TextColumns:
+    """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it.
+
+    ``wanted`` gives their numbers by the names of all.
+    """
     require_file(path, "an existing file")
     with path.open("rb") as file:
         require_narrow(path, 1, file.readline(_LONGEST_LINE).decode("latin-1"))
@@ -115,9 +123,7 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
         with csv.open_csv(path) as beginning:
             schema = beginning.schema
         names: Sequence[str] = schema.names
-        plain_names = {*names, *map(without_unit, names)}
-        known = [*wanted, *(name for name in welcome if name in plain_names)]
-        numbers = [place(path, names, name) for name in known]
+        numbers = [*wanted(names)]
         plain = all(is_number_type(schema.types[number]) for number in numbers)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
@@ -127,7 +133,7 @@ def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ())
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
-    if table.headless is not None and not all(str(each).isdecimal() for each in wanted):
+    if table.headless is not None and not by_number:
         found = f"{table.headless} above rows of {len(table.columns)} numbers"
         raise InputError(path, "header", found, _BY_NUMBER)
     return table

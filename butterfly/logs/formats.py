@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
-from butterfly.logs.log import SAMPLED, Log
+from butterfly.logs.log import SAMPLED, InputKind, Log
 from butterfly.logs.units import AS_IS, Heading, Units, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
@@ -70,13 +70,20 @@ DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
 
 VELOCITY = "velocity"
-"""Column that is read besides, where no map is given and it is there."""
+"""Column that is read besides, where no map is given and it is there, or in place of the angle."""
 
 _HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
+_HINTS = {
+    "input": ["input: none of the manifest or a log, or --input none, says that nothing drives it"],
+    "angle": ["velocity=W in place of angle=Q does where no gravity acts"],
+}
 
 
-def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
-    """Return a column map that says where time, input and angle stand, or refuse it."""
+def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict[str, str | int]:
+    """Return a column map that says where time, input and angle, or velocity, stand.
+
+    The input's ``kind`` may be none.
+    """
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
@@ -84,9 +91,11 @@ def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
             raise InputError(
                 source, f"columns.{field}", "an unknown field", nearest(field, SAMPLED)
             )
+    optional = {"angle": VELOCITY in columns, "input": kind == InputKind.NONE}
     for field in DEFAULT_COLUMNS:
-        if field not in columns:
-            raise InputError(source, f"columns.{field}", "nothing", "the name of a column")
+        if field not in columns and not optional.get(field):
+            expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
+            raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
 
 
@@ -106,18 +115,28 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     if number is not None:
         expected = f"a number from 0 to {len(names) - 1}, or a name"
         raise InputError(source, "columns", f"number {number}", expected)
-    expected = f"{nearest(str(wanted), names)} ({_HINT})"
+    hint = "; ".join([_HINT, *_HINTS.get(str(wanted), ())])
+    expected = f"{nearest(str(wanted), names)} ({hint})"
     raise InputError(source, str(wanted), "no such column", expected)
 
 
 def chosen_columns(
-    source: object, names: Sequence[str], columns: ColumnMap | None
+    source: object, names: Sequence[str], columns: ColumnMap | None, about: Mapping[str, Any]
 ) -> tuple[dict[str, int], list[str]]:
-    """Return the number of each column that is read, by field, and the fields unasked for."""
-    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns)
-    there = columns is None and any(VELOCITY in {name, without_unit(name)} for name in names)
-    unasked = [VELOCITY] if there else []
-    wanted |= dict(zip(unasked, unasked, strict=True))
+    """Return the number of each column that is read, by field, and the fields unasked for.
+
+    What is known ``about`` the log tells whether it may have no input.
+    """
+    kind = about.get("input_kind")
+    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, kind)
+    there, unasked = {*names, *map(without_unit, names)}, []
+    if columns is None and VELOCITY in there:
+        wanted |= {VELOCITY: VELOCITY}
+        unasked = [VELOCITY] if "angle" in there else []
+        if not {*map(without_unit, names)} - {"time", "input", VELOCITY}:  # nothing else is one
+            del wanted["angle"]
+    if columns is None and kind == InputKind.NONE and "input" not in there:
+        del wanted["input"]
     return {field: place(source, names, name) for field, name in wanted.items()}, unasked
 
 
@@ -154,7 +173,7 @@ def log_of_table(
     names = list(found)
     if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
         columns = dict(zip(SAMPLED, range(len(names)), strict=False))
-    places, unasked = chosen_columns("table", names, columns)
+    places, unasked = chosen_columns("table", names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}
     headings = {field: Heading(name=names[k], number=k) for field, k in places.items()}
     properties |= {"source": "table"}

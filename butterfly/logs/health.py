@@ -24,7 +24,7 @@ from butterfly.logs.faults import (
     saturated,
     unwrapped,
 )
-from butterfly.logs.log import Lead, Log
+from butterfly.logs.log import InputKind, Lead, Log
 from butterfly.logs.units import ASSUMED, ColumnReading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
@@ -95,6 +95,7 @@ class Health:
     middle: float = 0.0  # rad, median angle
     cut_lines: int = 0  # at the end of the file, cut off and dropped
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # what was read as what
+    integrated: bool = False  # whether the angle was not recorded, and is the velocity's integral
 
     @property
     def remarks(self) -> list[Remark]:
@@ -118,6 +119,8 @@ class Health:
             for count, thing, what, care in counted
             if count
         ]
+        if self.integrated:
+            found.append(Remark(Level.NOTE, "no angle recorded: the velocity is what is followed"))
         if self.turns > 1.0:
             text = f"turns {self.turns:.1f} times round"
             meant = self.wraps or (
@@ -168,11 +171,12 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
     is_gap = intervals > GAP_FACTOR * step
-    turning = clean.added_mass.joint is JointKind.HINGE
+    turning = clean.added_mass.joint is JointKind.HINGE and not clean.integrated
     wrapping = find_wrapping(clean.angle, is_gap) if turning else None
     if wrapping is not None:
         _refuse_wrapped(clean, wrapping, repairs)
         clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
+    driven = clean.input_kind is not InputKind.NONE
     regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(
         samples=log.time.size,
@@ -186,13 +190,14 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         step=step,
         jitter=float(np.sqrt(np.mean((regular - step) ** 2))),
         saturated=saturated(clean.input),
-        clipped=clipped(clean.angle),
-        idle=clean.time.size if np.ptp(clean.input) == 0 else 0,
+        clipped=0 if clean.integrated else clipped(clean.angle),
+        idle=clean.time.size if driven and np.ptp(clean.input) == 0 else 0,
         wraps=0 if wrapping is None else wrapping.rows.size,
         turns=float(np.ptp(clean.angle)) / (2 * math.pi) if turning else 0.0,
         middle=float(np.median(clean.angle)),
         cut_lines=log.reading.cut_lines,
         columns=log.reading.columns,
+        integrated=log.integrated,
     )
     return clean, health
 
@@ -252,14 +257,14 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
 
 def _refuse_implausible(log: Log) -> None:
     """Refuse a joint at rest, a sine without input, and numbers that no bench has."""
-    meanings = {"angle": "a moving joint (a log of one at rest is to be left out)"}
+    meanings = {log.measures: "a moving joint (a log of one at rest is to be left out)"}
     if log.excitation is not None:
         meanings["input"] = "an input that excites the joint"
     for name, meaning in meanings.items():
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
             raise InputError(log.source, name, f"a constant {column[0] + 0.0:g}", meaning)
-    for name in ("time", "input", "angle"):
+    for name in ("time", "input", log.measures):
         column = getattr(log, name)
         least, most = float(column.min()), float(column.max())
         largest, span = max(most, -least), most - least

@@ -30,7 +30,7 @@ def read_json(
     content, cut = _content(path)
     ways = _ways(content)
     names = [*map(".".join, ways)]
-    places, unasked = chosen_columns(path, names, columns)
+    places, unasked = chosen_columns(path, names, columns, properties)
     arrays = {field: _column(path, content, names[k], ways[k]) for field, k in places.items()}
     headings = {f: Heading(name=names[k], said=_said(content, ways[k])) for f, k in places.items()}
     properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}

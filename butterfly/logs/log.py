@@ -37,7 +37,9 @@ _NOTABLE = 0.1  # share of the rms velocity, from which on a beginning is in mot
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
 SAMPLED = ("time", "input", "angle", "velocity")
-"""The sampled columns of a log; the last may be missing."""
+"""The sampled columns of a log; one of the last two may be missing."""
+
+_NOT_RECORDED: Samples = np.empty(0)
 
 
 class InputKind(StrEnum):
@@ -45,6 +47,7 @@ class InputKind(StrEnum):
 
     VOLTAGE = "voltage"
     TORQUE = "torque"
+    NONE = "none"  # nothing drives: a joint that swings freely needs no such column
 
 
 class Intersample(StrEnum):
@@ -117,11 +120,12 @@ class Log:
     time
         (n,) stamps in s, as recorded (see `butterfly.logs.health` for repeated or backward ones).
     input
-        (n,) command at each stamp: V, or units of torque command.
+        (n,) command at each stamp: V, or units of torque command; 0 where nothing drives.
     angle
-        (n,) rad, from the encoder's own zero.
+        (n,) rad, from the encoder's own zero. Without one it is the integral of the velocity, which
+        does where no gravity acts.
     velocity
-        (n,) rad/s, or None. Kept for display: identification does not use it.
+        (n,) rad/s, or None. Beside an angle it is kept for display.
     input_kind, intersample
         What the command means, and how it is held between stamps.
     added_mass
@@ -140,11 +144,13 @@ class Log:
         What distinguishes the log from the others of its data set (see `with_unique_names`).
     reading
         How its file was read.
+    integrated
+        Whether the angle was not recorded, and is the integral of the velocity.
     """
 
     time: Samples
-    input: Samples
-    angle: Samples
+    input: Samples = field(default_factory=lambda: _NOT_RECORDED)
+    angle: Samples = field(default_factory=lambda: _NOT_RECORDED)
     velocity: Samples | None = None
     _: KW_ONLY
     input_kind: InputKind = InputKind.VOLTAGE
@@ -156,8 +162,10 @@ class Log:
     source: str = "log"
     name: str = ""
     reading: FileReading = AS_WRITTEN
+    integrated: bool = False
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "integrated", self.integrated or self.angle is _NOT_RECORDED)
         for name in SAMPLED:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._column(name))
@@ -168,6 +176,26 @@ class Log:
                 raise InputError(self.source, name, getattr(self, name), expected)
         if self.zero is not None:
             object.__setattr__(self, "zero", known_of(self.zero, self.source, "zero"))
+        self._declare_input()
+        self._require_lengths()
+        if self.integrated:
+            if self.velocity is None:
+                raise InputError(self.source, "angle", "nothing", "an angle, or a velocity")
+            object.__setattr__(self, "angle", _integral(self.time, self.velocity))
+
+    def _declare_input(self) -> None:
+        """Set the input of a joint that swings freely to 0; refuse one that says otherwise."""
+        free = self.input_kind is InputKind.NONE
+        if self.input is _NOT_RECORDED:
+            if not free:
+                expected = "an input, or the kind of input none where nothing drives the joint"
+                raise InputError(self.source, "input", "nothing", expected)
+            object.__setattr__(self, "input", np.zeros(self.time.size))
+        elif free and np.any(self.input):
+            found = f"{self.input[np.flatnonzero(self.input)[0]]:g}"
+            raise InputError(self.source, "input", found, "0 throughout, where nothing drives")
+
+    def _require_lengths(self) -> None:
         n = self.time.size
         for name, column in self.columns().items():
             if column.shape != (n,):
@@ -182,7 +210,7 @@ class Log:
         *,
         time: str = "time",
         input: str = "input",  # noqa: A002 - the column's name in a log
-        angle: str = "angle",
+        angle: str | None = "angle",
         velocity: str | None = None,
         units: Mapping[str, str | float] | None = None,
         **properties: Any,  # noqa: ANN401 - the other fields of the class
@@ -194,7 +222,7 @@ class Log:
         frame
             The table.
         time, input, angle, velocity
-            Names of its columns; the last may be None.
+            Names of its columns; one of the last two may be None.
         units
             Of the columns (see `butterfly.logs.units`), besides what their names say in brackets.
         properties
@@ -251,6 +279,8 @@ class Log:
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return what a sampled column may measure, the project's own unit of it first."""
         turns = self.added_mass.joint is JointKind.HINGE
+        if name == "input" and self.input_kind is InputKind.NONE:
+            return ("voltage", "torque", "force", "current", "share")
         if name == "input" and self.input_kind is InputKind.VOLTAGE:
             return ("voltage",)
         if name == "input":
@@ -299,8 +329,10 @@ class Log:
         )
 
     def columns(self) -> dict[str, Samples]:
-        """Return the sampled columns that this log has, by name."""
+        """Return the sampled columns that were recorded, by name."""
         values = {name: getattr(self, name) for name in SAMPLED}
+        if self.integrated:
+            del values["angle"]
         return {name: value for name, value in values.items() if value is not None}
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Log:
@@ -329,6 +361,31 @@ class Log:
             return self.time, self.input
         time = np.concatenate([self.lead.time, self.time])
         return time, np.concatenate([self.lead.input, self.input])
+
+    @property
+    def measures(self) -> str:
+        """Name of the column that says how it moves: the angle, or else the velocity."""
+        return "velocity" if self.integrated else "angle"
+
+    @property
+    def measured(self) -> Samples:
+        """(n,) what that column holds."""
+        return np.asarray(getattr(self, self.measures))
+
+    @property
+    def unit(self) -> str:
+        """Unit of what was measured."""
+        return self.added_mass.joint.way + ("/s" if self.integrated else "")
+
+    def moving_so(self, measured: Samples) -> Log:
+        """Return the log of another motion: (n,) of what was `measured`."""
+        moved: dict[str, Any] = {"velocity": None, self.measures: measured}
+        return replace(self, **moved)
+
+    @cached_property
+    def rms_measured(self) -> float:
+        """Rms of what was measured about its mean."""
+        return float(np.std(self.measured))
 
     @cached_property
     def rms_motion(self) -> float:
@@ -382,6 +439,13 @@ class Log:
         if self.excitation is None:
             return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
+
+
+def _integral(time: Samples, velocity: Samples) -> Samples:
+    """Return (n,) angles in rad, the first 0, of (n,) velocities in rad/s."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of stamps and samples not looked at yet
+        steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:

@@ -90,6 +90,8 @@ class LogEntry(StrictModel):
     """Of the sine that was commanded, in rad/s."""
     amplitude: Annotated[float, Field(gt=0)] | None = None
     """Of that sine, in units of the input; neither for any other input."""
+    input: Literal[InputKind.NONE] | None = None
+    """``none``: nothing drove the joint in this log, which needs no input column."""
     zero: Uncertain | None = None
     """What the encoder reads in rad where the hand hangs, if known of this log by itself."""
     begin: Annotated[float | None, Field(alias="from")] = None
@@ -151,7 +153,8 @@ class Manifest(StrictModel):
     """Folder of the files, relative to the manifest; ``${NAME}`` is an environment variable, and
     what begins with one is relative to where the command runs."""
     input: Annotated[InputKind, _Rule.FILLS]
-    """What the input column commands."""
+    """What the input column commands: ``voltage`` or ``torque``; ``none`` where nothing drives the
+    joint, which swings freely."""
     intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
     """How the command is held between its samples."""
     sign: Literal[1, -1] = 1
@@ -267,7 +270,7 @@ class Manifest(StrictModel):
     def properties(self, entry: LogEntry) -> dict[str, Any]:
         """Return the fields of `Log` that no file knows, for one of the logs."""
         return {
-            "input_kind": self.input,
+            "input_kind": entry.input or self.input,
             "intersample": self.intersample,
             "added_mass": self.added_mass(entry),
             "excitation": self.excitation(entry),

@@ -35,7 +35,8 @@ def read_mat(
         arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
         headings = {field: Heading(name=_MATRIX, number=k) for k, field in enumerate(arrays)}
     else:
-        mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
+        wanted = checked_map(path, columns, properties.get("input_kind"))
+        mapping = {field: _parts(name) for field, name in wanted.items()}
         said: dict[str, dict[str, str]] = {}
         variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
@@ -52,6 +53,8 @@ def write_mat(log: Log, path: Path) -> None:
     Not compressed: angles and velocities hardly shrink, and to inflate them takes longer than all
     else that is done with a log of a minute.
     """
+    if log.integrated:
+        raise InputError(path, "angle", "a velocity alone", "an angle; or another format")
     with replacing(path) as draft:
         savemat(draft, {_MATRIX: np.column_stack(list(log.columns().values()))})
 

@@ -15,7 +15,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file
 from butterfly.logs.formats import ColumnMap, chosen_columns
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import AS_IS, Heading, Units
 
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
@@ -40,7 +40,9 @@ def read_mcap(
     names = list(table)
     if columns is None:
         columns = _only_joint(path, names)
-    places, _ = chosen_columns(path, names, columns)
+        if properties.get("input_kind") == InputKind.NONE:
+            del columns["input"]
+    places, _ = chosen_columns(path, names, columns, properties)
     arrays = {field: table[names[k]] for field, k in places.items()}
     if not np.any(arrays["time"]):
         expected = "stamps in the messages' headers, or log_time as the column time"

@@ -34,7 +34,7 @@ def read_parquet(
     try:
         with parquet.ParquetFile(path) as file:
             schema = file.schema_arrow
-            places, unasked = chosen_columns(path, schema.names, columns)
+            places, unasked = chosen_columns(path, schema.names, columns, properties)
             for field in unasked:
                 if not is_number_type(schema.types[places[field]]):
                     del places[field]

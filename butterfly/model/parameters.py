@@ -279,6 +279,12 @@ class LumpedParameters(FrictionTerms, DriveTerms):
     back_emf: float = 0.0
     time_constant: float = 0.0
 
+    def require_gain(self, source: str) -> None:
+        """Raise InputError if nothing drives the joint: p4 stands at 0."""
+        if self.p4 == 0:
+            expected = "the gain of a drive: from a log of the driven joint, or known: {p4: ...}"
+            raise InputError(source, "p4", "0, as nothing drives the joint", expected)
+
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand carrying ``added`` (78), its weight on the bearing."""
         return replace(

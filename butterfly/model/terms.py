@@ -323,6 +323,9 @@ DRY = tuple(row for row in _ROWS if row.dry)
 CONSERVATIVE = tuple(row for row in _ROWS if row.potential is not None)
 """What has a potential."""
 
+OF_ANGLE = {row.name for row in CONSERVATIVE} - {"bias"} | {"tilt"}
+"""What depends on where the joint is."""
+
 DISSIPATIVE = tuple(
     row for row in _ROWS if row.basis and not row.potential and row.name not in {"p4", *DRIVE}
 )

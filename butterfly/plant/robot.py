@@ -75,6 +75,7 @@ class Robot:
         more where no hand so light moves so. The delay is left out.
         """
         plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
+        plain.require_gain("robot")
         if not plain.p1 > 0:
             raise InputError("Hand", "p1", plain.p1, "more than 0 kg m², for a hand to be possible")
         pull = GRAVITY * math.cos(plain.tilt)

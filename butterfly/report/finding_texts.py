@@ -14,6 +14,7 @@ from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.conditions import Condition
 from butterfly.model.terms import TERMS
+from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.format import counted, fit_text, times_text
 from butterfly.verdict import Level, Verdict
@@ -32,6 +33,7 @@ _OF_MODEL = {
     FindingKind.MISFIT,
     FindingKind.NO_MISFIT,
     FindingKind.SCATTER,
+    FindingKind.SEARCH_STOPPED,
     FindingKind.CLOCK,
     FindingKind.CLOCK_SET,
     FindingKind.OMEGA_SET,
@@ -94,8 +96,9 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
         if estimate.ending is not Ending.CONVERGED:
             why.append("The fit did not settle.")
         values = " ".join(why)
-    model = model_sentence(estimate)
-    return Verdict(level, (values, model) if model else (values,))
+    stopped = (each for each in estimate.findings if each.kind is FindingKind.SEARCH_STOPPED)
+    lines = (values, model_sentence(estimate), *(finding_text(each, {}) for each in stopped))
+    return Verdict(level, tuple(filter(None, lines)))
 
 
 def require_possible(estimate: Estimate) -> Verdict:
@@ -276,6 +279,7 @@ _RESTS_ON = {
     "arm": "the arm (1 % is up to 2 % of p1)",
     "input_scale": "the scale of the input (1 % of p4)",
     "angle_scale": "a centred encoder of right scale (1 % of p4)",
+    "velocity_scale": "the scale of the velocity (1 % of p4)",
     "time_scale": "the clock (2 % of p1)",
 }
 
@@ -340,6 +344,9 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.INSEPARABLE: (
         "Not fitted, since these data cannot tell {names} from the other terms."
     ),
+    FindingKind.SEARCH_STOPPED: lambda finding, _: stopped_text(
+        _number(finding), finding.parameters
+    ),
     FindingKind.OTHER_END: (
         "Started elsewhere the fit ends elsewhere, where it follows the logs less well "
         "({number:.3g} times the squared error): the best of the ends is given."
@@ -380,6 +387,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
+    FindingKind.UNDRIVEN: (
+        "Nothing drives the joint in these logs: {names} are not estimated. Add a log of the "
+        "driven joint for them."
+    ),
     FindingKind.NO_UNCERTAINTY: (
         "{number:.0f} resonance frequencies for {count} parameters leave no room for a statement "
         "of uncertainty."

@@ -57,12 +57,12 @@ def identification_page(
         ),
         Section(
             title="Measured against simulated",
-            text="The model runs free: it is told the input, and of the angle the start alone.",
+            text="The model runs free: it is told the input, and of the motion the start alone.",
             series={"time": time_series(runs, [log.band for log in residuals.logs])},
         ),
         Section(
             title="Residuals",
-            text="Measured less simulated angle of the chosen log, after small changes of the "
+            text="Measured less simulated motion of the chosen log, after small changes of the "
             "parameters: how like itself it is a while later, and how like the input before it. "
             "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
             "leaves them is something that the model misses. Below, at which frequencies.",

@@ -117,10 +117,10 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     """Tabulate a log's clock, range, dominant frequency and findings, as names and texts."""
     few = thinned(log, _ENOUGH)
     grid = uniform_grid(few.time)
-    swing = resample(few.time, few.angle, grid)
+    swing = resample(few.time, few.measured, grid)
     swing = swing - swing.mean()
     omega, power = periodogram(swing, grid[1] - grid[0])
-    bin_width, way = omega[0], log.added_mass.joint.way
+    bin_width, way, measured = omega[0], log.unit, log.measured
     return [
         ("state", STATES[health.condition]),
         ("findings", "; ".join(health.findings) or "none"),
@@ -132,10 +132,10 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("longest interval", f"{1e3 * health.longest_gap:.2f} ms"),
         ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
-        ("angle", f"{log.angle.min():.5g} … {log.angle.max():.5g} {way}"),
+        (log.measures, f"{measured.min():.5g} … {measured.max():.5g} {way}"),
         (
             "amplitude",
-            f"{rms_amplitude(swing):.4g} {way} (√2 rms), mean {log.angle.mean():.4g} {way}",
+            f"{rms_amplitude(swing):.4g} {way} (√2 rms), mean {measured.mean():.4g} {way}",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),

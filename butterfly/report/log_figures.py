@@ -52,10 +52,10 @@ def recorded_figure(log: Log) -> Figure:
 
 
 def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> Figure:
-    """Draw measured and simulated angle, and their difference in its band, against time."""
+    """Draw measured and simulated motion, and their difference in its band, against time."""
     time, angle, simulated, lower, upper, difference = _time_curves(run, band, most)
-    way = run.log.added_mass.joint.way
-    titles = (f"angle in {way}", f"measured −<br>simulated in {way}")
+    way = run.log.unit
+    titles = (f"{run.log.measures} in {way}", f"measured −<br>simulated in {way}")
     figure = panels("time in s", titles, 500, shares=(0.62, 0.38))
     lines = {"mode": "lines", "hovertemplate": f"%{{x:.2f}} s: %{{y:.4f}} {way}"}
     add(figure, 1, time, angle, name="measured", line={"color": PALETTE[0], "width": 1.5}, **lines)
@@ -80,24 +80,24 @@ def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> S
 def _time_curves(
     run: FreeRun, band: ErrorBand | None, most: int
 ) -> tuple[NDArray[np.floating[Any]], ...]:
-    """Return (n,) times in s, and measured, simulated, limits and difference of angles in rad."""
-    log, difference = run.log, run.log.angle - run.simulated
+    """Return (n,) times in s, and what is measured, simulated, its limits and the difference."""
+    log, difference = run.log, run.log.measured - run.simulated
     reach = np.full_like(difference, np.nan)
     if band is not None:
         reach = np.interp(log.time, band.time, band.reach, left=np.nan, right=np.nan)
     every = max(1, round(_STEP / log.mean_step))
-    some = seen_samples([log.angle, difference], most, every=every)
-    columns = (log.angle, run.simulated, -reach, reach, difference)
+    some = seen_samples([log.measured, difference], most, every=every)
+    columns = (log.measured, run.simulated, -reach, reach, difference)
     with np.errstate(over="ignore"):  # what ran away is not drawn
         return log.time[some], *(column[some].astype(np.float32) for column in columns)
 
 
 def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
-    """Draw amplitudes of a log's angle, and of its residual, over frequency."""
+    """Draw amplitudes of a log's motion, and of its residual, over frequency."""
     omega, *curves = _spectra(run, residuals)
-    way = run.log.added_mass.joint.way
+    way = run.log.unit
     looks = {
-        "measured angle": {"color": GREY, "width": 1},
+        f"measured {run.log.measures}": {"color": GREY, "width": 1},
         "measured − simulated": {"color": PALETTE[0], "width": 1.4},
         "what the sensor explains": {"color": PALETTE[5], "width": 1.2, "dash": "dash"},
     }
@@ -123,9 +123,8 @@ def _spectra(run: FreeRun, residuals: LogResiduals) -> tuple[NDArray[np.float64]
     every = max(1, log.time.size // _MOST_SAMPLES)
     time = log.time[::every]
     grid = np.linspace(time[0], time[-1], fft.next_fast_len(time.size, real=True))
-    columns = [
-        resample(time, each[::every], grid) for each in (log.angle, log.angle - run.simulated)
-    ]
+    measured = log.measured
+    columns = [resample(time, each[::every], grid) for each in (measured, measured - run.simulated)]
     step = float(grid[1] - grid[0])
     with np.errstate(over="ignore", invalid="ignore"):  # of a run that ran away there is none
         spectra = [periodogram(values - values.mean(), step) for values in columns]
@@ -195,9 +194,9 @@ def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
 
 
 def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
-    """Draw angle and bands against time, and below both less the free run; if so, ``measured``."""
-    way = prediction.run.log.added_mass.joint.way
-    titles = (f"angle in {way}", f"less free run, {way}")
+    """Draw motion and bands against time, and below both less the free run; if so, ``measured``."""
+    way = prediction.run.log.unit
+    titles = (f"{prediction.run.log.measures} in {way}", f"less free run, {way}")
     figure = panels("time in s", titles, 460, shares=(0.55, 0.45))
     centre = prediction.run.simulated[prediction.samples]
     lines = {"free run": (centre, PALETTE[5])}

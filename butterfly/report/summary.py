@@ -25,24 +25,32 @@ from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
+_MEASURED = {
+    ("angle",): "angle",
+    ("velocity",): "velocity (no angle was recorded)",
+    ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
+}
+
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
     fit, data, estimate = identification.fit, identification.data, identification.estimate
-    drive = "voltage" if data.input_kind == "voltage" else "torque command"
+    drives = {"voltage": "driven by voltage", "none": "swinging freely"}
+    drive = drives.get(data.input_kind, "driven by torque command")
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
-    known = ", ".join(f"{name} = {value}" for name, value in estimate.known.values.items())
+    known = ", ".join(f"{name} = {value}" for name, value in estimate.told.values.items())
+    measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
+    also = f", and its velocity with {fit_text(identification.velocity_fit.median)} %"
+    besides = also if measured == "angle" else ""
     worst = min(identification.fits, key=lambda name: identification.fits[name])
     return [
         *estimate_verdict(estimate).lines,
-        f"{counted(len(data.logs), 'log')} with {carried}, driven by {drive}, "
-        f"method: {estimate.method}.",
+        f"{counted(len(data.logs), 'log')} with {carried}, {drive}, method: {estimate.method}.",
         f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
-        f"the measured angle with a median FIT of {fit_text(fit.median)} % (mean "
-        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %, of {worst}), and its velocity "
-        f"with {fit_text(identification.velocity_fit.median)} %; 100 % is perfect, 0 % no better "
-        "than a constant.",
+        f"the measured {measured} with a median FIT of {fit_text(fit.median)} % (mean "
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %, of {worst}){besides}; 100 % is "
+        "perfect, 0 % no better than a constant.",
         *held_out_sentences(identification.held_out),
         *_thinned(data),
         *([f"Known beforehand: {known}."] if known else []),

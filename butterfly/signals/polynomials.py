@@ -17,12 +17,13 @@ _BLOCK = 1024  # samples that stay in the fastest cache
 
 
 @compiled
-def averages(grid, instants, values):
-    """Average the polynomials, and values, over the instants in each interval of a grid.
+def averages(grid, instants, values, slopes):
+    """Average the polynomials, or their ``slopes``, and values over the instants in each interval.
 
     What is averaged is linear in the ends of the interval: four numbers stand for many instants.
-    Returns (n - 1,) numbers of the average of each interval, -1 where it holds no instant; (4, k)
-    weights of angle and velocity at its start, and at its end; (k,) mean values; and (k,) counts.
+    Returns (n - 1,) numbers of the average of each interval of a grid, -1 where it holds no
+    instant; (4, k) weights of angle and velocity at its start, and at its end; (k,) mean values;
+    and (k,) counts.
     """
     last = grid.size - 2
     into, counts = np.full(last + 1, -1), np.zeros(last + 1, dtype=np.int64)
@@ -43,13 +44,19 @@ def averages(grid, instants, values):
             weights[1, row] = length * (one - 2.0 * two + three)
             weights[2, row] = 3.0 * two - 2.0 * three
             weights[3, row] = length * (three - two)
+            if slopes:
+                weights[0, row], weights[1, row] = (
+                    6.0 * rate * (two - one),
+                    1.0 - 4.0 * one + 3.0 * two,
+                )
+                weights[2, row], weights[3, row] = 6.0 * rate * (one - two), 3.0 * two - 2.0 * one
             row += 1
     return into, weights[:, :row].copy(), means[:row], counts[:row]
 
 
 @compiled
-def interpolate(grid, angle, velocity, instants):
-    """Return the (m,) angles at increasing instants; the outermost polynomials go on beyond."""
+def interpolate(grid, angle, velocity, instants, slopes):
+    """Return the (m,) angles, or ``slopes``, at increasing instants, also beyond the grid."""
     result = np.empty(instants.size)
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
@@ -59,7 +66,10 @@ def interpolate(grid, angle, velocity, instants):
         c2, c3, rate = 3.0 * rise - 2.0 * c1 - end, c1 + end - 2.0 * rise, 1.0 / length
         while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
             s = (instants[k] - grid[cell]) * rate
-            result[k] = c0 + s * (c1 + s * (c2 + s * c3))
+            if slopes:
+                result[k] = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * rate
+            else:
+                result[k] = c0 + s * (c1 + s * (c2 + s * c3))
             k += 1
     return result
 

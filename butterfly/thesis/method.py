@@ -62,6 +62,7 @@ class Thesis(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
+        data.require_angles(self.method)
         found = fit_thesis(data.recorded, self.decimation)
         return found.with_gain(best_gain(found.parameters, data))
 

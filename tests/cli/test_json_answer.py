@@ -152,3 +152,22 @@ def test_json_is_whole_where_letters_are_lacking(quick_data):
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     out = done(program("inspect", quick_data, "--json", "-", env=environment))
     assert json.loads(out)["logs"]
+
+
+def test_a_command_says_what_its_budget_left_out(answer, quick_data):
+    file = quick_data / "manifest.yaml"
+    words = ("identify", file, "--method", "output-error")
+    code, out, _ = answer(*words, "--budget", "1e-9")
+    assert "Stopped searching after 1e-09 s, without steps of a fit" in out
+    assert code == ExitCode.NOT_TO_BE_USED
+    _, plain, _ = answer(*words, "--budget", "0")
+    assert "Stopped" not in plain
+
+
+@pytest.mark.parametrize(
+    "words", [("identify", "x.csv", "--budget", "-1"), ("schema", "--budget", "1")]
+)
+def test_a_budget_is_a_time_and_of_commands_that_search(answer, words):
+    code, _, err = answer(*words)
+    assert code == ExitCode.BAD_INPUT
+    assert "--budget" in err

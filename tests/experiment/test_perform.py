@@ -131,13 +131,13 @@ def test_an_option_that_says_nothing_of_a_single_run_is_refused(run, butterfly, 
     assert_one_line_error(butterfly("run", run[1], "--out", run[2], *arguments), part)
 
 
-def test_a_run_in_which_every_estimator_refused_has_no_result():
+def test_a_run_in_which_every_estimator_refuses_its_masses_is_not_simulated():
     content = SINGLE | {"added_masses": SINGLE["added_masses"][:1], "estimators": ESTIMATORS}
     result = perform(Experiment.model_validate(content))
     assert result.record.status == REFUSED
     assert isinstance(result.error, IdentifiabilityError)
     assert len(result.record.estimates) == 2
-    assert result.record.logs == len(result.logs) == 1
+    assert result.record.logs == len(result.logs) == 0
 
 
 def test_a_run_in_which_one_of_two_estimators_refused_has_a_result():

@@ -49,6 +49,7 @@ WAVE = {"base": 1.0, "harmonics": [1, 2_000_000_000], "peak": 0.1}
 SLIPS = [
     (_plant("hand", com_distance=1e155), "content: got numbers of which nothing can be calc"),
     (_masses(arm=1e155), "content: got numbers of which nothing can be calculated"),
+    (_masses(arm=0), r"added_masses\.\d\.arm: got 0; expected more than 0 m, where"),
     (_plant("clock", step=1e5), "plant.clock.step: got 100000.0; expected up to 3.75 s"),
     ({"duration": 1e155}, r"duration: got 1e\+155 s; expected less: it takes 6.4e"),
     ({"known": {"p4": 10**400}}, "known.p4: got 1000"),

@@ -12,7 +12,7 @@ from butterfly.errors import ButterflyError
 
 LONGEST_LINE = 2000
 REFUSED = 2
-_PROGRESS = re.compile(r"^.* done, \d+ s\n", re.MULTILINE)
+_PROGRESS = re.compile(r"^.* (done|all logs), \d+ s.*\n", re.MULTILINE)
 
 
 def escape_of(read: Callable[[], object]) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
-from butterfly.logs.log import InputKind
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.prior import Prior
 from tests.conftest import MASSES
 
@@ -46,6 +46,20 @@ def test_a_joint_that_is_never_driven_has_no_delay(sine_log):
     still = replace(sine_log, input=0.0 * sine_log.input, excitation=None)
     assert DataSet.of([still]).known.fixed == {"delay": 0.0}
     assert "delay" not in DataSet.of([still, sine_log]).known.fixed
+
+
+def test_free_decays_go_with_logs_of_any_input_and_have_no_gain_by_themselves(sine_log):
+    decay = replace(sine_log, input=0 * sine_log.input, excitation=None, input_kind=InputKind.NONE)
+    mixed = DataSet.of([decay, sine_log])
+    assert mixed.input_kind is sine_log.input_kind
+    assert "p4" not in mixed.known.values
+    alone = DataSet.of([decay])
+    assert alone.input_kind is InputKind.NONE
+    assert alone.known.fixed == {"delay": 0.0, "p4": 0.0}
+    with pytest.raises(InputError, match="0 throughout, where nothing drives"):
+        replace(sine_log, input_kind=InputKind.NONE)
+    with pytest.raises(InputError, match="kind of input none where nothing drives"):
+        Log(sine_log.time, angle=sine_log.angle)
 
 
 def test_logs_are_held_out_by_name_and_put_back(sine_log):

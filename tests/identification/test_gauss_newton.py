@@ -16,6 +16,7 @@ from butterfly.identification.estimators.gauss_newton import (
     minimise,
     outlying,
 )
+from butterfly.progress import budget
 
 MISRA_1A = np.array(
     [
@@ -65,7 +66,7 @@ def test_certified_fits_are_found_from_their_far_start(name):
     model, data, start, certified, squares = CERTIFIED[name]
     scale = np.array(start, dtype=float)
 
-    def expand(scaled):
+    def expand(scaled, _):
         values, slopes = model(scaled * scale, data[:, 0])
         return _equations(values - data[:, 1], slopes, scale)
 
@@ -88,10 +89,10 @@ def _line(seed, outliers):
 @given(seed=st.integers(0, 10**6), outliers=st.integers(0, 40))
 def test_robust_fits_end_where_scipy_s_do(loss, seed, outliers):
     residuals, slopes = _line(seed, outliers)
-    first = minimise(lambda b: _equations(residuals(b), slopes), np.zeros(2), FREE)
+    first = minimise(lambda b, _: _equations(residuals(b), slopes), np.zeros(2), FREE)
     scale = outlying(residuals(first.point))
 
-    def robust(b):
+    def robust(b, _=np.inf):
         return replace(_equations(residuals(b), slopes), loss=loss, scale=scale)
 
     found = minimise(robust, first.point, FREE, robust(first.point))
@@ -107,7 +108,7 @@ def test_robust_fits_end_where_scipy_s_do(loss, seed, outliers):
 def test_bounds_hold_as_scipy_s_do(seed, floor):
     (residuals, slopes), lower = _line(seed, 0), np.array([-np.inf, floor])
     start = np.array([0.0, floor + 0.5])
-    found = minimise(lambda b: _equations(residuals(b), slopes), start, lower)
+    found = minimise(lambda b, _: _equations(residuals(b), slopes), start, lower)
     exactly = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
     expected = least_squares(residuals, start, lambda _: slopes, (lower, np.inf), **exactly)
     assert np.all(found.point >= lower)
@@ -117,7 +118,7 @@ def test_bounds_hold_as_scipy_s_do(seed, floor):
 def test_a_valley_that_bends_is_followed_to_its_end_or_said_not_to_be():
     """Rosenbrock's, on a floor that makes each step promise little of the cost."""
 
-    def expand(b):
+    def expand(b, _):
         residuals = [10 * (b[1] - b[0] ** 2), 1 - b[0], 30.0]
         return _equations(residuals, [[-20 * b[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
 
@@ -127,14 +128,14 @@ def test_a_valley_that_bends_is_followed_to_its_end_or_said_not_to_be():
 
 
 def test_derivatives_that_lead_nowhere_are_not_called_a_minimum():
-    found = minimise(lambda b: _equations(b - 3.0, -np.eye(2)), np.ones(2), FREE)
+    found = minimise(lambda b, _: _equations(b - 3.0, -np.eye(2)), np.ones(2), FREE)
     assert not found.converged
 
 
 def test_a_wall_of_numbers_that_are_none_is_stepped_back_from():
     """sqrt(x) - 0.1 from 4: the first step goes below 0."""
 
-    def expand(point):
+    def expand(point, _):
         with np.errstate(invalid="ignore", divide="ignore"):
             return _equations(np.sqrt(point) - 0.1, [0.5 / np.sqrt(point)])
 
@@ -144,4 +145,20 @@ def test_a_wall_of_numbers_that_are_none_is_stepped_back_from():
 
 def test_a_beginning_that_is_no_number_is_refused():
     with pytest.raises(IdentifiabilityError, match="diverges"):
-        minimise(lambda _: _equations([np.nan], [[1.0]]), np.ones(1), np.zeros(1))
+        minimise(lambda *_: _equations([np.nan], [[1.0]]), np.ones(1), np.zeros(1))
+
+
+@pytest.mark.parametrize("seconds", [1e9, 0.0])
+def test_a_descent_ends_where_it_is_when_its_time_is_over(seconds):
+    model, data, start, certified, _ = CERTIFIED["Rat42"]
+    scale = np.array(start, dtype=float)
+
+    def expand(scaled, _):
+        values, slopes = model(scaled * scale, data[:, 0])
+        return _equations(values - data[:, 1], slopes, scale)
+
+    with budget(seconds) as search:
+        found = minimise(expand, np.ones(scale.size), np.full(scale.size, -np.inf))
+    assert found.converged is (seconds > 0)
+    assert np.allclose(found.point * scale, certified, rtol=1e-5) is (seconds > 0)
+    assert (found.evaluations, search.simulations) == (1, 0) or seconds

@@ -1,12 +1,14 @@
 """Joints that other laboratories have: slides, flywheels, decays, drives wired the other way."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from butterfly.api.changed import Changed
-from butterfly.errors import IdentifiabilityError
+from butterfly.comparison.three_way import compare_three
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import OutputError, WeakForm
@@ -14,9 +16,12 @@ from butterfly.identification.identify import identify
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
+from butterfly.plant.robot import Robot
 from butterfly.report.inspection import health_rows
+from butterfly.report.summary import summary
 from tests.identification.simulated import driven, noisy
 from tests.independent.integrator import Joint
 
@@ -88,6 +93,19 @@ def test_free_decays_need_no_delay_to_be_known():
         estimate = FIT(DataSet.of(logs, known=known))
         assert estimate.parameters.p1 == pytest.approx(7.6e-3, rel=1e-3)
         assert estimate.fixed["delay"] == 0.0
+    free = [replace(log, input_kind=InputKind.NONE) for log in logs]
+    found = identify(DataSet.of(free, known=Prior.of({"p3": 0.21})), FIT)
+    np.testing.assert_array_equal(found.estimate.values, estimate.values)
+    assert "p4, delay are not estimated" in " ".join(summary(found))
+    assert {row.name for row in found.estimate.table()} == {"p1", "p2", "coulomb", "p3"}
+    for use in (
+        partial(Robot.of_lumped, found.parameters),
+        partial(next_experiments, DataSet.of(free), found.estimate),
+    ):
+        with pytest.raises(InputError, match="p4: got 0, as nothing drives the joint"):
+            use()
+    (seen,) = compare_three(DataSet.of(free[:1]), found.estimate, [0])
+    assert seen.fits["MuJoCo"] > 99
 
 
 def test_given_parameters_are_completed_by_what_is_known_of_the_data(slide):

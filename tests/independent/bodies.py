@@ -96,7 +96,10 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """(n,) stamps in s, inputs, the encoder's readings in rad or m, and what was carried."""
+    """(n,) stamps in s, inputs, the encoder's readings in rad or m, and what was carried.
+
+    Also velocities in rad/s or m/s: the true ones, unless a tachometer has ``seen`` them instead.
+    """
 
     time: NDArray[np.float64]
     input: NDArray[np.float64]
@@ -104,6 +107,8 @@ class Recording:
     mass: Mass
     omega: float | None = None
     amplitude: float | None = None
+    velocity: NDArray[np.float64] | None = None
+    seen: str = "angle"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +216,7 @@ def record(
         inputs, bench = run.torque(stamps) / joint.gain, bench or Bench()
         real = bench.joint(joint, run.mass, stamps[-1])
         rest = real.spring * real.spring_rest / (real.spring + real.gravity or 1.0)
-        angle, _ = motion(real, stamps, bench.drive(stamps, inputs), run.start + rest)
+        angle, velocity = motion(real, stamps, bench.drive(stamps, inputs), run.start + rest)
         readings = encoder.count * np.rint((bench.encoder(angle) + offsets) / encoder.count)
     else:
         wanted, rates, pumps = run.plan(stamps)
@@ -222,7 +227,7 @@ def record(
             limit=run.law.limit / joint.gain,
             count=encoder.count,
         )
-        _, _, inputs, readings = tracking(joint, law, plan, run.start)
+        _, velocity, inputs, readings = tracking(joint, law, plan, run.start)
     return Recording(
         time=stamps,
         input=inputs,
@@ -230,6 +235,7 @@ def record(
         mass=run.mass,
         omega=run.omega,
         amplitude=run.size / joint.gain if run.omega else None,
+        velocity=velocity,
     )
 
 

@@ -65,8 +65,8 @@ class RobotOfKind:
         """Write the logs and their manifest (YAML that is JSON)."""
         folder.mkdir(parents=True, exist_ok=True)
         for k, each in enumerate(self.recordings):
-            rows = np.column_stack([each.time, each.input, each.angle])
-            head = {"header": "time,input,angle", "comments": ""}
+            rows = np.column_stack([each.time, each.input, getattr(each, each.seen)])
+            head = {"header": f"time,input,{each.seen}", "comments": ""}
             np.savetxt(folder / f"{k}.csv", rows, fmt="%.12g", delimiter=",", **head)
         manifest = self.owner | {"name": self.name, "logs": [*self._entries()]}
         (folder / "manifest.yaml").write_text(json.dumps(manifest, indent=1), encoding="utf-8")
@@ -468,6 +468,20 @@ def _swing_up(rng, body, run):
     return replace(run, torque=None, law=law, plan=plan, size=strong, start=0.0)
 
 
+def _tachometer(rng, number):
+    """A joint that no gravity pulls at, of which nobody saw the angle."""
+    kinds = [_vertical, _slide, _balanced]
+    drawn = kinds[number % 3](rng, number // 3)
+    noise, step = log_uniform(rng, 1e-3, 5e-2), log_uniform(rng, 1e-4, 2e-2)
+    recordings = []
+    for log in drawn.recordings:
+        size = float(np.std(log.velocity))
+        seen = log.velocity + noise * size * rng.standard_normal(log.time.size)
+        seen = step * size * np.rint(seen / (step * size))
+        recordings.append(replace(log, velocity=seen, seen="velocity"))
+    return replace(drawn, recordings=recordings)
+
+
 KINDS = {
     "one-mass": _one_mass,
     "balanced": _balanced,
@@ -478,4 +492,5 @@ KINDS = {
     "anywhere": _anywhere,
     "wrapped": _wrapped,
     "units": _units,
+    "tachometer": _tachometer,
 }

@@ -1,19 +1,24 @@
 """Logs in files of every format: what was written is read, in little more than its own memory."""
 
 import itertools
+import json
 import threading
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pyarrow import parquet
+from scipy.io import savemat
 
 from butterfly.errors import InputError
 from butterfly.files import write_file
 from butterfly.logs.csv import write_csv
-from butterfly.logs.formats import ENDINGS, FORMATS, read_log
+from butterfly.logs.formats import ENDINGS, FORMATS, log_of_table, read_log
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.mat import write_mat
@@ -87,6 +92,61 @@ def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
     read = read_log(tmp_path / f"log{ending}", columns, Units.of({"angle": "deg"}), **KIND)
     np.testing.assert_array_equal(read.input, log.input)
     np.testing.assert_allclose(read.angle, np.radians(log.velocity))
+
+
+@pytest.mark.parametrize("ending", [".mat", ".csv", ".parquet", ".tsv", ".json"])
+@pytest.mark.parametrize("lacking", ["angle", "input", "angle and input"])
+def test_a_velocity_stands_for_the_angle_and_none_for_the_input(
+    tmp_path, sine_log, ending, lacking
+):
+    log, path = sine_log.take(np.arange(100)), tmp_path / f"log{ending}"
+    log = replace(log, velocity=log.input + 1.0)
+    columns = {name: each for name, each in log.columns().items() if name not in lacking}
+    about = KIND | ({"input_kind": "none"} if "input" in lacking else {})
+    if ending == ".mat":
+        savemat(path, columns)
+    elif ending == ".json":
+        path.write_text(json.dumps({name: each.tolist() for name, each in columns.items()}))
+    elif ending == ".parquet":
+        parquet.write_table(pa.table(columns), path)
+    else:
+        sign = "\t" if ending == ".tsv" else ","
+        rows = np.column_stack([*columns.values()])
+        np.savetxt(path, rows, "%.17g", sign, header=sign.join(columns), comments="")
+    names = {name: name for name in columns} if ending == ".mat" else None
+    read = read_log(path, names, **about)
+    assert read.integrated is ("angle" in lacking)
+    assert read.input_kind == about["input_kind"]
+    for name, values in columns.items():
+        np.testing.assert_array_equal(getattr(read, name), values)
+    np.testing.assert_array_equal(read.input, columns.get("input", 0 * log.time))
+    assert log_of_table(columns, **about).measured.tobytes() == read.measured.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"time": "time", "angle": "angle"}, "columns.input: got nothing; .*input: none of"),
+        ({"time": "time", "input": "input"}, "columns.angle: got nothing"),
+    ],
+)
+def test_a_map_says_where_input_and_angle_stand(columns, said, sine_log):
+    with pytest.raises(InputError, match=said):
+        log_of_table(sine_log.columns(), columns)
+
+
+def test_a_velocity_is_not_taken_for_what_another_column_may_be(sine_log):
+    table = {"time": sine_log.time, "input": sine_log.input, "velocity": sine_log.angle}
+    assert log_of_table(table).integrated
+    with pytest.raises(InputError, match=r"angle: got no such column; .* velocity=W in place"):
+        log_of_table(table | {"position": sine_log.angle})
+    assert log_of_table(table | {"position": sine_log.angle}, {k: k for k in table}).integrated
+
+
+def test_a_velocity_alone_is_not_written_where_it_would_be_read_as_an_angle(tmp_path, sine_log):
+    speed = Log(sine_log.time, sine_log.input, velocity=sine_log.angle)
+    with pytest.raises(InputError, match="angle: got a velocity alone"):
+        write_log(speed, tmp_path / "log.mat")
 
 
 @pytest.mark.parametrize(("name", "value"), [("log.xls", ".xls"), ("log", "no ending")])

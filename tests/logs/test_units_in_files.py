@@ -191,9 +191,12 @@ def _sets(spellings, place):
 def test_a_unit_is_read_wherever_and_however_it_is_said(tmp_path, joint, form, place):
     for units, factors in _sets(SPELLINGS, place):
         data = _read((tmp_path, form, place), joint, units, factors)
-        _assert_estimate(data, (form, place, units))
+        for name, values in joint.items():
+            read = getattr(data.logs[0], name)
+            np.testing.assert_allclose(read, values, rtol=1e-12, atol=1e-14, err_msg=str(units))
         said = {name: each.said for name, each in data.health[0].columns.items()}
         assert set(said.values()) == {_said(place)}
+    _assert_estimate(data, (form, place))
 
 
 def _said(place):

@@ -39,6 +39,7 @@ NUMBERS = {
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
+    FindingKind.SEARCH_STOPPED: (60.0, "after 60 s"),
 }
 OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""

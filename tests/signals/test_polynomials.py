@@ -23,19 +23,19 @@ def _random(seed):
     return grid, angle, velocity, instants, rng.standard_normal(instants.size)
 
 
-@given(seed=st.integers(0, 10**6))
-def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed):
+@given(seed=st.integers(0, 10**6), slopes=st.booleans())
+def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed, slopes):
     grid, angle, velocity, instants, _ = _random(seed)
-    expected = CubicHermiteSpline(grid, angle, velocity)(instants)
-    found = polynomials.interpolate(grid, angle, velocity, instants)
+    expected = CubicHermiteSpline(grid, angle, velocity)(instants, int(slopes))
+    found = polynomials.interpolate(grid, angle, velocity, instants, slopes)
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-@given(seed=st.integers(0, 10**6))
-def test_averages_are_those_over_the_instants_of_each_interval(seed):
+@given(seed=st.integers(0, 10**6), slopes=st.booleans())
+def test_averages_are_those_over_the_instants_of_each_interval(seed, slopes):
     grid, angle, velocity, instants, values = _random(seed)
-    into, weights, means, counts = polynomials.averages(grid, instants, values)
-    expected = CubicHermiteSpline(grid, angle, velocity)(instants)
+    into, weights, means, counts = polynomials.averages(grid, instants, values, slopes)
+    expected = CubicHermiteSpline(grid, angle, velocity)(instants, int(slopes))
     cell = np.clip(np.searchsorted(grid, instants, "right") - 1, 0, grid.size - 2)
     assert sorted(set(cell)) == np.flatnonzero(into >= 0).tolist()
     for k in np.unique(cell):

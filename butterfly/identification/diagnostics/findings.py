@@ -37,6 +37,7 @@ class FindingKind(StrEnum):
     SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
+    SEARCH_STOPPED = "search-stopped"  # seconds after which, without what stands for parameters
     OTHER_END = "other-end"  # cost of the next best end over that of the best
     COMBINATION = "combination"  # the same, of parameters known in one combination only
     ON_BOUND = "on-bound"
@@ -51,6 +52,7 @@ class FindingKind(StrEnum):
     SIGN_UNKNOWN = "sign-unknown"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     NOT_ESTIMATED = "not-estimated"
+    UNDRIVEN = "undriven"
     NO_UNCERTAINTY = "no-uncertainty"  # equations there are
     ABSOLUTE = "absolute"
     RATIOS = "ratios"

@@ -90,7 +90,7 @@ class LinearisedRun:
         """Differentiate a log's free run; None if it fails or nothing moves."""
         log, parameters = run.log, setting.parameters
         first = first_counted(log)
-        motion = float(np.std(log.angle[first:]))
+        motion = float(np.std(log.measured[first:]))
         if "stribeck" in model.lacking:
             parameters = replace(parameters, stribeck_velocity=model.slow)
         local = dict.fromkeys(["zero", "velocity", *(name for name, _ in model.owners)])
@@ -108,7 +108,8 @@ class LinearisedRun:
         if isinstance(simulation, Segments):
             own = simulation.directions(parameters, setting.zero)
         else:
-            own = (_orthonormal(np.column_stack([1 - of["zero"], of["velocity"]])),)
+            lifted = 1 - log.integrated - of["zero"]
+            own = (_orthonormal(np.column_stack([lifted, of["velocity"]])),)
         mine, n = {None, log.added_mass, log.name}, len(model.names)
         columns = [whole, *slopes[:, :n].T]
         columns += [of[name] * (whose in mine) for name, whose in model.owners]
@@ -139,7 +140,7 @@ class LinearisedRun:
         """What counts for nothing, in rad: a share of the motion about its straight line."""
         log = self.run.log
         time, angle = (
-            each[self.counted] - each[self.counted].mean() for each in (log.time, log.angle)
+            each[self.counted] - each[self.counted].mean() for each in (log.time, log.measured)
         )
         return SHOWS * rms(angle - (time @ angle) / (time @ time) * time)
 
@@ -150,7 +151,7 @@ class LinearisedRun:
         (m,) errors that stay; what the log's start explains is taken from them.
         """
         log = self.run.log
-        time, measured = log.time[self.counted], log.angle[self.counted]
+        time, measured = log.time[self.counted], log.measured[self.counted]
         middles = self.simulation.middles()
         angle = self.run.simulated.copy()
         angle[self.counted] -= np.interp(time, middles, self.whole - left)

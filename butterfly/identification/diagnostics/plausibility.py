@@ -76,6 +76,8 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     damping bounds the resistance. If the bound is below what any motor has, the input can hardly
     be a voltage.
     """
+    if kind is InputKind.NONE:
+        return [Finding(FindingKind.UNDRIVEN, ("p4", "delay"))]
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
         return []
     upper = {"p2": estimate.parameters.p2}  # where it is known
@@ -116,7 +118,9 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
         "mass_scale": loads and not any(mass.mass_uncertainty for mass in loads),
         "arm": loads and not any(mass.arm_uncertainty for mass in loads),
         "input_scale": "p4" in estimate.names,
-        "angle_scale": True,
+        "angle_scale": not all(log.integrated for log in data.logs),
+        "velocity_scale": any(log.integrated for log in data.logs)
+        and "angle_scale" not in data.known.values,
         "time_scale": True,
     }
     rests = tuple(

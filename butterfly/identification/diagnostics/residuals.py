@@ -259,7 +259,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
 
 def _bare(log: Log) -> LogResiduals:
     """Return what there is to say of a log that cannot be simulated, or in which nothing moves."""
-    motion = float(np.std(log.angle[first_counted(log) :]))
+    motion = float(np.std(log.measured[first_counted(log) :]))
     return LogResiduals(name=log.name, label=log.label, motion=motion)
 
 

@@ -41,6 +41,7 @@ from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR
 from butterfly.model.terms import IDEAL, FrictionTerms
+from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
@@ -89,8 +90,8 @@ def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Findi
 
 
 def _noise(data: DataSet) -> Samples:
-    """(n,) noise of each log's angle over its motion, by what neighbours have not in common."""
-    angles = [log.angle for log in data.logs]
+    """(n,) noise of each log over its motion, by what neighbours have not in common."""
+    angles = [log.measured for log in data.logs]
     return np.array([np.sqrt(np.mean(np.diff(each, 2) ** 2) / 6) / each.std() for each in angles])
 
 
@@ -211,6 +212,8 @@ class _Search:
         likely = [each for each in tried if each.misfit < LOST * none]
         held: list[tuple[_Mistake, Estimate]] = []
         for each in likely[:_FITS]:
+            if out_of_time("mistakes of units and masses"):
+                break
             if held and each.misfit > _AS_GOOD * held[0][0].misfit:
                 break
             if (found := self._without(each)) is not None:
@@ -240,19 +243,20 @@ class _Search:
     def _tried(self) -> Iterator[_Mistake]:
         """Try what may have been mistaken."""
         widest = max(float(np.ptp(log.angle)) / 2 for log in self.data.logs)
-        columns = {"time"} if self.of_clock else {"angle", "arm"}
+        angles = not any(log.integrated for log in self.data.logs)
+        columns = {"time"} if self.of_clock else {"angle", "arm"} if angles else {"arm"}
         for error, unit in TABLE.items():
             swing = unit.factor * widest if unit.column == "angle" else _SWINGS[1] / 2
             if unit.column in columns and _SWINGS[0] < swing < max(_SWINGS[1], widest):
                 yield self._fitted(error, unit.factor)
         if self.of_clock:
             return
-        if self.estimate is None or self.estimate.level is Level.WARNING:
+        if angles and (self.estimate is None or self.estimate.level is Level.WARNING):
             yield self._fitted(UnitError.SWAPPED, 1.0)
         whole = all((log.angle == np.rint(log.angle)).all() for log in self.data.recorded)
         swings = {2 * math.pi / each: 2 * math.pi * widest / each for each in COUNTS}
         factors = [each for each, swing in swings.items() if _SWINGS[0] <= swing <= _SWINGS[1]]
-        if widest > _SWINGS[1] and whole and factors:
+        if angles and widest > _SWINGS[1] and whole and factors:
             counts = (self._fitted(UnitError.COUNTS, each) for each in factors)
             yield min(counts, key=lambda each: each.misfit)
         if self._here and math.isfinite(self._here.misfit):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -47,6 +46,7 @@ from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
+from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
 
 TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
@@ -135,15 +135,40 @@ class FreeRunResiduals:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
-    def equations(self, scaled: Samples, apart: Samples | None = None) -> Equations:
-        """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
+    def equations(
+        self, scaled: Samples, most: float = np.inf, *, apart: Samples | None = None
+    ) -> Equations:
+        """Return errors relative to each log's rms motion; a log's squares sum to their mean.
+
+        Logs whose costs sum up to more than ``most`` are the last to be simulated.
+        """
         values = np.broadcast_to(scaled, (len(self.motion), scaled.size)) * self.scale
         if apart is not None:
             values = values + apart * self.scale
+        segmented = [each for each in self.simulations if isinstance(each, Segments)]
+        begins = [each.begins for each in segmented]
         if self.workers == 1:
-            return Equations(logs=tuple(map(self._of_log, range(len(values)), values)))
-        with ThreadPoolExecutor(self.workers) as pool:
-            return Equations(logs=tuple(pool.map(self._of_log, range(len(values)), values)))
+            found = self._within(most, map(self._of_log, range(len(values)), values))
+        else:
+            with threads(self.workers) as pool:
+                found = self._within(most, pool.map(self._of_log, range(len(values)), values))
+                pool.shutdown(cancel_futures=True)
+        if len(found) < len(values):  # whichever were simulated, they begin where they did
+            for each, own in zip(segmented, begins, strict=True):
+                each.begins = own
+            found.append(_impossible(len(self.keys)))
+        return Equations(logs=tuple(found))
+
+    def _within(self, most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
+        """Return the equations of the first logs, until they cost too much, or the time is over."""
+        found: list[LogEquations] = []
+        cost, search = 0.0, current_search()
+        for each in logs:
+            found.append(each)
+            cost += 0.5 * float(each.residuals @ each.residuals) if most < np.inf else 0.0
+            if not cost <= most or (most < np.inf and search.over):
+                break
+        return found
 
     def weighed(self, at: Equations, point: Samples) -> Equations:
         """Return equations about (n,) scaled values beside what is known of these."""
@@ -188,6 +213,8 @@ class FreeRunResiduals:
             )
             evaluations += end.evaluations
             initial, before, at = end.point, at, end.at
+            if not end.converged and evaluations < most:
+                out_of_time("steps of a fit that had not settled")
             if not end.converged or self.weighed(at, initial).weigh_as(before):
                 break
         return replace(end, evaluations=evaluations)
@@ -320,11 +347,11 @@ def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
 
 
 def _rms_motion(log: Log, first: int) -> float:
-    """Return that of the angle in rad from a sample on, by which its errors are divided."""
-    motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
+    """Return that of what was measured from a sample on, by which its errors are divided."""
+    motion = float(np.std(log.measured[first:])) if first < log.angle.size else 0.0
     if not motion > ROUNDING:
-        found = f"{motion:.1g} rad of motion in what counts"
-        raise InputError(log.source, "angle", found, "a joint that moves: leave the log out")
+        found = f"{motion:.1g} {log.unit} of motion in what counts"
+        raise InputError(log.source, log.measures, found, "a joint that moves: leave the log out")
     return motion
 
 

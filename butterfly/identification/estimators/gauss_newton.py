@@ -23,6 +23,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.equations import compressed
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
+from butterfly.progress import current_search
 
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 _LAST = 1e-4  # share of the cost that a step taken on trust may promise
@@ -208,7 +209,7 @@ class Minimum:
 
 
 def minimise(
-    expand: Callable[[Samples], Equations],
+    expand: Callable[[Samples, float], Equations],
     initial: Samples,
     lower: Samples,
     known: Equations | None = None,
@@ -222,13 +223,14 @@ def minimise(
     because its box has shrunk has converged only if no step out of the box promises anything
     either.
 
-    ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
+    ``expand``: from (n,) a point to the cost about it, and from the largest cost that is of use: of
+    more, infinity will do. Infinite or NaN costs are stepped back from;
     ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
     ``known``: the cost about the beginning, if it is known already, and what is known besides;
     ``most``: how often the cost may be expanded.
     """
     point = np.maximum(initial, lower)
-    at, evaluations = (expand(point), 1) if known is None else (known, 0)
+    at, evaluations = (expand(point, np.inf), 1) if known is None else (known, 0)
     if not at.is_finite:
         raise IdentifiabilityError(
             "the model diverges with the parameters from which the fit would start: they are not "
@@ -236,7 +238,9 @@ def minimise(
         )
     count = sum(log.residuals.size for log in at.logs)
     reach, kept, last, bends = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0, 1.0
-    while evaluations < most:
+    search = current_search()
+    while evaluations < most and not search.over:
+        search.simulations += 1
         whole = bounded_step(at, np.maximum(lower - point, -reach), reach)
         step, promised, longest = whole / bends, _decrease(at, whole), float(abs(whole).max())
         there = np.maximum(point + step, lower)
@@ -251,7 +255,7 @@ def minimise(
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         elif reach < ROUNDING:
             break
-        tried = replace(expand(there), known=at.known and (at.known[0], there))
+        tried = replace(expand(there, at.cost), known=at.known and (at.known[0], there))
         evaluations += 1
         predicted, longest = _decrease(at, step), longest / bends
         kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
@@ -270,7 +274,7 @@ def minimise(
 
 
 def minimise_robustly(
-    expand: Callable[[Samples], Equations],
+    expand: Callable[[Samples, float], Equations],
     initial: Samples,
     lower: Samples,
     loss: Loss,
@@ -284,7 +288,7 @@ def minimise_robustly(
         return plain
     first = plain.at.counting(loss)
     found = minimise(
-        lambda scaled: replace(expand(scaled), loss=loss, scale=first.scale),
+        lambda scaled, _: replace(expand(scaled, np.inf), loss=loss, scale=first.scale),
         plain.point,
         lower,
         first,

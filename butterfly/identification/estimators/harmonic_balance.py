@@ -92,6 +92,7 @@ class HarmonicBalance(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
+        data.require_angles(self.method)
         require_usable(self.method, data.known)
         numbers, said = steady_sines(data)
         points = [point for k in numbers if (point := data.points[k]) is not None]
@@ -178,6 +179,7 @@ class Linear(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
+        data.require_angles(self.method)
         return self.of_points(data.sines, data.known)
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:

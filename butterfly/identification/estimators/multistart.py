@@ -24,6 +24,7 @@ from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
+from butterfly.progress import out_of_time
 
 _LEFT_OUT = ("drag", "load", "bias")
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
@@ -151,6 +152,8 @@ def lowest_end(
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
     for problem in problems:
+        if ends and out_of_time("fits from other first guesses"):
+            break
         try:
             if not ends:
                 end = problem.descend(problem.initial)

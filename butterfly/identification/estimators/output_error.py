@@ -45,16 +45,15 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, MATTERS
+from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
+from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
+from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-_WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +120,8 @@ class OutputError(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
+        asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
+        data.require_angles(*asked & {*OF_ANGLE, "zero"})
         first = starts(data, self.terms)
         calm = data.take(data.calm)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
@@ -156,7 +157,7 @@ class OutputError(Estimator):
         rivals: tuple[Samples, ...] = ()
         always, lacking = tuple(known.uncertain), None
         plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
-        while self.terms is None:
+        while self.terms is None and not out_of_time("the choice of terms"):
             here = wide.without(rarer)
             point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
             choice = here.choose_terms(point, at, always)
@@ -325,11 +326,12 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     """Return the end with logs weighed by their scatter, and what is found of it.
 
     It takes one step from the least squares, to where every log is simulated with friction and gain
-    of its own, which tells the scatter better; the step from there is taken on trust. Few logs do
-    not tell, and robust losses have weights of their own: None then, and where the logs are
-    followed far worse so, or no longer tell the parameters apart.
+    of its own, which tells the scatter better, and one from there. Few logs do not tell, and robust
+    losses have weights of their own: None then, and where the logs no longer tell the parameters
+    apart, or are not followed there as their derivatives said.
     """
-    if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
+    few = len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR
+    if few or out_of_time("weights of logs by their scatter"):
         return None
     names = tuple(name for name, _ in problem.keys)
     prior = end.at.known and end.at.known[0].weighed(1.0)
@@ -338,8 +340,8 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
-    there = problem.equations(point, apart)
-    if not there.cost <= _WORSE * replace(end.at, known=None).cost:
+    there = problem.equations(point, apart=apart)
+    if not there.is_finite:
         return None
     logs, spread = _rows(there).moved(-apart), spread_of(names, point)
     likelihood = Likelihood(logs, spread, prior, point)
@@ -352,8 +354,11 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
         point=np.maximum(point + last, problem.lower),
         at=at.moved(last),
         converged=end.converged,
-        evaluations=end.evaluations + 1,
+        evaluations=end.evaluations + 2,
     )
+    told = end.at.moved(found.point - end.point).cost
+    if not LOST * problem.equations(found.point).cost <= told:
+        return None
     return found, tuple(likelihood.findings(scatter, names))
 
 

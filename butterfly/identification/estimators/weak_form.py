@@ -52,7 +52,7 @@ from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import PARAMETERS, FrictionTerms, offered
+from butterfly.model.terms import OF_ANGLE, PARAMETERS, FrictionTerms, offered
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -123,6 +123,7 @@ class WeakForm(Estimator):
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
+        data.require_angles(*OF_ANGLE.intersection(self.terms or ()))
         zeros = data.equilibria
         uncertain = offset_errors(data.offsets) if data.hangs else None
         found = self.of_logs(data.logs, zeros, data.known, uncertain)

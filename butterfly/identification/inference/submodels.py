@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.conditions import Conditions
+from butterfly.identification.levels import ROUNDING
 from butterfly.model.terms import COMPANIONS
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
@@ -102,11 +103,13 @@ class Submodels:
 def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
     """Return the (n,) values that all logs but some lead to, to first order; nan if they do not.
 
-    The linear jackknife: equations about the optimum of all logs, less those of some.
+    The linear jackknife: equations about the optimum of all logs, less those of some. What only
+    these move, as a gain if they alone are driven, stays.
     """
     rest = equations.without(logs)
-    every = np.ones((1, len(equations.names)), dtype=bool)
-    return np.asarray(_bounded(equations, rest.total, every, equations.values)[0])
+    own, all_ = (np.einsum("kii->i", each.curvature) for each in (rest, equations))
+    moved = (own > ROUNDING**2 * all_) | (all_ == 0)
+    return np.asarray(_bounded(equations, rest.total, moved[np.newaxis], equations.values)[0])
 
 
 def _bounded(

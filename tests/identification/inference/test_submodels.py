@@ -114,6 +114,18 @@ def test_the_estimate_without_some_logs_is_that_of_the_rest(lost):
     np.testing.assert_allclose(found / UNITS, expected / UNITS, atol=1e-9)
 
 
+def test_what_only_the_lost_logs_move_keeps_its_value():
+    """The gain, where all driven logs carry the mass that is left out."""
+    rows, target, nested = _problem()
+    rows[2:, :, 3] *= 1e-12
+    values = nested.equations.values
+    found = without_logs(cells(NAMES, rows, rows @ values - target, values=values), [0, 1])
+    assert found[3] == values[3]
+    kept = np.array([True, True, True, False])
+    expected = _anew(rows[2:], target[2:] - rows[2:, :, 3] * values[3], kept)
+    np.testing.assert_allclose(found[:3] / UNITS[:3], expected[:3] / UNITS[:3], atol=1e-9)
+
+
 def test_a_parameter_on_its_bound_that_moves_nothing_stays_there():
     """Coulomb friction of a joint without any: its derivative is 0 where it is 0."""
     rows, target, _ = _problem(lower=BOUNDED)

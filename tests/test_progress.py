@@ -1,0 +1,114 @@
+"""A search ends when its time is over and says what it left out; in time it changes nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending, FindingKind
+from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
+from butterfly.identification.estimators.multistart import starts
+from butterfly.identification.identify import judged
+from butterfly.identification.validate import bootstrap, cross_validate, select_terms
+from butterfly.progress import budget, current_search, in_threads, out_of_time, untracked
+from butterfly.verdict import Level
+from tests.identification.simulated import RICH, SWINGS, steady
+
+STOPPED = "Stopped searching after 0 s, without "
+
+
+@pytest.fixture(scope="module")
+def data():
+    logs = steady(RICH, SWINGS)
+    return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+
+
+def test_with_time_to_spare_an_answer_is_the_same_to_the_last_digit(data):
+    plain = judged(data, OutputError())
+    with budget(1e9) as search:
+        same = judged(data, OutputError())
+    assert same.to_dict() == plain.to_dict()
+    assert not search.left_out
+    assert search.simulations > 0
+
+
+def test_an_estimate_that_was_not_searched_to_the_end_says_so_and_is_not_good(data):
+    with budget(0.0):
+        found = bf.identify(data, "output-error")
+    (stopped,) = [e for e in found.estimate.findings if e.kind is FindingKind.SEARCH_STOPPED]
+    assert stopped.parameters[0] == "steps of a fit that had not settled"
+    assert "fits from other first guesses" in stopped.parameters
+    assert found.estimate.ending is Ending.STOPPED
+    assert found.estimate.level is Level.WARNING
+    sentence = next(line for line in found.summary if line.startswith(STOPPED))
+    assert sentence in found.verdict
+    again = bf.Identification.from_dict(found.to_dict())
+    assert sentence in again.verdict
+
+
+def test_a_settled_estimate_whose_search_was_stopped_is_to_be_used_with_care(data):
+    found = judged(data, HarmonicBalance())
+    assert found.level is Level.GOOD
+    with budget(0.0):
+        assert out_of_time("something else")
+        assert judged(data, HarmonicBalance()).level is Level.CARE
+
+
+def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
+    balance = HarmonicBalance(terms=())
+    with budget(0.0) as search:
+        held = cross_validate(data, balance)
+        drawn = bootstrap(data, balance, balance(data), repetitions=100)
+        passed = select_terms(data, HarmonicBalance(), ("drag", "bias"))
+        answer = bf.validate(data, "harmonic-balance")
+    assert len(held.estimates) == 1
+    assert np.isnan(held.fits).any()
+    assert len(drawn.values) == 20
+    assert [each.terms for each in passed] == [()]
+    for part in ("parts of the data", "repetitions", "further terms"):
+        assert any(part in each for each in search.left_out)
+    assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
+
+
+def test_threads_search_for_as_long_as_what_began_them():
+    with budget(0.0):
+        assert in_threads(lambda _: current_search().over, [1, 2], untracked, "") == [True, True]
+    assert not current_search().over
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_trial_that_costs_too_much_stops_at_its_first_logs(data, monkeypatch, workers):
+    start = OutputError(terms=(), horizon=np.inf, workers=workers)
+    first = starts(data, ())[0]
+    problem = start.problem(data.logs, first)
+    away = problem.initial * 1.5
+    count = len(data.logs)
+    simulated = []
+    for each in {type(each) for each in problem.simulations}:
+        linearised = each.linearised
+
+        def counted(self, *arguments, linearised=linearised):
+            simulated.append(self)
+            return linearised(self, *arguments)
+
+        monkeypatch.setattr(each, "linearised", counted)
+    whole = problem.equations(away)
+    assert len(simulated) == count
+    simulated.clear()
+    stopped = problem.equations(away, 0.01 * whole.cost)
+    assert not stopped.is_finite
+    assert len(simulated) < count
+    assert problem.equations(away, 2 * whole.cost).cost == whole.cost
+
+
+def test_a_descent_goes_the_same_way_whether_dear_trials_stop_or_not(data, monkeypatch):
+    estimator = OutputError(terms=("drag",), workers=1)
+    found = estimator(data)
+    equations = FreeRunResiduals.equations
+    monkeypatch.setattr(
+        FreeRunResiduals, "equations", lambda self, at, _=None, **how: equations(self, at, **how)
+    )
+    assert estimator(data).values.tolist() == found.values.tolist()
