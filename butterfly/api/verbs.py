@@ -27,6 +27,7 @@ from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
 from butterfly.identification.validate import cross_validate, select_terms
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import OF_ANGLE
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
@@ -106,7 +107,10 @@ def select(
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
     estimator = make_estimator(method, options)
-    passed = select_terms(logs, estimator, tuple(candidates), track=track)
+    wanted = tuple(candidates)
+    if wanted == CANDIDATES and any(log.integrated for log in logs.logs):
+        wanted = tuple(name for name in wanted if name not in OF_ANGLE)
+    passed = select_terms(logs, estimator, wanted, track=track)
     chosen = estimator.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
     return Selection.of(logs, chosen, tuple(candidates), passed, found)

@@ -388,8 +388,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
     FindingKind.UNDRIVEN: (
-        "Nothing drives the joint in these logs: p4 and the delay are not estimated. Add a log of "
-        "the driven joint for them."
+        "Nothing drives the joint in these logs: {names} are not estimated. Add a log of the "
+        "driven joint for them."
     ),
     FindingKind.NO_UNCERTAINTY: (
         "{number:.0f} resonance frequencies for {count} parameters leave no room for a statement "

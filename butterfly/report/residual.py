@@ -23,7 +23,7 @@ HEADERS = (
 )
 
 _CAPTION = (
-    "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
+    "Error: rms of measured less simulated motion, averaged over steps of the simulation, over the "
     "rms motion. The next column is what no small change of the parameters takes away, the one "
     "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
     "with the input stay where those of such sensors do; of good logs one in twenty leaves."

@@ -25,6 +25,12 @@ from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
+_MEASURED = {
+    ("angle",): "angle",
+    ("velocity",): "velocity (no angle was recorded)",
+    ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
+}
+
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
@@ -34,9 +40,9 @@ def summary(identification: Identification) -> list[str]:
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
     known = ", ".join(f"{name} = {value}" for name, value in estimate.told.values.items())
-    measured = " or ".join(sorted({log.measures for log in data.logs}))
-    besides = f", and its velocity with {fit_text(identification.velocity_fit.median)} %"
-    besides = besides if measured == "angle" else "; no angle was recorded where it is the velocity"
+    measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
+    also = f", and its velocity with {fit_text(identification.velocity_fit.median)} %"
+    besides = also if measured == "angle" else ""
     worst = min(identification.fits, key=lambda name: identification.fits[name])
     return [
         *estimate_verdict(estimate).lines,

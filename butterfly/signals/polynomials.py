@@ -66,8 +66,10 @@ def interpolate(grid, angle, velocity, instants, slopes):
         c2, c3, rate = 3.0 * rise - 2.0 * c1 - end, c1 + end - 2.0 * rise, 1.0 / length
         while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
             s = (instants[k] - grid[cell]) * rate
-            slope = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * rate
-            result[k] = slope if slopes else c0 + s * (c1 + s * (c2 + s * c3))
+            if slopes:
+                result[k] = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * rate
+            else:
+                result[k] = c0 + s * (c1 + s * (c2 + s * c3))
             k += 1
     return result
 

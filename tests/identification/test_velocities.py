@@ -63,8 +63,7 @@ def test_what_a_free_run_leaves_is_the_noise_of_the_velocity_not_its_integral(wh
     np.testing.assert_allclose(sensor, NOISE, rtol=0.05)
     np.testing.assert_allclose([run.rms for run in found.free_runs], NOISE, rtol=0.05)
     assert found.residuals.times == pytest.approx(1.0, abs=0.1)
-    assert "follows the measured velocity with" in str(found)
-    assert "no angle was recorded" in str(found)
+    assert "follows the measured velocity (no angle was recorded) with" in str(found)
 
 
 def test_predictions_and_simulations_are_of_the_velocity(wheel):
@@ -125,6 +124,27 @@ def test_a_balanced_joint_says_that_gravity_does_nothing(wheel):
     logs = [replace(log, added_mass=AddedMass()) for log in wheel[::2]]
     known = Prior.of({"p3": 0.0, "p4": 0.05})
     found = OutputError(terms=(), workers=1)(DataSet.of(logs, known=known))
+    assert found.parameters.p1 == pytest.approx(2e-3, rel=0.02)
+
+
+def test_terms_are_selected_from_those_that_need_no_angle(wheel):
+    passed = bf.select(wheel, "weak-form").rows()
+    assert passed[0]["terms"] == []
+
+
+def test_pieces_in_other_units_are_read_from_files(wheel, tmp_path):
+    columns = (1e3 * TIME, wheel[0].input, -60 / (2 * np.pi) * wheel[0].velocity)
+    rows = np.column_stack(columns)
+    np.savetxt(tmp_path / "a.txt", rows, "%.9g", ";", header="t [ms];u;n [rpm]", comments="")
+    logs = "logs: [{file: a.txt, from: 2, to: 9}, {file: a.txt, from: 9.5}]"
+    (tmp_path / "manifest.yaml").write_text(
+        "name: a\ninput: torque\ngravity: 0\nknown: {p4: 0.05}\nunits: {velocity: -1}\n"
+        f"columns: {{time: t, input: u, velocity: n}}\n{logs}\n"
+    )
+    data = bf.read(tmp_path)
+    np.testing.assert_allclose(data.logs[0].velocity, wheel[0].velocity[500:2251], rtol=1e-6)
+    assert data.logs[1].initial_state.velocity == pytest.approx(wheel[0].velocity[2375], abs=0.6)
+    found = bf.identify(data, OutputError(terms=(), workers=1))
     assert found.parameters.p1 == pytest.approx(2e-3, rel=0.02)
 
 

@@ -117,10 +117,12 @@ def test_a_median_that_does_not_follow_is_said(fits, found):
     assert numbers == ([pytest.approx(np.median(fits), nan_ok=True)] if found else [])
 
 
-def _basis(known, **masses):
+def _basis(known, *, integrated=False, **masses):
     """Return what values rest on, with what is known and an added mass of some uncertainty."""
     data = SimpleNamespace(
-        known=Prior.of(known), masses=[NO_ADDED_MASS, AddedMass(mass=0.05, arm=0.1, **masses)]
+        known=Prior.of(known),
+        masses=[NO_ADDED_MASS, AddedMass(mass=0.05, arm=0.1, **masses)],
+        logs=[SimpleNamespace(integrated=integrated)],
     )
     found = judge_basis(SimpleNamespace(names=("p1", "p4")), data)
     return found[0].parameters if found else ()
@@ -130,7 +132,8 @@ def test_what_no_log_shows_is_named_unless_its_uncertainty_was_told():
     every = ("mass_scale", "arm", "input_scale", "angle_scale", "time_scale")
     assert _basis({}) == every
     told = dict.fromkeys(SCALES, (1.0, 0.01))
-    assert _basis(told) == ("arm",)
+    assert _basis({}, integrated=True)[3:] == ("velocity_scale", "time_scale")
+    assert _basis(told) == _basis(told, integrated=True) == ("arm",)
     assert _basis(told, arm_uncertainty=1e-4) == ()
     assert _basis({}, mass_uncertainty=1e-4) == every[1:]
     with pytest.raises(InputError, match="1 ± its uncertainty"):
