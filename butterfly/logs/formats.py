@@ -73,7 +73,10 @@ VELOCITY = "velocity"
 """Column that is read besides, where no map is given and it is there, or in place of the angle."""
 
 _HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
-_FREE = "input: none of the manifest or a log, or --input none, says that nothing drives the joint"
+_HINTS = {
+    "input": ["input: none of the manifest or a log, or --input none, says that nothing drives it"],
+    "angle": ["velocity=W in place of angle=Q does where no gravity acts"],
+}
 
 
 def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict[str, str | int]:
@@ -88,11 +91,11 @@ def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict
             raise InputError(
                 source, f"columns.{field}", "an unknown field", nearest(field, SAMPLED)
             )
-    optional = {"angle"} if VELOCITY in columns else set()
-    optional |= {"input"} if kind == InputKind.NONE else set()
-    for field in DEFAULT_COLUMNS.keys() - columns.keys() - optional:
-        expected = "the name of a column" + (f"; or {_FREE}" if field == "input" else "")
-        raise InputError(source, f"columns.{field}", "nothing", expected)
+    optional = {"angle": VELOCITY in columns, "input": kind == InputKind.NONE}
+    for field in DEFAULT_COLUMNS:
+        if field not in columns and not optional.get(field):
+            expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
+            raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
 
 
@@ -112,7 +115,7 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     if number is not None:
         expected = f"a number from 0 to {len(names) - 1}, or a name"
         raise InputError(source, "columns", f"number {number}", expected)
-    hint = f"{_HINT}; {_FREE}" if wanted == "input" else _HINT
+    hint = "; ".join([_HINT, *_HINTS.get(str(wanted), ())])
     expected = f"{nearest(str(wanted), names)} ({hint})"
     raise InputError(source, str(wanted), "no such column", expected)
 
@@ -130,7 +133,7 @@ def chosen_columns(
     if columns is None and VELOCITY in there:
         wanted |= {VELOCITY: VELOCITY}
         unasked = [VELOCITY] if "angle" in there else []
-        if not unasked:
+        if not {*map(without_unit, names)} - {"time", "input", VELOCITY}:  # nothing else is one
             del wanted["angle"]
     if columns is None and kind == InputKind.NONE and "input" not in there:
         del wanted["input"]

@@ -135,6 +135,14 @@ def test_a_map_says_where_input_and_angle_stand(columns, said, sine_log):
         log_of_table(sine_log.columns(), columns)
 
 
+def test_a_velocity_is_not_taken_for_what_another_column_may_be(sine_log):
+    table = {"time": sine_log.time, "input": sine_log.input, "velocity": sine_log.angle}
+    assert log_of_table(table).integrated
+    with pytest.raises(InputError, match=r"angle: got no such column; .* velocity=W in place"):
+        log_of_table(table | {"position": sine_log.angle})
+    assert log_of_table(table | {"position": sine_log.angle}, {k: k for k in table}).integrated
+
+
 def test_a_velocity_alone_is_not_written_where_it_would_be_read_as_an_angle(tmp_path, sine_log):
     speed = Log(sine_log.time, sine_log.input, velocity=sine_log.angle)
     with pytest.raises(InputError, match="angle: got a velocity alone"):
