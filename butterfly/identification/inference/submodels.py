@@ -148,8 +148,18 @@ def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Sampl
     scaled, scale = unit_diagonal(matrix)
     asked = free & ~lost[:, np.newaxis]
     both = asked[:, :, np.newaxis] & asked[:, np.newaxis, :]
-    eigenvalues, axes = np.linalg.eigh(np.where(both, scaled, np.eye(scale.size)))
-    lost |= np.asarray(eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1])
-    eigenvalues[lost] = np.nan
-    turned = np.einsum("tnm,tn->tm", axes, np.where(asked, targets / scale, 0.0))
-    return np.asarray(np.einsum("tnm,tm->tn", axes, turned / eigenvalues) / scale)
+    matrices = np.where(both, scaled, np.eye(scale.size))
+    try:
+        inverses = np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:
+        inverses = np.full_like(matrices, np.nan)
+    # no less than the largest eigenvalue over the smallest, which take longer to find
+    ratios = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
+    unsure = ~(ratios < 1 / _SINGULAR)
+    if unsure.any():
+        eigenvalues, axes = np.linalg.eigh(matrices[unsure])
+        eigenvalues[eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1]] = np.nan
+        inverses[unsure] = axes / eigenvalues[:, None, :] @ np.swapaxes(axes, 1, 2)
+    inverses[lost] = np.nan
+    pulls = np.where(asked, targets / scale, 0.0)
+    return np.asarray((inverses @ pulls[:, :, None])[:, :, 0] / scale)
