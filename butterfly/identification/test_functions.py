@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.identification.levels import ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -151,7 +152,8 @@ class Averaging:
         self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
         self._grid = uniform_grid(log.time)
         self._step = float(self._grid[1] - self._grid[0])
-        angle = resample(log.time, log.angle, self._grid) - zero
+        astray = np.abs(log.time - self._grid).max() > ROUNDING * self._step
+        angle = (resample(log.time, log.angle, self._grid) if astray else log.angle) - zero
         self._rests = log.initial_state.velocity == 0
         mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
         velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]

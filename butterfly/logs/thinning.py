@@ -31,7 +31,8 @@ def thinned(log: Log, enough: int = ENOUGH) -> Log:
     block = _block(log.angle, -(-log.time.size // enough))
     if block == 1:
         return log
-    columns = {name: _blocks(values, block).mean(axis=1) for name, values in log.columns().items()}
+    share = np.full(block, 1 / block)
+    columns = {name: _blocks(values, block) @ share for name, values in log.columns().items()}
     if log.intersample is Intersample.ZERO_ORDER_HOLD:
         columns["input"] = _held(log, block)
     kept = _without_gap(log.time, block)  # nor is what is left over at the end
@@ -85,8 +86,8 @@ def _block(angle: Samples, wanted: int) -> int:
     block = 1
     while block < wanted:
         lag = min(2 * block, wanted)
-        rows = np.linspace(0, angle.size - 2 * lag - 1, min(_ROWS, angle.size)).astype(np.intp)
-        near, far = (np.mean((angle[rows + k * lag] - angle[rows]) ** 2) for k in (1, 2))
+        rows = slice(0, angle.size - 2 * lag, max(1, angle.size // _ROWS))
+        near, far = (np.mean((angle[k * lag :][rows] - angle[rows]) ** 2) for k in (1, 2))
         if far - near > 3 * spread:
             break
         block = lag

@@ -11,27 +11,23 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.multistart import Start
 from butterfly.model.greybox import simulate
 from butterfly.signals import hold
-from tests.benchmarks.bars import ROWS, other_bars, table, write_page
+from tests.benchmarks.bars import ROWS, table, write_page
 
 _VERSIONS = ("mujoco", "numba", "numpy", "scipy")
 
 
-def pytest_sessionfinish(session):
-    """Write the page after a whole run; fail a short one whose bars are not the page's."""
+def pytest_sessionfinish():
+    """Write what was measured into the page, if that is asked for."""
     if os.environ.get("BUTTERFLY_BENCH_WRITE"):
         write_page(_machine())
-    elif ROWS and other_bars():
-        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_terminal_summary(terminalreporter):
     if not ROWS:
         return
     terminalreporter.section("measured, as ratios")
-    terminalreporter.write_line(table())
+    terminalreporter.write_line(table(ROWS.values()))
     terminalreporter.write_line(f"\n{_machine()}")
-    for what in () if os.environ.get("BUTTERFLY_BENCH_WRITE") else other_bars():
-        terminalreporter.write_line(f"docs/performance.md has another bar, or none: {what}")
 
 
 def _machine():

@@ -72,9 +72,9 @@ def test_errors_over_random_draws():
         spurious = sum(None in each.values() for each in found)
         print(f"\n{title}, rms error in %:", {n: round(value, 4) for n, value in rms.items()})
         print(f"a term that is not there accepted in {spurious} of {DRAWS} draws")
-        at_most(spurious, DRAWS / 8, f"{title}, draws with a term that is not there", time=False)
+        at_most(spurious, DRAWS / 8, f"{title}, draws with a term that is not there")
         for name, limit in limits.items():
-            at_most(rms[name], limit, f"{title}, rms error of {name} in %", time=False)
+            at_most(rms[name], limit, f"{title}, rms error of {name} in %")
 
 
 def _effect(name):
@@ -106,7 +106,7 @@ def test_free_run_errors_for_every_effect():
         chosen = list(EFFECTS)[1:4] if SHORT else list(EFFECTS)
         for name, (ratio, line) in zip(chosen, pool.map(_effect, chosen), strict=True):
             print(line)
-            at_least(ratio, BETTER[name], name, time=False)
+            at_least(ratio, BETTER[name], name)
 
 
 def _swings(seed):
@@ -133,5 +133,5 @@ def test_the_loop_over_random_draws():
             f"\nfrom {title}: first {min(e[0] for e in loops)}..{max(e[0] for e in loops)}, "
             f"last {min(last)}..{max(last)}, rounds at most {max(map(len, loops))}"
         )
-        at_most(max(abs(each - 60) for each in last), 0.2, f"{title}, degrees off 60", time=False)
-        at_most(max(map(len, loops)), 4, f"{title}, rounds", time=False)
+        at_most(max(abs(each - 60) for each in last), 0.2, f"{title}, degrees off 60")
+        at_most(max(map(len, loops)), 4, f"{title}, rounds")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from butterfly.identification.levels import CONFIDENCE, PRECISE, ROUNDING
 
 Places: TypeAlias = NDArray[np.int64]
 
-_PLACES = 1024  # in a step of the encoder, a power of two
-_FURTHEST = 6  # steps by which noise moves a reading
-
 
 @dataclass(frozen=True, kw_only=True)
 class SensorErrors:
@@ -34,6 +31,7 @@ class SensorErrors:
 
     step: float  # of the encoder in rad; 0 if the readings lie on no grid
     noise: float  # standard deviation in rad of the noise before rounding
+    places: ClassVar[int] = 1024  # in a step, a power of two, at which errors are known
 
     @property
     def spread(self) -> float:
@@ -58,11 +56,12 @@ class SensorErrors:
         if white.white:
             return white
         places = _places(angle, step)
+        share = np.bincount(places, minlength=cls.places) / places.size
 
         @cache
         def excess(noise: float) -> float:
             mean, variance = _by_place(noise, step)
-            return _roughness(mean[places]) + 6 * float(np.mean(variance[places])) - roughness
+            return _roughness(mean[places]) + 6 * float(share @ variance) - roughness
 
         largest = math.sqrt(roughness / 6)
         if excess(0.0) >= 0 or excess(largest) <= 0:
@@ -81,7 +80,7 @@ class SensorErrors:
         Each is over so many of the angles, one after the other; for each of (k,) shifts in rad all
         angles are off by it. A mean has the expectation and the variance that its errors give it.
         """
-        moved = np.rint(shifts / self.step * _PLACES).astype(np.int64)
+        moved = np.rint(shifts / self.step * self.places).astype(np.int64)
         places = _places(angle, self.step)
         means, variances = _sums(places, moved, counts, _by_place(self.noise, self.step))
         drawn = means + np.sqrt(variances) * random.standard_normal(means.shape)
@@ -100,13 +99,14 @@ def encoder_step(readings: Samples) -> float:
 
 def _places(angle: Samples, step: float) -> Places:
     """Return where (n,) angles in rad are in a step of the encoder, of which 0 is the beginning."""
-    return np.floor((angle / step + 0.5) * _PLACES).astype(np.int64) & (_PLACES - 1)
+    count = SensorErrors.places
+    return np.floor((angle / step + 0.5) * count).astype(np.int64) & (count - 1)
 
 
 def _by_place(noise: float, step: float) -> Samples:
     """(2, p) mean in rad and variance of a reading's error, by where its angle is in a step."""
-    place = (np.arange(_PLACES) + 0.5) / _PLACES - 0.5
-    further = np.arange(1, _FURTHEST + 1)[:, None]
+    place = (np.arange(SensorErrors.places) + 0.5) / SensorErrors.places - 0.5
+    further = np.arange(1, 4)[:, None]  # steps by which noise of half a step moves a reading
     scale = step / max(noise, ROUNDING * step)
     over, under = (ndtr((each - further + 0.5) * scale) for each in (place, -place))
     read = np.sum(over - under, axis=0)
@@ -123,7 +123,7 @@ def _sums(places: Places, moved: Places, counts: Places, by_place: Samples) -> S
         for cell in range(counts.size):
             mean = variance = 0.0
             for k in range(begin, begin + counts[cell]):
-                place = (places[k] + moved[draw]) & (_PLACES - 1)
+                place = (places[k] + moved[draw]) & (by_place.shape[1] - 1)
                 mean, variance = mean + by_place[0, place], variance + by_place[1, place]
             begin += counts[cell]
             result[0, draw, cell], result[1, draw, cell] = mean, variance
