@@ -82,7 +82,7 @@ def test_threads_search_for_as_long_as_what_began_them():
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_trial_that_costs_too_much_stops_at_its_first_logs(data, monkeypatch, workers):
     start = OutputError(terms=(), horizon=np.inf, workers=workers)
-    first = starts(data, ())[0]
+    first = next(starts(data, ()))
     problem = start.problem(data.logs, first)
     away = problem.initial * 1.5
     count = len(data.logs)

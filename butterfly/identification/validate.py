@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -220,7 +220,7 @@ class _NestedFits(_Fits):
             )
         return self._fitted[terms]
 
-    def _fit(self, terms: tuple[str, ...], data: DataSet, first: Sequence[Start]) -> JointFit:
+    def _fit(self, terms: tuple[str, ...], data: DataSet, first: Iterable[Start]) -> JointFit:
         return self._joint.with_terms(terms).fit(data.logs, first, data.known)
 
 

@@ -156,12 +156,12 @@ def test_output_error_holds_a_told_zero_and_weighs_an_uncertain_one():
     logs = [log.take(np.arange(1500)) for log in _logs(0.3, turns=(0, 0, 0))]
     fit = OutputError(terms=(), workers=1)
     held = DataSet.of([replace(log, zero=0.3) for log in logs])
-    found = fit.of_logs(held.logs, starts(held, ())[:1])
+    found = fit.of_logs(held.logs, [next(starts(held, ()))])
     assert found.local == {}
     assert found.parameters.p3 == pytest.approx(P3, rel=1e-3)
     assert (held.simulations.fits(found) > 99).all()
     rough = DataSet.of([replace(log, zero=(0.33, 1e-4)) for log in logs])
-    weighed = fit.of_logs(rough.logs, starts(rough, ())[:1])
+    weighed = fit.of_logs(rough.logs, [next(starts(rough, ()))])
     assert 0.3 < weighed.local[None]["zero"] < 0.33
 
 

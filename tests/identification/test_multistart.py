@@ -2,10 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.estimators.gauss_newton import Equations, LogEquations
 from butterfly.identification.estimators.multistart import lowest_end
 
 
@@ -25,7 +27,7 @@ class Problem:
 
 
 def _end(cost, *, converged=True):
-    return SimpleNamespace(point="on", at=SimpleNamespace(cost=cost), converged=converged)
+    return SimpleNamespace(point="on", at=SimpleNamespace(cost=cost, logs=()), converged=converged)
 
 
 FULLY, GLANCE, ON = ("start", False), ("start", True), ("on", False)
@@ -62,3 +64,25 @@ def test_the_lowest_end_is_kept_and_other_ends_said(ends, cost, ratios, last):
 def test_guesses_none_of_which_can_be_simulated_are_refused():
     with pytest.raises(IdentifiabilityError, match="diverges"):
         lowest_end([Problem(None), Problem(None)])
+
+
+@pytest.mark.parametrize(
+    ("noise", "wave", "made"), [(1e-3, 0.0, 1), (1e-3, 1e-3, 2), (0.1, 0.0, 2)]
+)
+def test_no_other_start_is_made_where_the_first_leaves_small_white_errors_alone(noise, wave, made):
+    """Smooth errors of the size of noise, or large ones, may have another end."""
+    errors = noise * np.random.default_rng(0).standard_normal(4000)
+    errors += wave * np.sqrt(2) * np.sin(np.arange(4000) / 50)
+    log = LogEquations(residuals=errors / 4000**0.5, rows=np.ones((4000, 1)), mixture=np.eye(1))
+    first = SimpleNamespace(point="on", at=Equations(logs=(log,)), converged=True)
+    problems = []
+
+    def later():
+        for ends in ([first], [_end(5)]):
+            problems.append(Problem(*ends))
+            yield problems[-1]
+
+    lowest_end(later(), enough=True)
+    assert len(problems) == made
+    lowest_end(later())
+    assert len(problems) == made + 2

@@ -162,6 +162,7 @@ def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
     )
 
 
+@pytest.mark.slow
 def test_terms_are_chosen_by_output_error_from_one_search_for_starts(monkeypatch):
     """The fits with some terms begin where that with all ends, and end where their own would."""
     data = DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(steady(RICH, SWINGS))])

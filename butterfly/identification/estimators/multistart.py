@@ -6,20 +6,23 @@ First guesses are closed forms' parameters, and rest angles of the encoder.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
-from butterfly.identification.estimators.gauss_newton import Minimum
+from butterfly.identification.estimators.gauss_newton import Equations, Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.inference.term_choice import candidates
-from butterfly.identification.levels import SPREADS
+from butterfly.identification.levels import MATTERS, SPREADS
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
@@ -39,9 +42,9 @@ class Start:
     zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
 
 
-def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
-    """Return estimates of all closed forms that the logs allow, or else a guess of the scale."""
-    found: list[Start] = []
+def starts(data: DataSet, terms: tuple[str, ...] | None) -> Iterator[Start]:
+    """Yield estimates of all closed forms that the logs allow, or else a guess of the scale."""
+    found = False
     refusals: list[ButterflyError] = []
     guesses = [(_from_any, candidates(_LEFT_OUT, data.masses, data.known))] if terms is None else []
     for closed_form, wanted in ((_from_sines, terms), (_from_any, terms), *guesses):
@@ -52,15 +55,16 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
             continue
         inertia = start.parameters.p1 + min(mass.inertia for mass in data.masses)
         if inertia > 0:
-            found.append(start)
+            found = True
+            yield start
         else:
             refusals.append(_without_inertia(data, inertia))
     if found:
-        return found
+        return
     guess = None if data.known.scale() else _of_ratios(data)
     if guess is None:
         raise refusals[-1]
-    return [guess]
+    yield guess
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
@@ -143,11 +147,12 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
 
 
 def lowest_end(
-    problems: Sequence[FreeRunResiduals],
+    problems: Iterable[FreeRunResiduals], *, enough: bool = False
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
     """Descend from the first guess of each problem; return the best end, and what of the others.
 
-    The first descent is made to its end; the others are, only where they come lower.
+    The first descent is made to its end; the others are, only where they come lower, and none where
+    it is ``enough`` that that end leaves noise alone.
     """
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
@@ -165,6 +170,8 @@ def lowest_end(
             refusals.append(refusal)
         else:
             ends.append((problem, end))
+            if enough and len(ends) == 1 and end.converged and _leaves_noise(end.at):
+                break
     if not ends:
         raise refusals[0]
     (problem, best), *others = sorted(ends, key=lambda each: each[1].at.cost)
@@ -172,3 +179,18 @@ def lowest_end(
     elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
     return problem, best, findings
+
+
+def _leaves_noise(at: Equations) -> bool:
+    """Whether errors are a small share of the motion and white: no simulation explains more.
+
+    Second differences of white errors are on average six times their squares; what a model misses
+    is smooth from step to step and hardly enters them.
+    """
+    noise = sum(0.5 * log.residuals.size * _roughness(log.residuals) / 6 for log in at.logs)
+    small = 2 * at.cost <= len(at.logs) * MATTERS**2
+    return small and at.cost <= _ELSEWHERE * noise
+
+
+def _roughness(errors: Samples) -> float:
+    return float(np.mean(np.diff(errors, 2) ** 2)) if errors.size > 2 else 0.0  # noqa: PLR2004

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain, islice
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ from butterfly.identification.inference.scatter import Likelihood, LogRows, Scat
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
     RARER,
+    SCANNED,
     TermChoice,
     candidates,
     requested_terms,
@@ -132,28 +134,51 @@ class OutputError(Estimator):
         return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
+        self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         return self.fit(logs, first, known).estimate
 
-    def fit(self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR) -> JointFit:
-        """Fit as `of_logs` does; what is returned tells also of fits without some of the logs."""
-        if self.horizon is None:
-            horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-            found = replace(self, horizon=horizon).fit(logs, first, known)
-            if math.isfinite(horizon):
-                return found
-            return found._replace(estimate=replace(found.estimate, horizon=None))
+    def fit(self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR) -> JointFit:
+        """Fit as `of_logs` does; what is returned tells also of fits without some of the logs.
+
+        Where the terms are told, and no Stribeck velocity is sought, later guesses are made only if
+        the first does not lead to noise.
+        """
+        guesses = iter(first)
+        begun = list(islice(guesses, 1) if self._has_one_end else guesses)
+        if self.horizon is not None:
+            return self._fit(logs, begun, guesses, known)
+
+        def later() -> Iterator[Start]:
+            for each in guesses:
+                begun.append(each)
+                yield each
+
+        horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in begun)
+        found = replace(self, horizon=horizon).fit(logs, chain(tuple(begun), later()), known)
+        shortest = min(horizon_of(logs, each.parameters, each.zeros) for each in begun)
+        if shortest < horizon:
+            found = replace(self, horizon=shortest).fit(logs, begun, known)
+        if math.isfinite(shortest):
+            return found
+        return found._replace(estimate=replace(found.estimate, horizon=None))
+
+    def _fit(
+        self, logs: Sequence[Log], begun: Sequence[Start], later: Iterator[Start], known: Prior
+    ) -> JointFit:
+        """Fit over a horizon, from guesses, and those made later where these do not suffice."""
         require_usable(self.method, known)
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
-        problems = [self.problem(logs, each, reference.fixed) for each in first]
-        wide, rarer = problems[0], self._unseen(first)
-        problem, end, said = lowest_end([each.without(rarer) for each in problems])
+        wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
+        others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
+        problem, end, said = lowest_end(
+            (each.without(rarer) for each in chain([wide], others)), enough=self._has_one_end
+        )
         rivals: tuple[Samples, ...] = ()
         always, lacking = tuple(known.uncertain), None
         plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
@@ -203,6 +228,11 @@ class OutputError(Estimator):
             horizon=self.horizon or math.inf,
         )
         return JointFit(estimate, whole, unweighted, owned)
+
+    @property
+    def _has_one_end(self) -> bool:
+        """Whether other ends of a descent would leave far more than noise."""
+        return self.terms is not None and SCANNED not in self.terms
 
     def _unseen(self, first: Sequence[Start]) -> set[str]:
         """Return the rarer terms that no first guess has: they are tried in the end."""
