@@ -82,5 +82,7 @@ def test_no_other_start_is_made_where_the_first_leaves_small_white_errors_alone(
             problems.append(Problem(*ends))
             yield problems[-1]
 
-    lowest_end(later())
+    lowest_end(later(), enough=True)
     assert len(problems) == made
+    lowest_end(later())
+    assert len(problems) == made + 2

@@ -147,12 +147,12 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
 
 
 def lowest_end(
-    problems: Iterable[FreeRunResiduals],
+    problems: Iterable[FreeRunResiduals], *, enough: bool = False
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
     """Descend from the first guess of each problem; return the best end, and what of the others.
 
     The first descent is made to its end; the others are, only where they come lower, and none where
-    that end leaves noise alone.
+    it is ``enough`` that that end leaves noise alone.
     """
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
@@ -170,7 +170,7 @@ def lowest_end(
             refusals.append(refusal)
         else:
             ends.append((problem, end))
-            if len(ends) == 1 and end.converged and _leaves_noise(end.at):
+            if enough and len(ends) == 1 and end.converged and _leaves_noise(end.at):
                 break
     if not ends:
         raise refusals[0]

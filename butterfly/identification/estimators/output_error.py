@@ -42,6 +42,7 @@ from butterfly.identification.inference.scatter import Likelihood, LogRows, Scat
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
     RARER,
+    SCANNED,
     TermChoice,
     candidates,
     requested_terms,
@@ -141,10 +142,11 @@ class OutputError(Estimator):
     def fit(self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR) -> JointFit:
         """Fit as `of_logs` does; what is returned tells also of fits without some of the logs.
 
-        Where the terms are told, later guesses are made only if the first does not lead to noise.
+        Where the terms are told, and no Stribeck velocity is sought, later guesses are made only if
+        the first does not lead to noise.
         """
         guesses = iter(first)
-        begun = list(guesses if self.terms is None else islice(guesses, 1))
+        begun = list(islice(guesses, 1) if self._has_one_end else guesses)
         if self.horizon is not None:
             return self._fit(logs, begun, guesses, known)
 
@@ -174,7 +176,9 @@ class OutputError(Estimator):
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
-        problem, end, said = lowest_end(each.without(rarer) for each in chain([wide], others))
+        problem, end, said = lowest_end(
+            (each.without(rarer) for each in chain([wide], others)), enough=self._has_one_end
+        )
         rivals: tuple[Samples, ...] = ()
         always, lacking = tuple(known.uncertain), None
         plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
@@ -224,6 +228,11 @@ class OutputError(Estimator):
             horizon=self.horizon or math.inf,
         )
         return JointFit(estimate, whole, unweighted, owned)
+
+    @property
+    def _has_one_end(self) -> bool:
+        """Whether other ends of a descent would leave far more than noise."""
+        return self.terms is not None and SCANNED not in self.terms
 
     def _unseen(self, first: Sequence[Start]) -> set[str]:
         """Return the rarer terms that no first guess has: they are tried in the end."""
