@@ -17,7 +17,7 @@ def unit_columns(rows: Samples) -> tuple[Samples, Samples]:
 
 
 def unit_diagonal(matrix: Samples) -> tuple[Samples, Samples]:
-    """Return an (n, n) matrix of squares scaled to a diagonal of 1, and (n,) roots: 1 of none."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    """Return (n, n) squares, or many such, scaled to a diagonal of 1, and (n,) roots: 1 of none."""
+    size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 0.0))
     size[size == 0] = 1.0
-    return matrix / np.outer(size, size), size
+    return matrix / (size[..., :, None] * size[..., None, :]), size

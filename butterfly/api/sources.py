@@ -81,8 +81,9 @@ def read(
         Fields of a manifest, by name; a manifest may say some of them itself. None says nothing.
 
         - ``name``: of the data set.
-        - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage`` or ``torque``) and
-          ``intersample`` (``zero_order_hold`` or ``first_order_hold``): where no manifest says it.
+        - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage``, ``torque``, or
+          ``none`` where nothing drives) and ``intersample`` (``zero_order_hold`` or
+          ``first_order_hold``): where no manifest says it.
         - ``columns``: what holds ``time``, ``input`` and ``angle``, by name or number;
           ``joint`` (``hinge`` or ``slide``); ``gravity`` in m/s^2 across its axis; ``sign`` (-1
           where a positive command turns towards negative angles); ``zero``, what the encoder reads

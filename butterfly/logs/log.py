@@ -209,7 +209,7 @@ class Log:
         frame: Mapping[str, Any],
         *,
         time: str = "time",
-        input: str = "input",  # noqa: A002 - the column's name in a log
+        input: str | None = "input",  # noqa: A002 - the column's name in a log
         angle: str | None = "angle",
         velocity: str | None = None,
         units: Mapping[str, str | float] | None = None,
@@ -222,7 +222,7 @@ class Log:
         frame
             The table.
         time, input, angle, velocity
-            Names of its columns; one of the last two may be None.
+            Names of its columns; None of one that it lacks.
         units
             Of the columns (see `butterfly.logs.units`), besides what their names say in brackets.
         properties

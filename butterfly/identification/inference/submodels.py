@@ -55,19 +55,20 @@ class Submodels:
         They are nan where the rest does not determine the parameters, or there are no two parts
         (see `fitted`), and infinite where simulations ran away.
         """
-        parts = np.unique(self.folds)
+        parts, own = np.unique(self.folds), self.equations
         errors = np.empty((len(kept), self.folds.size))
         lost = np.full(len(kept), parts.size == 1)
-        curvature, gradient = self.equations.total
-        for part in parts:
-            mine = self.folds == part
-            values = self._fitted(
-                curvature - self.equations.curvature[mine].sum(axis=0),
-                gradient - self.equations.gradient[mine].sum(axis=0),
-                kept,
+        at_once = max(1, 4096 // len(kept))  # which bounds the memory that the fits take
+        for some in np.split(parts, range(at_once, parts.size, at_once)):
+            left_out = self.folds == some[:, None]
+            curvature, gradient = (
+                np.repeat(whole - np.tensordot(left_out, each, 1), len(kept), axis=0)
+                for whole, each in zip(own.total, (own.curvature, own.gradient), strict=True)
             )
-            lost |= np.isnan(values).any(axis=1)
-            errors[:, mine] = self.costs(values)[:, mine]
+            fits = self._fitted(curvature, gradient, np.tile(kept, (some.size, 1)))
+            for mine, values in zip(left_out, np.split(fits, some.size), strict=True):
+                lost |= np.isnan(values).any(axis=1)
+                errors[:, mine] = self.costs(values)[:, mine]
         return np.where(
             lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf, posinf=np.inf)
         )
@@ -120,17 +121,21 @@ def _bounded(
 ) -> Samples:
     """(t, n) values that solve total equations about others for what is kept, within bounds.
 
-    What the data do not determine is nan, but on a bound, where it stays if nothing moves it.
+    All have the same (n, n) and (n,) equations, or each of the t its own. What the data do not
+    determine is nan, but on a bound, where it stays if nothing moves it.
     """
     (curvature, gradient), at, lower = total, about.values, about.lower
-    held = np.maximum(at, lower)
+    held, (count, size) = np.maximum(at, lower), kept.shape
+    curvature = np.broadcast_to(curvature, (count, size, size))
+    gradient = np.broadcast_to(gradient, kept.shape)
     values = np.where(kept, held, absent)
-    idle = ~(np.diag(curvature) > 0) & (held <= lower)
+    idle = ~(np.einsum("tnn->tn", curvature) > 0) & (held <= lower)
     free = kept & ~idle
     rows = np.flatnonzero(free.any(axis=1))
     while rows.size:
-        pull = gradient + (values[rows] - at) @ curvature
-        reached = values[rows] + _solved(curvature, -pull, free[rows])
+        own = curvature[rows]
+        pull = gradient[rows] + np.einsum("tm,tmn->tn", values[rows] - at, own)
+        reached = values[rows] + _solved(own, -pull, free[rows])
         low = free[rows] & (reached < lower)
         values[rows] = np.where(free[rows], np.maximum(reached, lower), values[rows])
         free[rows] &= ~low
@@ -139,17 +144,27 @@ def _bounded(
 
 
 def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Samples:
-    """Solve (n, n) normal equations for (t, n) targets, whatever the units.
+    """Solve (t, n, n) normal equations for (t, n) targets, whatever the units.
 
     Each of the t solutions has only the unknowns that are ``free`` in it, the others being 0; it is
     nan where they are not determined.
     """
-    lost = np.asarray((free & ~(np.diag(matrix) > 0)).any(axis=1))
+    lost = np.asarray((free & ~(np.einsum("tnn->tn", matrix) > 0)).any(axis=1))
     scaled, scale = unit_diagonal(matrix)
     asked = free & ~lost[:, np.newaxis]
     both = asked[:, :, np.newaxis] & asked[:, np.newaxis, :]
-    eigenvalues, axes = np.linalg.eigh(np.where(both, scaled, np.eye(scale.size)))
-    lost |= np.asarray(eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1])
-    eigenvalues[lost] = np.nan
-    turned = np.einsum("tnm,tn->tm", axes, np.where(asked, targets / scale, 0.0))
-    return np.asarray(np.einsum("tnm,tm->tn", axes, turned / eigenvalues) / scale)
+    matrices = np.where(both, scaled, np.eye(scale.shape[1]))
+    try:
+        inverses = np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:
+        inverses = np.full_like(matrices, np.nan)
+    # no less than the largest eigenvalue over the smallest, which take longer to find
+    ratios = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
+    unsure = ~(ratios < 1 / _SINGULAR)
+    if unsure.any():
+        eigenvalues, axes = np.linalg.eigh(matrices[unsure])
+        eigenvalues[eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1]] = np.nan
+        inverses[unsure] = axes / eigenvalues[:, None, :] @ np.swapaxes(axes, 1, 2)
+    inverses[lost] = np.nan
+    pulls = np.where(asked, targets / scale, 0.0)
+    return np.asarray((inverses @ pulls[:, :, None])[:, :, 0] / scale)
