@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from butterfly import progress
 from butterfly.cli import main, output
 
 
@@ -24,6 +25,7 @@ def answer():
                 contextlib.redirect_stderr(err),
             ):
                 patch.setattr(output, "EVERY", 1e4)
+                patch.setattr(progress, "BUDGET", 1e4)
                 patch.setattr(sys, "argv", ["butterfly", *words])
                 patch.setenv("COLUMNS", "80")
                 with pytest.raises(SystemExit) as ended:

@@ -15,6 +15,7 @@ from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
 from butterfly.cli.results import matching, show_rows, shown_text, without_formulas
 from butterfly.experiment.sweep import run_sweep
+from butterfly.progress import budget
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import HereEngine, small_plan, written
 
@@ -191,6 +192,22 @@ def test_where_there_is_no_terminal_a_line_tells_from_time_to_time(capsys):
     }
     time.sleep(0.05)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("often")
+def test_one_fit_is_told_by_its_simulations_and_many_by_the_time_that_is_left(capsys):
+    with budget(50.0) as search:
+        for _ in show_progress([1], "Fitting"):
+            search.simulations = 7
+            time.sleep(0.05)
+    told = capsys.readouterr().err
+    assert re.search(
+        r"^Fitting: 7 simulations of all logs, \d+ s \(searches for 50 s\)$", told, re.M
+    )
+    for _ in show_progress([1, 2, 3], "Counting"):
+        time.sleep(0.05)
+    told = capsys.readouterr().err
+    assert re.search(r"^Counting: 2 of 3 done, \d+ s, about \d+ s left$", told, re.M)
 
 
 def test_short_work_is_silent(capsys):
