@@ -64,7 +64,8 @@ def compiling_beside(rehearsal: Callable[[], None]) -> Iterator[None]:
         yield
         return
     name = rehearsal.__name__
-    command = [sys.executable, "-c", f"from {rehearsal.__module__} import {name}; {name}()"]
+    code = f"import gc; gc.disable(); from {rehearsal.__module__} import {name}; {name}()"
+    command = [sys.executable, "-c", code]
     paths = {"PYTHONPATH": os.pathsep.join(sys.path)}
     none = subprocess.DEVNULL
     with subprocess.Popen(  # noqa: S603 - our own

@@ -161,7 +161,8 @@ class Likelihood:
         variance = _variance(self._logs, self._parts, sizes)
         weight = np.linalg.inv(variance)
         weighed = weight @ self._both
-        sums = np.einsum("kqi,kqj->ij", self._both, weighed)
+        width = self._both.shape[2]
+        sums = self._both.reshape(-1, width).T @ weighed.reshape(-1, width)
         normal = sums[:-1, :-1] + np.diag(self._known)
         normal += np.diag(np.where(np.diag(normal) > 0, 0.0, 1.0))  # of what has no effect
         scale = np.sqrt(np.diag(normal))
@@ -175,7 +176,7 @@ class Likelihood:
         rows, left = weighed[:, :, :-1], weighed[:, :, -1] - weighed[:, :, :-1] @ change
         slope = weight - rows @ inverse @ np.swapaxes(rows, 1, 2)
         slope -= left[:, :, None] * left[:, None, :]
-        slopes = 2 * sizes * np.einsum("ckij,kij->c", self._parts, slope)
+        slopes = 2 * sizes * (self._parts.reshape(sizes.size, -1) @ slope.ravel())
         return float(logarithms + sums[-1, -1] - pull @ change), slopes
 
     def best(self, without: int | None = None) -> Scatter:
