@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 185,
-    "lines of the package": 34_920,
-    "lines of tests": 28_057,
+    "files of the package": 187,
+    "lines of the package": 35_869,
+    "lines of tests": 28_889,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 60,
