@@ -18,7 +18,7 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 187,
-    "lines of the package": 35_869,
+    "lines of the package": 35_856,
     "lines of tests": 28_889,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,

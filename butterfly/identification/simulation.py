@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.logs.log import InitialState, InputKind, Intersample, Log
+from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -212,14 +212,7 @@ def rehearse() -> None:
     """Call all that numba compiles of an identification, so that it is on disk from then on."""
     time = np.arange(0.0, 0.2, 0.01)
     robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
-    log = Log(
-        time=time,
-        input=time,
-        angle=time,
-        input_kind=InputKind.VOLTAGE,
-        intersample=Intersample.ZERO_ORDER_HOLD,
-        source="rehearsal",
-    )
+    log = Log(time, time, time)
     simulation = Simulation(log, robot)
     simulation.run(robot, 0.0).at(time)
     simulation.linearised(("p1",), robot, 0.0)

@@ -205,7 +205,7 @@ class _NestedFits(_Fits):
 
         def of_rest(rest: DataSet) -> Estimate:
             lost = [k for k, log in enumerate(logs) if not any(log is own for own in rest.logs)]
-            return self._fit(terms, rest, [_start_at(rest, fit.without(lost))]).estimate
+            return self._fit(terms, rest, [Start.at(fit.without(lost), rest)]).estimate
 
         return cross_validate(self._data, of_rest, split).summary
 
@@ -216,18 +216,12 @@ class _NestedFits(_Fits):
         if terms not in self._fitted:
             lost = self._tried - {*terms, *(COMPANIONS.get(name, "") for name in terms)}
             self._fitted[terms] = self._fit(
-                terms, self._data, [_start_at(self._data, self._wide.lacking(lost))]
+                terms, self._data, [Start.at(self._wide.lacking(lost), self._data)]
             )
         return self._fitted[terms]
 
     def _fit(self, terms: tuple[str, ...], data: DataSet, first: Iterable[Start]) -> JointFit:
         return self._joint.with_terms(terms).fit(data.logs, first, data.known)
-
-
-def _start_at(data: DataSet, found: Estimate) -> Start:
-    zero = found.local.get(None, {}).get("zero")
-    zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    return Start(found.parameters, zeros)
 
 
 def _fits_of(

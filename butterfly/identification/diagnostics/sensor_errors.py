@@ -51,8 +51,8 @@ class SensorErrors:
         differences of the errors as large as they are: what a model misses is smooth from sample to
         sample and hardly enters them.
         """
-        step, roughness = encoder_step(measured), _roughness(measured - angle)
-        white = cls(step=step, noise=math.sqrt(max(roughness / 6 - step**2 / 12, 0.0)))
+        step, rough = encoder_step(measured), roughness(measured - angle)
+        white = cls(step=step, noise=math.sqrt(max(rough / 6 - step**2 / 12, 0.0)))
         if white.white:
             return white
         places = _places(angle, step)
@@ -61,9 +61,9 @@ class SensorErrors:
         @cache
         def excess(noise: float) -> float:
             mean, variance = _by_place(noise, step)
-            return _roughness(mean[places]) + 6 * float(share @ variance) - roughness
+            return roughness(mean[places]) + 6 * float(share @ variance) - rough
 
-        largest = math.sqrt(roughness / 6)
+        largest = math.sqrt(rough / 6)
         if excess(0.0) >= 0 or excess(largest) <= 0:
             return cls(step=step, noise=0.0 if excess(0.0) >= 0 else largest)
         return cls(step=step, noise=float(brentq(excess, 0.0, largest, xtol=1e-3 * step)))
@@ -130,9 +130,9 @@ def _sums(places: Places, moved: Places, counts: Places, by_place: Samples) -> S
     return result
 
 
-def _roughness(errors: Samples) -> float:
+def roughness(errors: Samples) -> float:
     """Mean square of the second differences of (n,) errors: 6 times the variance of white ones."""
-    return float(np.mean(np.diff(errors, 2) ** 2))
+    return float(np.mean(np.diff(errors, 2) ** 2)) if errors.size > 2 else 0.0  # noqa: PLR2004
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

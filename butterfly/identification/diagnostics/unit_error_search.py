@@ -21,6 +21,7 @@ from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT, is_possible
+from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.diagnostics.unit_errors import (
     COUNTS,
     TABLE,
@@ -92,7 +93,7 @@ def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Findi
 def _noise(data: DataSet) -> Samples:
     """(n,) noise of each log over its motion, by what neighbours have not in common."""
     angles = [log.measured for log in data.logs]
-    return np.array([np.sqrt(np.mean(np.diff(each, 2) ** 2) / 6) / each.std() for each in angles])
+    return np.array([math.sqrt(roughness(each) / 6) / each.std() for each in angles])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,12 +9,10 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
@@ -40,6 +38,13 @@ class Start:
 
     parameters: LumpedParameters  # of the bare hand
     zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
+
+    @classmethod
+    def at(cls, found: Estimate, data: DataSet) -> Start:
+        """Begin where an estimate is; the zeros are those of the logs, if it has none."""
+        zero = found.local.get(None, {}).get("zero")
+        zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
+        return cls(found.parameters, zeros)
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> Iterator[Start]:
@@ -80,9 +85,7 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
     found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
-    zero = found.local.get(None, {}).get("zero")
-    zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    return Start(_moving(found, data), zeros)
+    return replace(Start.at(found, data), parameters=_moving(found, data))
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
@@ -187,10 +190,6 @@ def _leaves_noise(at: Equations) -> bool:
     Second differences of white errors are on average six times their squares; what a model misses
     is smooth from step to step and hardly enters them.
     """
-    noise = sum(0.5 * log.residuals.size * _roughness(log.residuals) / 6 for log in at.logs)
+    noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
     small = 2 * at.cost <= len(at.logs) * MATTERS**2
     return small and at.cost <= _ELSEWHERE * noise
-
-
-def _roughness(errors: Samples) -> float:
-    return float(np.mean(np.diff(errors, 2) ** 2)) if errors.size > 2 else 0.0  # noqa: PLR2004
