@@ -18,6 +18,7 @@ from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Equations, Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.inference.term_choice import candidates
 from butterfly.identification.levels import MATTERS, SPREADS
@@ -84,7 +85,9 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
-    found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
+    numbers, _ = steady_sines(data)
+    points = [point for k in numbers if (point := data.points[k]) is not None]
+    found = closed_form.of_points(points, usable(closed_form.method, data.known))
     return replace(Start.at(found, data), parameters=_moving(found, data))
 
 
