@@ -204,11 +204,10 @@ class _NestedFits(_Fits):
 
     def _left_out(self, terms: tuple[str, ...], split: Split) -> FitSummary:
         fit, logs = self._begun(terms), self._data.logs
-        begun = fit._replace(equations=fit.unweighted)  # as the descents see it
 
         def of_rest(rest: DataSet) -> Estimate:
             lost = [k for k, log in enumerate(logs) if not any(log is own for own in rest.logs)]
-            return self._fit(terms, rest, [Start.at(begun.without(lost), rest)]).estimate
+            return self._fit(terms, rest, [Start.at(fit.without(lost), rest)]).estimate
 
         return cross_validate(self._data, of_rest, split).summary
 

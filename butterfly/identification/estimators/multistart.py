@@ -22,7 +22,6 @@ from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.inference.term_choice import candidates
 from butterfly.identification.levels import MATTERS, SPREADS
-from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
@@ -102,8 +101,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted)
-    logs = [thinned(log, GLANCE) for log in data.logs]
-    estimate = closed_form.of_logs(logs, zeros, usable(closed_form.method, data.known))
+    estimate = closed_form.of_logs(data.glance, zeros, usable(closed_form.method, data.known))
     found = _moving(estimate, data)
     if not open_:
         return Start(found, zeros)
