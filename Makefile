@@ -2,12 +2,14 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+UV := $(BIN)/uv
+INSTALL := $(UV) pip install --quiet --python $(BIN)/python --constraint constraints.txt --build-constraint constraints.txt
 
 # Every core has a worker already, and what is timed has one core: threads of a matrix library would
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo docs pictures test test-slow lint types bench bench-short coverage kinds fuzz readers record record-check wheel clean
+.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short coverage kinds fuzz readers record record-check wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -85,6 +87,13 @@ wheel:
 	cd build/elsewhere && ../wheel/bin/butterfly --version
 	cd build/elsewhere && ../wheel/bin/butterfly run experiments/quickstart.yaml --out run
 
+# The lowest versions that pyproject.toml declares, and the quick start with them.
+lowest: | $(UV)
+	rm -rf build/lowest
+	$(UV) venv --quiet --python $(PYTHON) build/lowest
+	$(UV) pip install --quiet --python build/lowest/bin/python --resolution lowest-direct .
+	build/lowest/bin/butterfly run experiments/quickstart.yaml --out build/lowest/run
+
 clean:
 	rm -rf $(VENV) build dist results
 
@@ -92,10 +101,20 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.runtime: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --editable .
+# uv installs in a tenth of pip's time; where it is missing pip installs the one of constraints.txt.
+$(UV): | $(VENV)/bin/python
+	sed -n '/^uv==/,/[^\\]$$/p' constraints.txt > $(VENV)/uv.txt
+	$(BIN)/pip install --quiet --requirement $(VENV)/uv.txt
+
+$(VENV)/.runtime: pyproject.toml constraints.txt | $(UV)
+	$(INSTALL) --editable .
 	touch $@
 
-$(VENV)/.development: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --editable '.[dev]'
+$(VENV)/.development: pyproject.toml constraints.txt | $(UV)
+	$(INSTALL) --editable '.[dev]'
 	touch $(VENV)/.runtime $@
+
+# The versions that make installs, with their hashes, resolved anew: for all systems and Pythons.
+constraints: | $(UV)
+	$(UV) pip compile pyproject.toml --extra dev --group install --universal --generate-hashes --upgrade --quiet \
+		--no-annotate --no-header --no-emit-index-url --no-emit-find-links --output-file constraints.txt

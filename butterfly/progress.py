@@ -17,6 +17,10 @@ Track = Callable[[Iterable[Any], str], Iterable[Any]]
 """Shows the progress of an iteration, given a description."""
 
 
+def tell(sentence: str) -> None:
+    """Tell whoever waits for what: nobody."""
+
+
 def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001 - a Track
     """Show no progress."""
     return items

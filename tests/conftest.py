@@ -9,6 +9,7 @@ import yaml
 from hypothesis import HealthCheck, settings
 
 import butterfly.plant
+from butterfly import progress
 from butterfly.cli import main, output
 from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
@@ -81,6 +82,7 @@ def sine_log() -> Log:
 def butterfly(monkeypatch, capsys):
     """Run the command line; returns exit code, stdout and stderr, however slow the machine is."""
     monkeypatch.setattr(output, "EVERY", 1e4)
+    monkeypatch.setattr(output, "note", progress.tell)  # wherever it is the first to compile
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["butterfly", *map(str, arguments)])

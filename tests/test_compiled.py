@@ -55,20 +55,20 @@ def small(tmp_path):
     return package
 
 
-def _start(package):
-    """Return what a new process finds, and how much of it was compiled before."""
+def _start(package, code=CALL, cache="cache"):
+    """Return what a new process prints, what it compiles being kept beside the package."""
     paths = [package.parent, Path(butterfly.__file__).parents[1]]
     own = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONDONTWRITEBYTECODE": "1"}
-    own["NUMBA_CACHE_DIR"] = str(package.parent / "cache")
+    if cache is not None:
+        own["NUMBA_CACHE_DIR"] = str(package.parent / cache)
     done = subprocess.run(  # noqa: S603 - our own interpreter
-        [sys.executable, "-c", CALL],
+        [sys.executable, "-c", code],
         env=os.environ | own,
         capture_output=True,
         text=True,
         check=True,
     )
-    found, hits = done.stdout.split()
-    return float(found), int(hits)
+    return done.stdout
 
 
 @pytest.mark.slow
@@ -83,8 +83,93 @@ def _start(package):
 def test_a_change_in_a_file_that_is_called_is_noticed_at_the_next_start(
     small, file, before, after, expected
 ):
-    assert _start(small) == (23.0, 0)
-    assert _start(small) == (23.0, 1)
+    assert _start(small) == "23.0 0\n"
+    assert _start(small) == "23.0 1\n"
     source = (small / f"{file}.py").read_text()
     (small / f"{file}.py").write_text(source.replace(before, after))
-    assert _start(small) == (expected, 0)
+    assert _start(small) == f"{expected} 0\n"
+
+
+WATCHED = """
+from butterfly import progress
+from numba.core import event
+
+progress.tell = print
+
+class Watch(event.Listener):
+    def on_start(self, event):
+        print(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+"""
+BESIDE = f"""
+{WATCHED}
+from butterfly.compiled import compiling_beside
+from small.outer import rehearse, total
+
+with compiling_beside(rehearse):
+    event.register("numba:compile", Watch())
+print(total(10.0), sum(total.stats.cache_hits.values()))
+"""
+
+
+def test_another_process_compiles_what_is_not_on_disk_and_that_is_said(small):
+    with (small / "outer.py").open("a") as outer:
+        outer.write("\ndef rehearse():\n    total(1.0)\n")
+    assert _start(small, BESIDE) == "Compiling, once after an installation\n23.0 1\n"
+    assert _start(small, BESIDE) == "23.0 1\n"
+
+
+REHEARSED = """
+import sys
+from numba.core.registry import CPUDispatcher
+from butterfly.experiment.simulate import data_set_of, simulate
+from butterfly.experiment.source import read_experiment
+from butterfly.identification.identify import identify
+from butterfly.identification.simulation import rehearse
+
+def compiled():
+    modules = [each for name, each in sys.modules.items() if name.startswith("butterfly.")]
+    made = [each for module in modules for each in vars(module).values()]
+    return {each.__name__: len(each.signatures) for each in made if type(each) is CPUDispatcher}
+
+experiment = read_experiment("PATH")
+logs = list(simulate(experiment))
+before = compiled()
+rehearse()
+rehearsed = compiled()
+identify(data_set_of(experiment, logs))
+print(sorted(name for name in compiled() if compiled()[name] != rehearsed[name]))
+print(rehearsed["differentiate"] - before["differentiate"])
+"""
+
+
+def test_what_is_rehearsed_is_all_that_an_identification_calls(quick):
+    assert (
+        _start(Path(__file__).parent, REHEARSED.replace("PATH", str(quick)), cache=None)
+        == "[]\n1\n"
+    )
+
+
+ALONE = f"""
+{WATCHED}
+from butterfly.compiled import compiled, inner
+
+event.register("numba:compile", Watch())
+
+@inner
+def power(x, times):
+    return x**times
+
+@compiled
+def total(x):
+    return power(x, 2) + power(x, 3)
+
+print(total(2.0), power(2.0, 4))
+"""
+
+
+def test_what_only_kernels_call_is_compiled_once_for_all_constants_and_runs_in_python(small):
+    (small / "alone.py").write_text(ALONE)
+    lines = _start(small, "import small.alone").split("\n")
+    assert lines == ["Compiling, once after an installation", "total", "power", "12.0 16.0", ""]

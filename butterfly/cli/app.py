@@ -18,7 +18,8 @@ from typing import Annotated, NamedTuple, NoReturn
 from cyclopts import App, Group, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptionError
 
-from butterfly import __version__
+from butterfly import __version__, progress
+from butterfly.cli import output
 from butterfly.cli.output import Asked, ExitCode, asked, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.errors import (
@@ -204,6 +205,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # what a terminal cannot show is no reason to end
     tokens = sys.argv[1:]
+    progress.tell = output.note
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print_warning(str(message))

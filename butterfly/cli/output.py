@@ -260,6 +260,12 @@ EVERY = 10.0
 """Seconds between the lines that tell of work where there is no terminal."""
 
 
+def note(sentence: str) -> None:
+    """Tell on standard error what is done meanwhile."""
+    if not asked.quiet:
+        print(sentence, file=sys.stderr, flush=True)
+
+
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
     """Show a bar on terminals, and elsewhere a plain line every `EVERY` seconds."""
     if asked.quiet:

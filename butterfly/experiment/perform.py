@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from butterfly.compiled import compiling_beside
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.record import (
     FAILED,
@@ -29,6 +30,7 @@ from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify, judged
+from butterfly.identification.simulation import rehearse
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
 from butterfly.orbit.loop import OrbitStudy, study_orbit
@@ -104,7 +106,8 @@ class RunResult:
         """Do it; raise what ends it early."""
         experiment, data = self._experiment, None
         if experiment.runs():
-            with self.timed("simulate"):
+            beside = nullcontext() if self._threads == 1 else compiling_beside(rehearse)
+            with self.timed("simulate"), beside:
                 self.logs.extend(simulate(experiment, threads=self._threads, track=self._track))
             with self.timed("identify"):
                 data = data_set_of(experiment, self.logs, self._track)

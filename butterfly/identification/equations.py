@@ -230,10 +230,17 @@ class CellEquations:
 
     def change_by(self, pull: Samples) -> Samples:
         """(n,) change of the values that no bound holds, which curvature turns into a pull."""
+        return np.asarray(self._inverse @ pull)
+
+    @cached_property
+    def _inverse(self) -> Samples:
+        """(n, n) pseudo-inverse of the curvature of the values that no bound holds."""
         scaled, size = unit_diagonal(self.total[0])
-        free, change = self.free, np.zeros(self.free.size)
-        change[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], (pull / size)[free])[0]
-        return np.asarray(change / size)
+        own = np.ix_(self.free, self.free)
+        inverse = np.zeros_like(scaled)
+        rounding = float(np.finfo(float).eps) * np.count_nonzero(self.free)
+        inverse[own] = np.linalg.pinv(scaled[own], rcond=rounding)
+        return inverse / np.outer(size, size)
 
     def apart(self, changes: Samples) -> tuple[Samples, Samples]:
         """Return what the values, following, leave of (k, n) changes of them by cell.
@@ -246,7 +253,7 @@ class CellEquations:
         told = information.sum() > ROUNDING * np.sum(changes * pulls)
         return (rest, information) if told else (np.zeros_like(rest), np.zeros(len(rest)))
 
-    @property
+    @cached_property
     def free(self) -> NDArray[np.bool_]:
         """(n,) which values no bound holds, and the cells tell."""
         return ~self.on_bound & (np.diag(self.total[0]) > 0)
@@ -325,11 +332,16 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     Of (m, n) rows and (m,) residuals stays the triangular factor of both: (k, n + 1, n) rows and
     (k, n + 1) residuals.
     """
-    both = [np.column_stack(each) for each in cells]
-    count = both[0].shape[1]
-    whole = np.zeros((len(both), count, count))
-    for factor, each in zip(whole, both, strict=True):
-        factor[: len(each)] = np.linalg.qr(each, mode="r")
+    every = [*cells]
+    sizes = np.array([residuals.size for _, residuals in every])
+    count = every[0][0].shape[1] + 1
+    whole = np.zeros((len(every), count, count))
+    for size in np.unique(sizes):
+        alike = np.flatnonzero(sizes == size)
+        both = np.empty((alike.size, size, count))
+        for each, place in zip(both, alike, strict=True):
+            each[:, :-1], each[:, -1] = every[place]
+        whole[alike, : min(size, count)] = np.linalg.qr(both, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
 
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import edges_of
@@ -50,12 +51,12 @@ class Segments:
         before, after = (
             edges_of(part, _count(part, horizon)) for part in np.split(log.time, [first])
         )
-        self._edges = [*before, *(first + k for k in after)]
-        ends = [*self._edges[1:], log.time.size]
+        edges = [*before, *(first + k for k in after)]
+        ends = [*edges[1:], log.time.size]
         rate = log.rms_speed / (log.rms_motion or 1.0)
         self._segments = [
             _Segment(log.piece(begin, end), parameters, rate, warm=warm)
-            for begin, end in zip(self._edges, ends, strict=True)
+            for begin, end in zip(edges, ends, strict=True)
         ]
         self._counted = self._segments[len(before) :]
 
@@ -89,11 +90,10 @@ class Segments:
         """Return for each segment the (m, j) directions in which its start moves its errors."""
         return tuple(each.expanded((), parameters, zero)[3] for each in self._counted)
 
-    def averaged(self, values: Samples) -> Samples:
-        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
-        own = np.split(values, self._edges[1:])[-len(self._counted) :]
-        pairs = zip(self._counted, own, strict=True)
-        return np.concatenate([each.simulation.averaged(part) for each, part in pairs])
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(m,) samples over which `linearised` averages each error, one after the other."""
+        return np.concatenate([each.simulation.counts for each in self._counted])
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""

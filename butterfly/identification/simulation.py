@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.logs.log import InitialState, Log
+from butterfly.logs.log import InitialState, InputKind, Intersample, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -107,20 +108,18 @@ class Simulation:
         """
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters)
-        if columns.drives > inputs.shape[0]:
-            inputs = np.concatenate([inputs, self._by_drive(parameters)])
+        inputs = self._inputs(parameters, columns.drives)
         start = self._start(zero, begin)
-        readings, measured = self._averages
+        readings, measured, _ = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
 
-    def averaged(self, values: Samples) -> Samples:
-        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
-        log, first = self.log, self._first
-        return polynomials.averages(self.grid, log.time[first:], values[first:])[2]
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(m,) samples over which `linearised` averages each error, one after the other."""
+        return self._averages[2]
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
@@ -161,26 +160,29 @@ class Simulation:
         return begin.angle - zero, begin.velocity
 
     @cached_property
-    def _averages(self) -> tuple[Readings, Samples]:
-        """What is read off, and the (m,) averages of the measured angle."""
+    def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
+        """What is read off, and (m,) averages of the measured angle, and of how many samples."""
         log, first = self.log, self._first
-        into, weights, measured = polynomials.averages(
+        into, weights, measured, counts = polynomials.averages(
             self.grid, log.time[first:], log.angle[first:]
         )
-        return Readings(into=into, weights=weights), measured
+        return Readings(into=into, weights=weights), measured, counts
 
-    def _inputs(self, parameters: LumpedParameters) -> Samples:
-        """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
+    def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
+        """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
+
+        The first derivative is that by the delay (see `hold.parabolas`); those by the terms of the
+        drive follow if so many ``drives`` are asked for.
+        """
         latest, key = self._latest, (parameters.delay, parameters.drive)
         if latest is None or latest[0] != key:
-            driving = parameters.delivered(self._command[1])
-            self._latest = latest = key, self._parabolas(driving, parameters.delay)
-        return latest[1]
-
-    def _by_drive(self, parameters: LumpedParameters) -> Samples:
-        """(k, n - 1, 3) derivatives of the delivered input by the k terms of the drive."""
-        slopes = parameters.slopes(self._command[1]).values()
-        return np.concatenate([self._parabolas(each, parameters.delay)[:1] for each in slopes])
+            delivered = self._parabolas(parameters.delivered(self._command[1]), parameters.delay)
+            self._latest = latest = key, delivered
+        if drives > len(latest[1]):
+            slopes = parameters.slopes(self._command[1]).values()
+            by_drive = (self._parabolas(each, parameters.delay)[:1] for each in slopes)
+            self._latest = latest = key, np.concatenate([latest[1], *by_drive])
+        return latest[1][: max(drives, 2)]
 
     def _parabolas(self, inputs: Samples, delay: float) -> Samples:
         return hold.parabolas(self._command[0], inputs, self.grid - delay, self.log.intersample)
@@ -201,3 +203,22 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     if not fastest:
         return longest
     return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / FINEST)
+
+
+def rehearse() -> None:
+    """Call all that numba compiles of an identification, so that it is on disk from then on."""
+    time = np.arange(0.0, 0.2, 0.01)
+    robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
+    log = Log(
+        time=time,
+        input=time,
+        angle=time,
+        input_kind=InputKind.VOLTAGE,
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        source="rehearsal",
+    )
+    simulation = Simulation(log, robot)
+    simulation.run(robot, 0.0).at(time)
+    simulation.linearised(("p1",), robot, 0.0)
+    hold.mean(time, time, time, log.intersample)
+    polynomials.slope(time, 2, 2, 0.01)

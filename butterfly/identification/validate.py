@@ -12,10 +12,13 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator
+from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.estimators.multistart import Start, starts
+from butterfly.identification.estimators.output_error import JointFit
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
 from butterfly.identification.splits import Division, Split, divide, remedy
+from butterfly.model.terms import COMPANIONS
 from butterfly.progress import Track, untracked
 
 
@@ -111,35 +114,127 @@ def select_terms(
     raises it by a tenth of a per cent. Returns the structures passed through, the last being the
     one selected; InputError if the estimator does not offer such terms.
     """
-
-    def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
-        return cross_validate(data, estimator.with_terms(terms), split).summary
-
-    predictor, first = data.simulations, divide(data).split
+    first = divide(data).split
     splits = [first]
     if first is Split.MASS and len({point.omega for point in data.sines}) > 1:
         splits.append(Split.FREQUENCY)
+    fits = _fits_of(data, estimator, candidates, splits)
     chosen: tuple[str, ...] = ()
-    best = judge(chosen, first)
-    passed = [(chosen, best)]
+    best = fits.judge(chosen, first)
+    passed = [chosen]
     while rest := [term for term in candidates if term not in chosen]:
-        trials = {
-            term: judge((*chosen, term), first)
+        scores = {
+            term: fits.score((*chosen, term), first)
             for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
         }
-        term = max(trials, key=lambda name: trials[name].mean)
-        if trials[term].mean < best.mean + 100 * SHOWS:
+        term = max(scores, key=lambda name: scores[name])
+        found = fits.judge((*chosen, term), first)
+        if found.mean < best.mean + 100 * SHOWS:
             break
-        chosen, best = (*chosen, term), trials[term]
-        passed.append((chosen, best))
+        chosen, best = (*chosen, term), found
+        passed.append(chosen)
     return [
         Structure(
             terms=terms,
-            in_sample=FitSummary.of(predictor.fits(estimator.with_terms(terms)(data))),
-            held_out={first: summary} | {each: judge(terms, each) for each in splits[1:]},
+            in_sample=fits.in_sample(terms),
+            held_out={split: fits.judge(terms, split) for split in splits},
         )
-        for terms, summary in track(passed, "Judging the structures")
+        for terms in track(passed, "Judging the structures")
     ]
+
+
+class _Fits:
+    """Fits with some of the terms, and what they predict: each is fitted anew."""
+
+    def __init__(self, data: DataSet, estimator: Estimator) -> None:
+        self._data, self._estimator = data, estimator
+        self._judged: dict[tuple[tuple[str, ...], Split], FitSummary] = {}
+
+    def score(self, terms: tuple[str, ...], split: Split) -> float:
+        """Return about the mean FIT of what is left out."""
+        return self.judge(terms, split).mean
+
+    def judge(self, terms: tuple[str, ...], split: Split) -> FitSummary:
+        """Return the FIT of what is left out."""
+        if (terms, split) not in self._judged:
+            self._judged[terms, split] = self._left_out(terms, split)
+        return self._judged[terms, split]
+
+    def in_sample(self, terms: tuple[str, ...]) -> FitSummary:
+        """Return the FIT of all logs."""
+        return FitSummary.of(self._data.simulations.fits(self._estimate(terms)))
+
+    def _left_out(self, terms: tuple[str, ...], split: Split) -> FitSummary:
+        return cross_validate(self._data, self._estimator.with_terms(terms), split).summary
+
+    def _estimate(self, terms: tuple[str, ...]) -> Estimate:
+        return self._estimator.with_terms(terms)(self._data)
+
+
+class _NestedFits(_Fits):
+    """The same by output error, each fit begun where the equations of a larger one say.
+
+    Those of one with all the terms tell where one with some of them begins, and its own what the
+    rest of the logs lead to: about, for the score, and where their fit begins.
+    """
+
+    def __init__(self, data: DataSet, estimator: OutputError, terms: tuple[str, ...]) -> None:
+        super().__init__(data, estimator)
+        self._joint = estimator
+        self._tried = {*terms, *(COMPANIONS[name] for name in terms if name in COMPANIONS)}
+        self._wide = self._fit(terms, data, starts(data, terms))
+        self._fitted: dict[tuple[str, ...], JointFit] = {}
+
+    def score(self, terms: tuple[str, ...], split: Split) -> float:
+        """Return about the mean FIT of what is left out."""
+        predictor, fit = self._data.simulations, self._begun(terms)
+        parts = [[*part] for part in divide(self._data, split).parts.values()]
+        fits = [predictor.fits(fit.without(part), part) for part in parts]
+        return float(np.concatenate(fits).mean())
+
+    def _left_out(self, terms: tuple[str, ...], split: Split) -> FitSummary:
+        fit, logs = self._begun(terms), self._data.logs
+
+        def of_rest(rest: DataSet) -> Estimate:
+            lost = [k for k, log in enumerate(logs) if not any(log is own for own in rest.logs)]
+            return self._fit(terms, rest, [_start_at(rest, fit.without(lost))]).estimate
+
+        return cross_validate(self._data, of_rest, split).summary
+
+    def _estimate(self, terms: tuple[str, ...]) -> Estimate:
+        return self._begun(terms).estimate
+
+    def _begun(self, terms: tuple[str, ...]) -> JointFit:
+        if terms not in self._fitted:
+            lost = self._tried - {*terms, *(COMPANIONS.get(name, "") for name in terms)}
+            self._fitted[terms] = self._fit(
+                terms, self._data, [_start_at(self._data, self._wide.lacking(lost))]
+            )
+        return self._fitted[terms]
+
+    def _fit(self, terms: tuple[str, ...], data: DataSet, first: Sequence[Start]) -> JointFit:
+        return self._joint.with_terms(terms).fit(data.logs, first, data.known)
+
+
+def _start_at(data: DataSet, found: Estimate) -> Start:
+    zero = found.local.get(None, {}).get("zero")
+    zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
+    return Start(found.parameters, zeros)
+
+
+def _fits_of(
+    data: DataSet, estimator: Estimator, terms: Sequence[str], splits: Sequence[Split]
+) -> _Fits:
+    """Return the fits of some terms: one for all, where whole logs are left out of shared ones."""
+    if (
+        not isinstance(estimator, OutputError)
+        or estimator.per_mass
+        or estimator.per_log
+        or Split.TIME in splits
+        or len(data.calm) < len(data.logs)
+    ):
+        return _Fits(data, estimator)
+    return _NestedFits(data, estimator, tuple(terms))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

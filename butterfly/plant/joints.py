@@ -40,7 +40,10 @@ class Joint(ABC):
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
-        self._drive = robot.drive
+        drive = self._drive = robot.drive if isinstance(robot.drive, VoltageDrive) else None
+        self._back_emf_constant = drive.back_emf_constant if drive else math.nan
+        self._resistance = drive.resistance if drive else math.nan
+        self._lags = drive is not None and drive.time_constant > 0
         self.input_kind = robot.input_kind
         self._loaded = robot.loaded(added)
         self._constants = Constants.of(self._loaded)
@@ -64,12 +67,32 @@ class Joint(ABC):
     def advance(self, command: float, duration: float) -> None:
         """Move on for ``duration`` s with ``command`` held."""
 
+    @abstractmethod
+    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+        """Return the (n,) true angles in rad at ``stamps`` in s of a whole run.
+
+        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
+        the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
+        """
+
+    def follow(self, commands: Samples, durations: Samples) -> Samples:
+        """Hold each of (n,) commands for its duration in s; return the (n + 1,) angles between."""
+        reached = [self.angle]
+        for command, duration in zip(commands.tolist(), durations.tolist(), strict=True):
+            self.advance(command, duration)
+            reached.append(self.angle)
+        return np.array(reached)
+
+    @property
+    @abstractmethod
+    def _armature_current(self) -> float:
+        """Current in A of an armature with an inductance, a state of the simulation."""
+
     def current(self, command: float) -> float:
         """Armature current in A (4) under ``command``; NaN for a torque drive, which hides it."""
-        if not isinstance(self._drive, VoltageDrive):
-            return math.nan
-        back_emf = self._drive.back_emf_constant * self.velocity
-        return (command - back_emf) / self._drive.resistance
+        if self._lags:
+            return self._armature_current
+        return (command - self._back_emf_constant * self.velocity) / self._resistance
 
 
 class MujocoJoint(Joint):
@@ -86,12 +109,14 @@ class MujocoJoint(Joint):
         super().__init__(robot, added, angle=angle)
         self.model = compile_model(robot, added, scene=scene)
         self.data = data = mujoco.MjData(self.model)
-        self._options = self.model.opt
-        # looking a column up costs as much as reading it
-        self._position, self._velocity, self._command = data.qpos, data.qvel, data.ctrl
+        self._options, self._length = self.model.opt, 0.0
+        # looking a column up costs as much as reading it, and an array's element twice a view's
+        self._position: memoryview[float] = memoryview(data.qpos)
+        self._velocity: memoryview[float] = memoryview(data.qvel)
+        self._command: memoryview[float] = memoryview(data.ctrl)
         self._armature = None
-        if isinstance(robot.drive, VoltageDrive) and Assistance.CURRENT in robot.assistance:
-            self._armature = _Armature(self.model, data, robot.drive)
+        if self._drive and self._lags:
+            self._armature = _Armature(self.model, data, self._drive)
         stiff = {Assistance.CURRENT, Assistance.BRISTLES}
         self._is_stiff = not robot.assistance.isdisjoint(stiff)
         self._sticks_harder = Assistance.STICKING in robot.assistance
@@ -99,12 +124,12 @@ class MujocoJoint(Joint):
     @property
     def angle(self) -> float:
         """True angle in rad."""
-        return float(self._position.item(0))
+        return self._position[0]
 
     @property
     def velocity(self) -> float:
         """True velocity in rad/s."""
-        return float(self._velocity.item(0))
+        return self._velocity[0]
 
     def reset(self) -> None:
         """Go back to rest."""
@@ -118,7 +143,13 @@ class MujocoJoint(Joint):
         count = steps_of(duration)
         if self._is_stiff:
             count = max(count, least_steps(self._constants, self.velocity, duration))
-        self._options.timestep = duration / count
+        step = duration / count
+        if step != self._length:  # to set it costs as much as to read all columns
+            self._options.timestep = self._length = step
+        if self._armature is None and not self._sticks_harder:
+            self._command[0] = command
+            mujoco.mj_step(self.model, self.data, count)
+            return
         if not self._sticks_harder:
             self._step(command, count)
             return
@@ -127,6 +158,32 @@ class MujocoJoint(Joint):
             self.model.dof_frictionloss[0] = self._loaded.level(self.data.qvel[0] + halfway)
             self._step(command, 1)
 
+    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+        """Return the angles of a whole run; see `Joint`."""
+        self.reset()
+        switches = stamps + delay
+        edges = np.union1d(stamps, switches[switches < stamps[-1]])
+        latest = np.searchsorted(switches, edges[:-1], side="right")
+        held = np.concatenate([[0.0], commands])[latest]
+        return self.follow(held, np.diff(edges))[np.searchsorted(edges, stamps)]
+
+    def follow(self, commands: Samples, durations: Samples) -> Samples:
+        """Hold commands in turn; see `Joint`."""
+        if self._is_stiff or self._sticks_harder:
+            return super().follow(commands, durations)
+        counts = np.ceil(durations / LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
+        steps = durations / counts
+        model, data, step, position = self.model, self.data, mujoco.mj_step, self._position
+        reached = [self.angle]  # what is done here is done a million times
+        for command, length, count in zip(
+            commands.tolist(), steps.tolist(), counts.tolist(), strict=True
+        ):
+            self._options.timestep = self._length = length
+            self._command[0] = command
+            step(model, data, count)
+            reached.append(position[0])
+        return np.array(reached)
+
     def _step(self, command: float, count: int) -> None:
         if self._armature is not None:
             self._armature.advance(command, count)
@@ -134,9 +191,9 @@ class MujocoJoint(Joint):
         self._command[0] = command
         mujoco.mj_step(self.model, self.data, count)
 
-    def current(self, command: float) -> float:
-        """Armature current in A (4); a state of the simulation if there is an inductance."""
-        return super().current(command) if self._armature is None else self._armature.current
+    @property
+    def _armature_current(self) -> float:
+        return self._armature.current if self._armature else math.nan
 
 
 class _Armature:
@@ -229,21 +286,16 @@ class GreyBoxJoint(Joint):
         self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
 
     def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
-        """Return the (n,) angles in rad at ``stamps`` in s of a whole run, of no effect.
+        """Return the angles of a whole run; see `Joint`.
 
-        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
-        the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order. NaN from the
-        instant on at which the joint has turned beyond `LARGEST_ANGLE`.
+        NaN from the instant on at which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
         return np.asarray(_follow(self._constants, self._state, stamps, torques, delay))
 
-    def current(self, command: float) -> float:
-        """Armature current in A (4); a state of the simulation if there is an inductance."""
-        drive = self._drive
-        if isinstance(drive, VoltageDrive) and drive.time_constant > 0:
-            return self._state[2] / drive.torque_constant
-        return super().current(command)
+    @property
+    def _armature_current(self) -> float:
+        return self._state[2] / self._drive.torque_constant if self._drive else math.nan
 
 
 _steps_of = compiled(steps_of)

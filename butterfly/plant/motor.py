@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -90,7 +91,7 @@ class CommandPath(DriveTerms):
             raise InputError("control law", "command", value, _USABLE)
         if self.resolution > 0:
             value = self.resolution * round(value / self.resolution)
-        return min(max(value, -self.limit), self.limit)
+        return value if abs(value) <= self.limit else math.copysign(self.limit, value)
 
     def shape_all(self, values: Samples) -> Samples:
         """Return what leaves the path when (n,) ``values`` enter it one by one."""
@@ -178,21 +179,18 @@ class ControlLoop:
         return self._samples(lambda _: next(commands), cycles)
 
     def _samples(self, law: ControlLaw, cycles: Samples) -> Iterator[Sample]:
-        motor = self._motor
+        read, command, wait = self._motor.read, self._motor.command, self._motor.wait
         for cycle in [*cycles.tolist(), 0.0]:
-            reading = motor.read()
-            yield reading.time, motor.command(law(reading)), reading.angle
+            reading = read()
+            yield reading.time, command(law(reading)), reading.angle
             if cycle > 0:
-                motor.wait(cycle)
+                wait(cycle)
 
     def _recorded(self, samples: Iterator[Sample], about: dict[str, Any]) -> Log:
-        stamps, commands, angles = [], [], []  # of numbers, which the garbage collector ignores
-        for stamp, command, angle in samples:
-            stamps.append(stamp)
-            commands.append(command)
-            angles.append(angle)
-        columns = np.array(stamps), np.array(commands), np.array(angles)
-        return recorded(*columns, input_kind=self._motor.input_kind, **about)
+        numbers = np.fromiter(chain.from_iterable(samples), np.float64).reshape(-1, 3)
+        return recorded(
+            *np.ascontiguousarray(numbers.T), input_kind=self._motor.input_kind, **about
+        )
 
 
 def recorded(

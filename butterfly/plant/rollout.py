@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import copy
 import os
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
+from itertools import islice
 
 import mujoco
 import numpy as np
@@ -18,9 +20,9 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
-from butterfly.plant.joints import GreyBoxJoint, Joint, steps_of
+from butterfly.plant.joints import Joint, steps_of
 from butterfly.plant.mjcf import compile_model, mount
-from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.rig import Rig
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked
 from butterfly.signals import hold
@@ -28,7 +30,7 @@ from butterfly.signals.excitations import Excitation, Multisine, initial_angle
 
 _Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 
-_BATCH = 16  # runs simulated between two reports of progress, which bounds the memory they take
+_BATCH = 16  # runs simulated ahead of what is taken, which bounds the memory they take
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 _REPLAY_STEP = 5e-4  # s
 
@@ -44,10 +46,9 @@ def simulate_runs(
 ) -> Iterator[Log]:
     """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
 
-    The runs share a compiled loop and its threads where nothing has to be done between steps (see
-    `Rig.runs_open_loop`); otherwise each goes through the motor wrapper. The grey box's loop gives
-    the wrapper's log bit for bit, MuJoCo's to within rounding. A run is what the robot carries and
-    its excitation; all that is random in it comes from its seed.
+    The runs share ``threads``, one per core if not given. Each log is that of the motor wrapper,
+    `Rig.play`, bit for bit; to within rounding where MuJoCo does whole runs (`Rig.runs_in_mujoco`).
+    A run is what the robot carries and its excitation; its seed gives all that is random in it.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
@@ -61,20 +62,22 @@ def simulate_runs(
 def _simulated(
     rig: Rig, jobs: Sequence[_Job], duration: float, threads: int, track: Track
 ) -> Iterator[Log]:
-    if not rig.runs_open_loop:
-        for (added, excitation), rng in track(jobs, "Simulating"):
-            yield rig.play(added, excitation, duration, rng)
+    if rig.runs_in_mujoco:
+        batches = [jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)]
+        yield from _by_mujoco(rig, track(batches, "Simulating"), duration, threads)
         return
-    batches = track([jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)], "Simulating")
-    if rig.simulator is Simulator.GREY_BOX:
-        with ThreadPoolExecutor(threads) as pool:
-            for batch in batches:
-                yield from pool.map(partial(_by_grey_box, rig, duration), batch)
-        return
-    yield from _by_mujoco(rig, batches, duration, threads)
+    with ThreadPoolExecutor(threads) as pool:
+        under_way = deque[Future[Log]]()
+        waiting = iter(jobs)
+        for _ in track(jobs, "Simulating"):
+            for job in islice(waiting, _BATCH - len(under_way)):
+                added, excitation = job[0]  # MuJoCo compiles models one by one
+                joint = rig.joint(added, initial_angle(excitation))
+                under_way.append(pool.submit(_run, rig, joint, duration, job))
+            yield under_way.popleft().result()
 
 
-def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
+def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
     """Simulate a run, on any clock and through any path: the log of `Rig.play`."""
     (added, excitation), rng = job
     cycles = rig.clock.cycles(duration, rng)
@@ -84,7 +87,6 @@ def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
     else:
         sampled = excitation.sample(time)
     commands = rig.path.shape_all(sampled)
-    joint = GreyBoxJoint(rig.robot, added, angle=initial_angle(excitation))
     true = joint.angles_under(time, rig.path.delivered(commands), rig.path.delay)
     return rig.record((added, excitation), time, commands, true, rng)
 
@@ -138,11 +140,7 @@ def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms =
     instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
     inputs = drive.delivered(log.input)
     means = hold.mean(log.time, inputs, instants - delay, log.intersample)
-    reached = [joint.angle]
-    for mean, step in zip(means.tolist(), np.diff(instants).tolist(), strict=True):
-        joint.advance(mean, step)
-        reached.append(joint.angle)
-    angles = np.array(reached)[numbers]
+    angles: Samples = joint.follow(means, np.diff(instants))[numbers]
     if not np.isfinite(angles).all():
         raise InputError(log.source, "angle", "a joint that diverged", "another model or input")
-    return np.asarray(angles)
+    return angles

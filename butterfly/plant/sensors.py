@@ -107,7 +107,7 @@ class Encoder:
         if self.band_limited is not None:
             angle += float(self.band_limited.sample(np.array([time]))[0])
         step = math.tau / self.steps
-        return step * round(angle / step) if math.isfinite(angle) else angle
+        return step * round(angle / step) if abs(angle) < math.inf else angle
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
+from scipy import fft
 
 from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
 from butterfly.identification.diagnostics.sensor_errors import Curve
@@ -18,7 +19,7 @@ from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Predicti
 from butterfly.logs.log import Log
 from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
 from butterfly.report.page import Series
-from butterfly.signals.spectrum import periodogram, resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample
 
 _STEP = 0.02  # s between drawn points
 _MOST, _LEAST = 150_000, 600  # points of all the logs of a page, and of each
@@ -121,7 +122,7 @@ def _spectra(run: FreeRun, residuals: LogResiduals) -> tuple[NDArray[np.float64]
     log = run.log
     every = max(1, log.time.size // _MOST_SAMPLES)
     time = log.time[::every]
-    grid = uniform_grid(time)
+    grid = np.linspace(time[0], time[-1], fft.next_fast_len(time.size, real=True))
     columns = [
         resample(time, each[::every], grid) for each in (log.angle, log.angle - run.simulated)
     ]

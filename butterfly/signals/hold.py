@@ -46,35 +46,17 @@ def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -
     return np.asarray(_spread_steps(time, inputs, grid[0], rate, grid.size))
 
 
-@inlined
-def _about(time, inputs, instant, k, astray):
-    """Held input about an instant: where it steps there, the middle of the step."""
-    here = inputs[k] if k >= 0 else 0.0
-    if k >= 0 and instant - time[k] <= astray:
-        return 0.5 * (here + (inputs[k - 1] if k > 0 else 0.0))
-    if k + 1 < time.size and time[k + 1] - instant <= astray:
-        return 0.5 * (here + inputs[k + 1])
-    return here
-
-
-@inlined
-def _at(time, inputs, instant, k, linear):
-    """Input at an instant of which k is the latest stamp at or before, -1 if there is none."""
-    if k < 0:
-        return inputs[0] if linear else 0.0
-    if not linear or k == time.size - 1:
-        return inputs[k]
-    share = (instant - time[k]) / (time[k + 1] - time[k])
-    return inputs[k] + share * (inputs[k + 1] - inputs[k])
-
-
 @compiled
 def _means(time, inputs, edges, linear):
     """(m,) means of the input over each interval."""
     result = np.empty(edges.size - 1)
     k = -1
     for cell in range(edges.size - 1):
-        k, zeroth, _, _, _, _ = _over(time, inputs, edges[cell], edges[cell + 1], k, linear)
+        begin, end = edges[cell], edges[cell + 1]
+        if linear:
+            k, zeroth, _, _, _, _ = _over_lines(time, inputs, begin, end, k)
+        else:
+            k, zeroth, _, _, _, _ = _over_steps(time, inputs, begin, end, k)
         result[cell] = 0.5 * zeroth
     return result
 
@@ -86,7 +68,10 @@ def _parabolas(time, inputs, edges, linear):
     k = -1
     for cell in range(edges.size - 1):
         begin, end = edges[cell], edges[cell + 1]
-        k, zeroth, first, second, at_begin, at_end = _over(time, inputs, begin, end, k, linear)
+        if linear:
+            k, zeroth, first, second, at_begin, at_end = _over_lines(time, inputs, begin, end, k)
+        else:
+            k, zeroth, first, second, at_begin, at_end = _over_steps(time, inputs, begin, end, k)
         rate, jump = 2.0 / (end - begin), at_end - at_begin
         late = (-rate * jump, rate * (zeroth - at_end - at_begin), rate * (2.0 * first - jump))
         _evaluate(_legendre(zeroth, first, second), result, cell, 0)
@@ -110,43 +95,76 @@ def _evaluate(coefficients, result, cell, number):
 
 
 @inlined
-def _over(time, inputs, begin, end, k, linear):
-    """Integrate the input against 1, x and x^2 piece by piece, x from -1 to 1 over an interval.
+def _over_lines(time, inputs, begin, end, k):
+    """Integrate a continuous input against 1, x and x^2, x from -1 to 1 over an interval.
 
-    ``k`` is the latest stamp known to be at or before its begin, -1 if there is none; returns that
-    of its end, the three integrals, and the input at both ends.
+    ``k`` is a stamp known to be at or before its begin, -1 if there is none; returns the latest at
+    or before its end, the three integrals, and the input at both ends.
     """
     last = time.size - 1
     middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
     while k < last and time[k + 1] <= begin:
         k += 1
-    x, value, begins = -1.0, _at(time, inputs, begin, k, linear), k
-    at_begin, at_end = value, value
+    at_begin = _on_line(time, inputs, begin, k)
+    x, value = -1.0, at_begin
     zeroth = first = second = 0.0
-    stamp = max(k + 1, 0)
-    while True:
-        is_last = stamp > last or time[stamp] >= end
-        if is_last:
-            x_stop = 1.0
-            at_end = _at(time, inputs, end, stamp - 1, linear)
-            value_stop = at_end
-        else:
-            x_stop = (time[stamp] - middle) * rate
-            value_stop = inputs[stamp] if linear else value
+    while k < last and time[k + 1] < end:
+        k += 1
+        x_stop, value_stop = (time[k] - middle) * rate, inputs[k]
         width, both, reach = x_stop - x, value + value_stop, x + x_stop  # of a straight line
-        moments = value * x, value_stop * x_stop
+        moment, moment_stop = value * x, value_stop * x_stop
         zeroth += width * both
-        first += width * (both * reach + moments[0] + moments[1])
-        second += width * (both * reach * reach + 2.0 * (moments[0] * x + moments[1] * x_stop))
-        if is_last:
-            break
-        x, value = x_stop, inputs[stamp]
-        stamp += 1
-    k = stamp - 1
-    if not linear:
-        at_begin = _about(time, inputs, begin, begins, _ASTRAY * (end - begin))
-        at_end = _about(time, inputs, end, k, _ASTRAY * (end - begin))
+        first += width * (both * reach + moment + moment_stop)
+        second += width * (both * reach * reach + 2.0 * (moment * x + moment_stop * x_stop))
+        x, value = x_stop, value_stop
+    at_end = _on_line(time, inputs, end, k)
+    width, both, reach, moment = 1.0 - x, value + at_end, x + 1.0, value * x
+    zeroth += width * both
+    first += width * (both * reach + moment + at_end)
+    second += width * (both * reach * reach + 2.0 * (moment * x + at_end))
     return k, zeroth / 2.0, first / 6.0, second / 12.0, at_begin, at_end
+
+
+@inlined
+def _on_line(time, inputs, instant, k):
+    """Continuous input at an instant of which k is the latest stamp before, -1 for none."""
+    if k < 0 or k == time.size - 1:
+        return inputs[max(k, 0)]
+    share = (instant - time[k]) / (time[k + 1] - time[k])
+    return inputs[k] + share * (inputs[k + 1] - inputs[k])
+
+
+@inlined
+def _over_steps(time, inputs, begin, end, k):
+    """Integrate a held input, step by step (see `_over_lines`)."""
+    last, astray = time.size - 1, _ASTRAY * (end - begin)
+    middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
+    while k < last and time[k + 1] <= begin:
+        k += 1
+    value = inputs[k] if k >= 0 else 0.0
+    before, since = (inputs[k - 1] if k > 0 else 0.0, begin - time[k] if k >= 0 else np.inf)
+    after, until = (inputs[k + 1], time[k + 1] - begin) if k < last else (0.0, np.inf)
+    at_begin = _between(value, before, since, after, until, astray)
+    zeroth, first, second = 2.0 * value, 0.0, 2.0 / 3.0 * value
+    while k < last and time[k + 1] < end:
+        k += 1
+        x, jump = (time[k] - middle) * rate, inputs[k] - value
+        square = x * x
+        zeroth += jump * (1.0 - x)
+        first += jump * 0.5 * (1.0 - square)
+        second += jump * (1.0 / 3.0) * (1.0 - square * x)
+        value = inputs[k]
+    before, since = (inputs[k - 1] if k > 0 else 0.0, end - time[k] if k >= 0 else np.inf)
+    after, until = (inputs[k + 1], time[k + 1] - end) if k < last else (0.0, np.inf)
+    at_end = _between(value, before, since, after, until, astray)
+    return k, zeroth, first, second, at_begin, at_end
+
+
+@inlined
+def _between(value, before, since, after, until, astray):
+    """Held input about an instant: where it steps there, the middle of the step."""
+    other = before if since <= astray else (after if until <= astray else value)
+    return 0.5 * (value + other)
 
 
 @compiled

@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled
@@ -17,27 +16,35 @@ from butterfly.compiled import compiled
 _BLOCK = 1024  # samples that stay in the fastest cache
 
 
-def averages(
-    grid: Samples, instants: Samples, values: Samples
-) -> tuple[NDArray[np.int64], Samples, Samples]:
+@compiled
+def averages(grid, instants, values):
     """Average the polynomials, and values, over the instants in each interval of a grid.
 
     What is averaged is linear in the ends of the interval: four numbers stand for many instants.
     Returns (n - 1,) numbers of the average of each interval, -1 where it holds no instant; (4, k)
-    weights of angle and velocity at its start, and at its end; and (k,) mean values.
+    weights of angle and velocity at its start, and at its end; (k,) mean values; and (k,) counts.
     """
-    counts = np.diff(np.searchsorted(instants, grid[1:-1]), prepend=0, append=instants.size)
-    cells = np.repeat(np.arange(counts.size), counts)
-    held, length = counts > 0, np.diff(grid)
-    s = (instants - grid[cells]) * (1.0 / length)[cells]
-    one, two, three, mean = (
-        1.0 / counts[held] * np.bincount(cells, each, grid.size - 1)[held]
-        for each in (s, s * s, s * s * s, values)
-    )
-    length = length[held]
-    start = 1.0 - 3.0 * two + 2.0 * three, length * (one - 2.0 * two + three)
-    end = 3.0 * two - 2.0 * three, length * (three - two)
-    return np.where(held, np.cumsum(held) - 1, -1), np.array([*start, *end]), mean
+    last = grid.size - 2
+    into, counts = np.full(last + 1, -1), np.zeros(last + 1, dtype=np.int64)
+    weights, means = np.empty((4, last + 1)), np.empty(last + 1)
+    k = row = 0
+    for cell in range(last + 1):
+        length, first, one, two, three, total = grid[cell + 1] - grid[cell], k, 0.0, 0.0, 0.0, 0.0
+        rate = 1.0 / length
+        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
+            s = (instants[k] - grid[cell]) * rate
+            one, two, three, total = one + s, two + s * s, three + s * s * s, total + values[k]
+            k += 1
+        if k > first:
+            share = 1.0 / (k - first)
+            one, two, three = share * one, share * two, share * three
+            into[cell], counts[row], means[row] = row, k - first, share * total
+            weights[0, row] = 1.0 - 3.0 * two + 2.0 * three
+            weights[1, row] = length * (one - 2.0 * two + three)
+            weights[2, row] = 3.0 * two - 2.0 * three
+            weights[3, row] = length * (three - two)
+            row += 1
+    return into, weights[:, :row].copy(), means[:row], counts[:row]
 
 
 @compiled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import fft
 from scipy.optimize import minimize_scalar
 
 from butterfly.arrays import Samples
@@ -16,7 +17,7 @@ def periodogram(values: Samples, step: float) -> tuple[Samples, Samples]:
     Returns frequencies 2 pi k/(N step) in rad/s, and |W_k|^2 in units of the samples squared.
     """
     n = values.size
-    spectrum = np.fft.rfft(values)[1 : n // 2 + 1] / np.sqrt(n)
+    spectrum = fft.rfft(values)[1 : n // 2 + 1] / np.sqrt(n)
     omega = 2 * np.pi / (n * step) * np.arange(1, n // 2 + 1, dtype=np.float64)
     return np.asarray(omega, dtype=np.float64), np.asarray(np.abs(spectrum) ** 2, dtype=np.float64)
 

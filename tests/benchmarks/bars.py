@@ -19,6 +19,8 @@ MISSED = {
     "identify 41 real logs",
     "mujoco.sysid, 6 logs, 4 parameters: from the logs on",
     "motor wrapper",
+    "output error: fit of 12 parameters",
+    "select by output error, 5 terms",
     "the same run in MuJoCo",
     "the whole run, identified and recorded",
     "weak form of two logs of 70 s",

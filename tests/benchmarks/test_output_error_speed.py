@@ -6,6 +6,7 @@ import numpy as np
 
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.multistart import Start
+from butterfly.identification.validate import select_terms
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 
@@ -28,6 +29,14 @@ def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation):
     estimator = OutputError(terms=_GIVEN, fixed=("stribeck_velocity",), workers=1)
     once, fit = least_seconds(simulation, lambda: estimator.of_logs(data.logs, [start]), repeats=5)
     at_most(fit / once, 16, "output error: fit of 12 parameters", "a simulation of 41 logs")
+
+
+def test_choosing_terms_costs_few_fits(real):
+    data, estimator = real.data, OutputError(workers=1)
+    fit, choice = least_seconds(
+        lambda: estimator(data), lambda: select_terms(data, estimator, _GIVEN), repeats=1
+    )
+    at_most(choice / fit, 3, "select by output error, 5 terms", "output error of 41 logs")
 
 
 def _turns(problem, scaled):

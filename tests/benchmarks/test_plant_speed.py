@@ -11,10 +11,12 @@ from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
+from butterfly.plant.joints import steps_of
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading
 from butterfly.plant.rig import Rig
 from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.sensors import Clock
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 from tests.plant.setting import MOTOR, robot
@@ -41,6 +43,21 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
 
     least, own = least_seconds(bare, driven)
     at_most(own / least, 1.33, "motor wrapper", "a bare loop of mj_step")
+
+
+def test_a_run_on_a_jittered_clock_costs_little_more_than_its_steps_in_mujoco():
+    rig = Rig(robot=ROBOT, clock=Clock(jitter=2e-4))
+    cycles = rig.clock.cycles(20.0, np.random.default_rng(np.random.SeedSequence(0)))
+    steps = sum(map(steps_of, cycles.tolist()))
+    model = compile_model(ROBOT)
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.2
+    run, seed = (AddedMass(), Sine(omega=4, amplitude=0.2)), np.random.SeedSequence(0)
+    least, own = least_seconds(
+        lambda: mujoco.mj_step(model, data, steps),
+        lambda: list(simulate_runs(rig, [run], 20.0, [seed])),
+    )
+    at_most(own / least, 1.4, "a run in MuJoCo on a jittered clock", "its steps, taken in C")
 
 
 def test_a_sweep_costs_little_more_than_a_bare_rollout():

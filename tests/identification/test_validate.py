@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification import validate
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import (
     Estimator,
@@ -14,12 +15,14 @@ from butterfly.identification.estimators import (
     Linear,
     OutputError,
     WeakForm,
+    output_error,
 )
+from butterfly.identification.estimators.multistart import starts
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap, cross_validate, select_terms
 from butterfly.model.terms import PARAMETERS
-from tests.identification.simulated import ROBOT, steady
+from tests.identification.simulated import RICH, ROBOT, SWINGS, steady
 
 BALANCE = HarmonicBalance()
 
@@ -157,3 +160,23 @@ def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
     np.testing.assert_allclose(
         (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3
     )
+
+
+def test_terms_are_chosen_by_output_error_from_one_search_for_starts(monkeypatch):
+    """The fits with some terms begin where that with all ends, and end where their own would."""
+    data = DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(steady(RICH, SWINGS))])
+    searches = []
+
+    def counted(*arguments):
+        searches.append(arguments)
+        return starts(*arguments)
+
+    monkeypatch.setattr(validate, "starts", counted)
+    monkeypatch.setattr(output_error, "starts", counted)
+    (plain, better, *_) = select_terms(data, OutputError(), ("drag", "bias"))
+    assert len(searches) == 1
+    for found in (plain, better):
+        own = cross_validate(data, OutputError(terms=found.terms), Split.MASS)
+        assert found.held_out[Split.MASS].mean == pytest.approx(own.summary.mean, abs=0.02)
+        fits = data.simulations.fits(OutputError(terms=found.terms)(data))
+        assert found.in_sample.mean == pytest.approx(fits.mean(), abs=0.02)

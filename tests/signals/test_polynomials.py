@@ -34,7 +34,7 @@ def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed):
 @given(seed=st.integers(0, 10**6))
 def test_averages_are_those_over_the_instants_of_each_interval(seed):
     grid, angle, velocity, instants, values = _random(seed)
-    into, weights, means = polynomials.averages(grid, instants, values)
+    into, weights, means, counts = polynomials.averages(grid, instants, values)
     expected = CubicHermiteSpline(grid, angle, velocity)(instants)
     cell = np.clip(np.searchsorted(grid, instants, "right") - 1, 0, grid.size - 2)
     assert sorted(set(cell)) == np.flatnonzero(into >= 0).tolist()
@@ -42,6 +42,7 @@ def test_averages_are_those_over_the_instants_of_each_interval(seed):
         row, inside = into[k], cell == k
         ends = [angle[k], velocity[k], angle[k + 1], velocity[k + 1]]
         assert weights[:, row] @ ends == pytest.approx(expected[inside].mean(), abs=1e-12)
+        assert counts[row] == inside.sum()
         assert means[row] == pytest.approx(values[inside].mean(), abs=1e-12)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -133,12 +134,14 @@ class LinearisedRun:
         """What makes squared errors add up to their mean over that of the motion."""
         return float(1 / (self.motion * self.errors.size**0.5))
 
-    @property
+    @cached_property
     def unsure(self) -> float:
         """What counts for nothing, in rad: a share of the motion about its straight line."""
-        time, angle = (each[self.counted] for each in (self.run.log.time, self.run.log.angle))
-        line = np.column_stack([np.ones(time.size), time - time.mean()])
-        return SHOWS * rms(angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0])
+        log = self.run.log
+        time, angle = (
+            each[self.counted] - each[self.counted].mean() for each in (log.time, log.angle)
+        )
+        return SHOWS * rms(angle - (time @ angle) / (time @ time) * time)
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
@@ -154,8 +157,9 @@ class LinearisedRun:
         sensor = SensorErrors.of(measured, angle[self.counted])
         if sensor.white:
             return sensor, np.empty((self.whole.size, 0))
-        drawn = (sensor.draw(angle, random, unsure=self.unsure) for _ in range(DRAWS))
-        return sensor, _less(self.own, np.column_stack([*map(self.simulation.averaged, drawn)]))
+        shifts = self.unsure * random.standard_normal(DRAWS)
+        drawn = sensor.draw(angle[self.counted], shifts, self.simulation.counts, random)
+        return sensor, _less(self.own, drawn)
 
 
 def directions_of(logs: Sequence[LinearisedRun]) -> Samples:

@@ -9,14 +9,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
-from scipy.optimize import bisect
-from scipy.special import ndtri
+from scipy.optimize import brentq
+from scipy.special import ndtr, ndtri
 
 from butterfly.arrays import Samples
-from butterfly.identification.levels import CONFIDENCE, PRECISE
+from butterfly.compiled import compiled
+from butterfly.identification.levels import CONFIDENCE, PRECISE, ROUNDING
+
+Places: TypeAlias = NDArray[np.int64]
+
+_PLACES = 1024  # in a step of the encoder, a power of two
+_FURTHEST = 6  # steps by which noise moves a reading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,24 +57,35 @@ class SensorErrors:
         white = cls(step=step, noise=math.sqrt(max(roughness / 6 - step**2 / 12, 0.0)))
         if white.white:
             return white
-        drawn = np.random.default_rng(0).standard_normal(angle.size)
+        places = _places(angle, step)
 
+        @cache
         def excess(noise: float) -> float:
-            return _roughness(_errors(angle, noise * drawn, step)) - roughness
+            mean, variance = _by_place(noise, step)
+            return _roughness(mean[places]) + 6 * float(np.mean(variance[places])) - roughness
 
         largest = math.sqrt(roughness / 6)
         if excess(0.0) >= 0 or excess(largest) <= 0:
             return cls(step=step, noise=0.0 if excess(0.0) >= 0 else largest)
-        return cls(step=step, noise=float(bisect(excess, 0.0, largest, xtol=1e-3 * step)))
+        return cls(step=step, noise=float(brentq(excess, 0.0, largest, xtol=1e-3 * step)))
 
-    def draw(self, angle: Samples, random: np.random.Generator, *, unsure: float) -> Samples:
-        """Return (n,) errors in rad that readings of (n,) angles in rad may have.
+    def draw(
+        self,
+        angle: Samples,
+        shifts: Samples,
+        counts: Places,
+        random: np.random.Generator,
+    ) -> Samples:
+        """Return (m, k) means of errors in rad that readings of (n,) angles in rad may have.
 
-        All angles together may be off by a standard deviation of ``unsure`` rad.
+        Each is over so many of the angles, one after the other; for each of (k,) shifts in rad all
+        angles are off by it. A mean has the expectation and the variance that its errors give it.
         """
-        shifted = angle + unsure * random.standard_normal()
-        noise = self.noise * random.standard_normal(angle.size) if self.noise else np.zeros(1)
-        return _errors(shifted, noise, self.step)
+        moved = np.rint(shifts / self.step * _PLACES).astype(np.int64)
+        places = _places(angle, self.step)
+        means, variances = _sums(places, moved, counts, _by_place(self.noise, self.step))
+        drawn = means + np.sqrt(variances) * random.standard_normal(means.shape)
+        return np.asarray(drawn.T / counts[:, None])
 
 
 def encoder_step(readings: Samples) -> float:
@@ -78,9 +98,36 @@ def encoder_step(readings: Samples) -> float:
     return step if np.median(np.abs(gaps / step - np.rint(gaps / step))) < PRECISE else 0.0
 
 
-def _errors(angle: Samples, noise: Samples, step: float) -> Samples:
-    read = angle + noise
-    return (step * np.rint(read / step) if step else read) - angle
+def _places(angle: Samples, step: float) -> Places:
+    """Return where (n,) angles in rad are in a step of the encoder, of which 0 is the beginning."""
+    return np.floor((angle / step + 0.5) * _PLACES).astype(np.int64) & (_PLACES - 1)
+
+
+def _by_place(noise: float, step: float) -> Samples:
+    """(2, p) mean in rad and variance of a reading's error, by where its angle is in a step."""
+    place = (np.arange(_PLACES) + 0.5) / _PLACES - 0.5
+    further = np.arange(1, _FURTHEST + 1)[:, None]
+    scale = step / max(noise, ROUNDING * step)
+    over, under = (ndtr((each - further + 0.5) * scale) for each in (place, -place))
+    read = np.sum(over - under, axis=0)
+    variance = np.sum((2 * further - 1) * (over + under), axis=0) - read**2
+    return np.array([step * (read - place), step**2 * np.maximum(variance, 0.0)])
+
+
+@compiled
+def _sums(places: Places, moved: Places, counts: Places, by_place: Samples) -> Samples:
+    """(2, k, m) sums over so many places each, one after the other, all moved by each of (k,)."""
+    result = np.zeros((2, moved.size, counts.size))
+    for draw in range(moved.size):
+        begin = 0
+        for cell in range(counts.size):
+            mean = variance = 0.0
+            for k in range(begin, begin + counts[cell]):
+                place = (places[k] + moved[draw]) & (_PLACES - 1)
+                mean, variance = mean + by_place[0, place], variance + by_place[1, place]
+            begin += counts[cell]
+            result[0, draw, cell], result[1, draw, cell] = mean, variance
+    return result
 
 
 def _roughness(errors: Samples) -> float:

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -32,18 +32,20 @@ from butterfly.identification.estimators.gauss_newton import (
     Minimum,
     bounded_step,
 )
+from butterfly.identification.estimators.local_parameters import Key
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
+from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
     RARER,
     TermChoice,
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, MATTERS
+from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
@@ -51,8 +53,6 @@ from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-_WORSE = 2.0  # times the squared errors, from which on logs are not what their weights say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,10 +132,16 @@ class OutputError(Estimator):
         self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
+        return self.fit(logs, first, known).estimate
+
+    def fit(self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR) -> JointFit:
+        """Fit as `of_logs` does; what is returned tells also of fits without some of the logs."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-            found = replace(self, horizon=horizon).of_logs(logs, first, known)
-            return found if math.isfinite(horizon) else replace(found, horizon=None)
+            found = replace(self, horizon=horizon).fit(logs, first, known)
+            if math.isfinite(horizon):
+                return found
+            return found._replace(estimate=replace(found.estimate, horizon=None))
         require_usable(self.method, known)
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
@@ -173,16 +179,14 @@ class OutputError(Estimator):
         if with_scatter := _weighed(problem, end):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
-        local: dict[AddedMass | str | None, dict[str, float]] = {}
-        ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        for (name, whose), value in [*ended][problem.shared :]:
-            local.setdefault(whose, {})[name] = value
+        owned = problem.keys[problem.shared :]
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
-        return infer(
-            reference.whole(solved),
-            unweighted=reference.whole(cells),
+        whole, unweighted = reference.whole(solved), reference.whole(cells)
+        estimate = infer(
+            whole,
+            unweighted=unweighted,
             method="output error",
             driven=driven,
             conditions=problem.conditions,
@@ -190,11 +194,12 @@ class OutputError(Estimator):
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),
-            local=local,
+            local=_local(owned, solved.values),
             masses=masses,
             known=known,
             horizon=self.horizon or math.inf,
         )
+        return JointFit(estimate, whole, unweighted, owned)
 
     def _unseen(self, first: Sequence[Start]) -> set[str]:
         """Return the rarer terms that no first guess has: they are tried in the end."""
@@ -261,6 +266,43 @@ class OutputError(Estimator):
         }
 
 
+class JointFit(NamedTuple):
+    """An estimate, the equations about it, and whose the last of their values are.
+
+    ``unweighted`` are those of the least squares, before logs were weighed by their scatter.
+    """
+
+    estimate: Estimate
+    equations: CellEquations
+    unweighted: CellEquations
+    owned: tuple[Key, ...]
+
+    def without(self, logs: Iterable[int]) -> Estimate:
+        """Return the estimate from all logs but some, to first order; its values alone are."""
+        return self._with(without_logs(self.equations, logs))
+
+    def lacking(self, terms: Container[str]) -> Estimate:
+        """Return the estimate without some terms, to first order; its values alone are."""
+        kept = np.array([[name not in terms for name in self.unweighted.names]])
+        nested = Submodels(equations=self.unweighted, folds=np.zeros(0, dtype=np.intp))
+        return self._with(nested.fitted(kept)[0])
+
+    def _with(self, values: Samples) -> Estimate:
+        """Return the estimate with other values; with its own where they are not determined."""
+        own = values if np.isfinite(values).all() else self.equations.values
+        shared = own[: len(self.estimate.names)]
+        return replace(self.estimate, values=shared, local=_local(self.owned, own))
+
+
+def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None, dict[str, float]]:
+    """Return the last of some values by whose they are."""
+    local: dict[AddedMass | str | None, dict[str, float]] = {}
+    own = values[values.size - len(owned) :].tolist()
+    for (name, whose), value in zip(owned, own, strict=True):
+        local.setdefault(whose, {})[name] = value
+    return local
+
+
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:
     """Return the values of a clock that is wrong instead, where masses' own inertia looks like it.
 
@@ -281,9 +323,9 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     """Return the end with logs weighed by their scatter, and what is found of it.
 
     It takes one step from the least squares, to where every log is simulated with friction and gain
-    of its own, which tells the scatter better; the step from there is taken on trust. Few logs do
-    not tell, and robust losses have weights of their own: None then, and where the logs are
-    followed far worse so, or no longer tell the parameters apart.
+    of its own, which tells the scatter better, and one from there. Few logs do not tell, and robust
+    losses have weights of their own: None then, and where the logs no longer tell the parameters
+    apart, or are not followed there as their derivatives said.
     """
     if len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR:
         return None
@@ -295,7 +337,7 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
     there = problem.equations(point, apart)
-    if not there.cost <= _WORSE * replace(end.at, known=None).cost:
+    if not there.is_finite:
         return None
     logs, spread = _rows(there).moved(-apart), spread_of(names, point)
     likelihood = Likelihood(logs, spread, prior, point)
@@ -308,8 +350,11 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
         point=np.maximum(point + last, problem.lower),
         at=at.moved(last),
         converged=end.converged,
-        evaluations=end.evaluations + 1,
+        evaluations=end.evaluations + 2,
     )
+    told = end.at.moved(found.point - end.point).cost
+    if not LOST * problem.equations(found.point).cost <= told:
+        return None
     return found, tuple(likelihood.findings(scatter, names))
 
 

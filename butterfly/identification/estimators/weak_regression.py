@@ -184,9 +184,10 @@ class WeakFit:
         for _ in range(_ROUNDS):
             regression = about.regression(windows)
             solution = regression.solve()
-            solved = CellEquations.of(regression, solution, cells=cells)
             moved, values = solution.values - values, solution.values
-            variance = solved.realised_variance if weighs else about.variance
+            variance = about.variance
+            if weighs:
+                variance = CellEquations.of(regression, solution, cells=cells).realised_variance
             before, about = about, about.moved(solution.values, latest, variance)
             if step * (about.delay - before.delay) < 0:  # it goes to and fro
                 share /= 2
@@ -198,6 +199,7 @@ class WeakFit:
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
+        solved = CellEquations.of(regression, solution, cells=cells)
         if not settled:
             solved = solved.stopped(moved)
         return cls(about=about, regression=regression, solved=solved)

@@ -176,7 +176,7 @@ def choose_terms(
             "method weak-form simulates nothing from the start"
         )
     chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
-    if chosen.disagrees(always) and not best.disagrees(always):
+    if chosen is not best and chosen.disagrees(always) and not best.disagrees(always):
         chosen = best
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(

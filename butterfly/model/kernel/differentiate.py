@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from butterfly.compiled import compiled, inlined
+from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.kernel.equation import (
     BASIS,
     COGGING,
@@ -88,7 +88,7 @@ def differentiate(time, drives, state, c, into, weights, values, column, initial
     _close(time.size - 2, into, weights, tangents, rows)
 
 
-@compiled
+@inner
 def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows):
     """Carry the derivatives over what the tape tells; then it is empty."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
@@ -220,10 +220,12 @@ def _weigh(xx, xv, vx, vv, stages, i):
     stages[i, V, WEIGHT + X], stages[i, V, WEIGHT + V] = vx, vv
 
 
-@compiled
+@inner
 def carry_all(dt, n, stages, tangents, column):
     """Carry derivatives over a step of any number n of states."""
-    product, move, start = np.zeros((n, n)), np.eye(n), np.empty(n)
+    product, move, start = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    for r in range(n):
+        move[r, r] = 1.0
     for i in range(3, -1, -1):
         reach = 0.0 if i == 3 else (dt if i == 2 else 0.5 * dt)
         for r in range(n):

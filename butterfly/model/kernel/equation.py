@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.compiled import compiled, inlined
+from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import DRIVE
 
@@ -107,7 +107,7 @@ def rates(state, drive, sign, c):
     return torque / c.p1, motor_rate, bend_rate
 
 
-@compiled
+@inner
 def pull(x, c):
     """Torque in N m that depends on the angle alone: gravity, spring, cogging and bias."""
     torque = c.bias - c.p3 * math.sin(x) - c.spring * x
@@ -119,7 +119,7 @@ def pull(x, c):
     return torque
 
 
-@compiled
+@inner
 def friction_level(v, motor, load, c):
     """Friction g(v) in N m, without its sign, under the torques of motor and load in N m."""
     level = c.coulomb + c.motor_friction * abs(motor) + c.load_friction * abs(load)
@@ -127,13 +127,13 @@ def friction_level(v, motor, load, c):
     return level if excess == 0.0 else level + excess * excess_at(v, c)
 
 
-@compiled
+@inner
 def stribeck_level(motor, load, c):
     """Excess of friction at rest in N m, under the torques of motor and load in N m."""
     return c.stribeck + c.motor_stribeck * abs(motor) + c.load_stribeck * abs(load)
 
 
-@compiled
+@inner
 def holding_range(load, c):
     """Least and largest torque of the motor in N m between which friction holds a joint at rest."""
     rest = c.coulomb + c.stribeck + (c.load_friction + c.load_stribeck) * abs(load)
@@ -141,7 +141,7 @@ def holding_range(load, c):
     return -_held(rest + load, share), _held(rest - load, share)
 
 
-@compiled
+@inner
 def _held(torque, share):
     """Motor's torque at which it is as large as friction of a torque and of a share of itself."""
     if torque <= 0.0:
@@ -149,7 +149,7 @@ def _held(torque, share):
     return torque / (1.0 - share) if share < 1.0 else math.inf
 
 
-@compiled
+@inner
 def excess_at(v, c):
     """Share of the Stribeck friction that is left at a velocity."""
     if abs(v) > _VANISHED * c.stribeck_velocity:
@@ -231,7 +231,7 @@ def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
         _linearise_bristles(v, z, rate[2], excess, push, c, stages, i)
 
 
-@compiled
+@inner
 def _linearise_lag(v, motor_rate, drive, c, stages, i):
     """Let the motor's torque, a state, drive the joint in the place of its input."""
     stages[i, V, V] += drive * c.back_emf
@@ -243,7 +243,7 @@ def _linearise_lag(v, motor_rate, drive, c, stages, i):
     stages[i, M, BASIS + LAG] = -motor_rate / c.lag
 
 
-@compiled
+@inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
     """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
     level = friction_level(v, 0.0, 0.0, c)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from butterfly.compiled import compiled
+from butterfly.compiled import inner
 from butterfly.model.kernel.equation import (
     BASIS,
     BIAS,
@@ -47,13 +47,13 @@ _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
 
 
-@compiled
+@inner
 def states_of(c):
     """Count the states that the derivatives need."""
     return 4 if c.lag > 0.0 or c.bristle_stiffness > 0.0 else 2
 
 
-@compiled
+@inner
 def end(drives, begin, share, h, c, stages, tangents, column):
     """Correct the derivatives at the interval's end, which does not move when ``begin`` does."""
     by_begin = _by_begin(drives, begin, share, c, stages)
@@ -63,7 +63,7 @@ def end(drives, begin, share, h, c, stages, tangents, column):
             tangents[r, j] += (by_begin[r] - by_share[r]) * tangents[LATE, j]
 
 
-@compiled
+@inner
 def reverse(drives, begin, share, h, c, stages, tangents, column):
     """Correct the derivatives where the velocity vanishes: F_v(share) = 0 at the step's end F."""
     by_begin = _by_begin(drives, begin, share, c, stages)
@@ -79,7 +79,7 @@ def reverse(drives, begin, share, h, c, stages, tangents, column):
         tangents[LATE, j] += later
 
 
-@compiled
+@inner
 def _by_begin(drives, begin, share, c, stages):
     """(4,) derivatives of the end of a step by the fraction of the interval where it begins."""
     driven = M if c.lag > 0.0 else V
@@ -91,7 +91,7 @@ def _by_begin(drives, begin, share, c, stages):
     return moved
 
 
-@compiled
+@inner
 def _by_share(drives, begin, share, h, c, stages):
     """(4,) derivatives of the end of a step by the share of the interval that it takes."""
     driven = M if c.lag > 0.0 else V
@@ -113,7 +113,7 @@ def _by_share(drives, begin, share, h, c, stages):
     return moved
 
 
-@compiled
+@inner
 def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
     """Differentiate a rest to the interval's end; the motor's torque, first ``motor``, goes on."""
     for j in range(column.size):
@@ -136,7 +136,7 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
         tangents[BEFORE, j] = before
 
 
-@compiled
+@inner
 def break_loose(drives, tape, row, c, own, stages, tangents, column):
     """Move the derivatives from where a joint came to rest on to where it breaks loose.
 

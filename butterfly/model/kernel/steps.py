@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from butterfly.compiled import compiled
+from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import (
     COULOMB,
     LOAD_STRIBECK,
@@ -50,8 +50,7 @@ _ROUNDING = 1e-12  # share of an interval
 def integrate(time, drives, state, c):
     """Return (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m."""
     n = time.size
-    angle = np.empty(n)
-    velocity = np.empty(n)
+    angle, velocity = np.empty(n), np.empty(n)
     angle[0], velocity[0] = state[X], state[V]
     for k in range(n - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
@@ -60,7 +59,7 @@ def integrate(time, drives, state, c):
     return angle, velocity
 
 
-@compiled
+@inner
 def interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
     count = least_steps(c, state[V], h)
@@ -73,7 +72,7 @@ def interval(state, drives, h, c):
     return state
 
 
-@compiled
+@inner
 def advance(state, drives, h, c, tape, column):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
     smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and not carries_friction(c)
@@ -131,7 +130,7 @@ def advance(state, drives, h, c, tape, column):
     return _rest(state, drives, begin, h, c, tape)
 
 
-@compiled
+@inner
 def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
     """Return the share of the interval in which the velocity falls to 0, and the state then.
 
@@ -158,14 +157,14 @@ def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
     return share, after
 
 
-@compiled
+@inner
 def carries_friction(c):
     """Tell whether friction grows with the torque of motor or load."""
     growth = max(c.motor_friction, c.load_friction, c.motor_stribeck, c.load_stribeck)
     return growth > 0.0
 
 
-@compiled
+@inner
 def _by_friction(column):
     """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
     if column is not None:
@@ -175,7 +174,7 @@ def _by_friction(column):
     return False
 
 
-@compiled
+@inner
 def _rest(state, drives, begin, h, c, tape):
     """Return the state at the interval's end when the joint sticks from fraction ``begin`` on."""
     x, _, m, z = state
@@ -189,7 +188,7 @@ def _rest(state, drives, begin, h, c, tape):
     return x, 0.0, m, z
 
 
-@compiled
+@inner
 def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
     """Take one step over ``share`` of the interval h, sliding in the direction ``sign``."""
     x, v, m, z = state
@@ -224,7 +223,7 @@ def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
     )
 
 
-@compiled
+@inner
 def record(state, rate, drive, stage, c, tape):
     """Write one stage of a step on the tape's next row, which another trial may write again."""
     row, at = int(tape[0, COUNT]) + 1, STAGE + PER_STAGE * stage
@@ -237,7 +236,7 @@ def record(state, rate, drive, stage, c, tape):
     tape[row, at + 10] = state[M] if c.lag > 0.0 else drive - c.back_emf * state[V]
 
 
-@compiled
+@inner
 def note(kind, begin, share, sign, tape):
     """Keep the tape's next row: it becomes what happened."""
     row = int(tape[0, COUNT]) + 1
@@ -248,7 +247,7 @@ def note(kind, begin, share, sign, tape):
     tape[0, COUNT] = row
 
 
-@compiled
+@inner
 def drive_at(drives, fraction):
     """Evaluate the parabola through drives at fractions 0, 1/2 and 1 of the interval."""
     start, middle, end = drives
@@ -256,7 +255,7 @@ def drive_at(drives, fraction):
     return start + fraction * (end - start - bend + bend * fraction)
 
 
-@compiled
+@inner
 def drive_slope(drives, fraction):
     """Differentiate `drive_at` by the fraction."""
     start, middle, end = drives
@@ -264,7 +263,7 @@ def drive_slope(drives, fraction):
     return end - start - bend + 2.0 * bend * fraction
 
 
-@compiled
+@inner
 def exceeds_at(drives, begin, lower, upper):
     """Return where from ``begin`` on a parabola leaves a range (1: not), and on which side."""
     start, middle, end = drives
@@ -290,7 +289,7 @@ def exceeds_at(drives, begin, lower, upper):
     return first, side
 
 
-@compiled
+@inner
 def part_of(drives, part, parts):
     """Return the drives of one of ``parts`` equal parts of the interval, counted from 0."""
     return (
@@ -300,7 +299,7 @@ def part_of(drives, part, parts):
     )
 
 
-@compiled
+@inner
 def piece_of(drives, begin, share):
     """Return the drives of ``share`` of the interval from fraction ``begin`` on."""
     return (

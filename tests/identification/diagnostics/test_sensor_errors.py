@@ -58,9 +58,31 @@ def test_errors_are_white_where_noise_covers_a_step_and_last_where_it_does_not()
     slow = 0.02 * np.sin(0.5 * TIME)
     rng = np.random.default_rng(2)
     for noise, lowest, highest in ((0.0, 0.9, 1.0), (6e-3, -0.05, 0.05)):
-        errors = SensorErrors(step=6e-3, noise=noise).draw(slow, rng, unsure=0.0)
+        ones = np.ones(slow.size, dtype=int)
+        errors = SensorErrors(step=6e-3, noise=noise).draw(slow, np.zeros(1), ones, rng)[:, 0]
         lasting = np.mean(errors[1:] * errors[:-1]) / np.mean(errors**2)
         assert lowest < lasting < highest
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3, 2.9e-3])
+def test_means_of_errors_are_drawn_as_if_each_reading_were(noise):
+    """Their mean and spread, of an angle that is off or not, are those of an encoder's readings."""
+    angle, step, tries = 0.1 * np.sin(2 * TIME[:4000]), 6e-3, 400
+    counts, shifts = np.tile([9, 11], 200), np.repeat([0.0, 2e-3], tries)
+    drawn = SensorErrors(step=step, noise=noise).draw(
+        angle, shifts, counts, np.random.default_rng(1)
+    )
+    rng, begins = np.random.default_rng(2), np.cumsum(counts) - counts
+    for shift in (0.0, 2e-3):
+        moved = angle + shift + noise * rng.standard_normal((tries, angle.size))
+        errors = step * np.rint(moved / step) - angle - shift
+        read = np.add.reduceat(errors, begins, axis=1) / counts
+        found = drawn[:, shifts == shift].T
+        np.testing.assert_allclose(found.mean(axis=0), read.mean(axis=0), atol=0.12 * step)
+        assert np.abs(found.mean(axis=0) - read.mean(axis=0)).mean() < 0.02 * step
+        assert found.std(axis=0).mean() == pytest.approx(
+            read.std(axis=0).mean(), rel=0.05, abs=1e-9
+        )
 
 
 def _autoregressive(pole, shape, rng):
