@@ -42,6 +42,8 @@ class Motion(NamedTuple):
     input: Any = 0.0  # As the drive delivers it
     weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
+    motor: Any = 0.0  # Torque of the motor in N m
+    load: Any = 0.0  # What gravity, springs and the like pull with, in N m
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,8 @@ class FrictionTerms:
 
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
+    where in a gear T_c grows by ``motor_friction |motor's torque| + load_friction |load's|`` and
+    T_s by ``motor_stribeck`` and ``load_stribeck`` times the same (Rhoban's BAM, arXiv 2410.08650),
     and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it
     sticks until the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model
     replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson,
@@ -122,6 +126,10 @@ class FrictionTerms:
     mass_inertia: float = 0.0
     stribeck: float = 0.0
     stribeck_velocity: float = 0.1
+    motor_friction: float = 0.0
+    load_friction: float = 0.0
+    motor_stribeck: float = 0.0
+    load_stribeck: float = 0.0
     bristle_stiffness: float = 0.0
     bristle_damping: float = 0.0
     drag: float = 0.0
@@ -211,6 +219,11 @@ _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
     "re-calibration",
 )
 
+
+def _tenth(_speed: float, _rate: float) -> float:
+    return 0.1
+
+
 # fmt: off
 _ROWS = (
     Term("p1", "p₁", "kg m²", "inertia about the pivot",
@@ -243,7 +256,7 @@ _ROWS = (
     Term("mass_inertia", "mass inertia", "–",
          "inertia of added masses about their own centre over m l²",
          lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
-         size=lambda _speed, _rate: 0.1, looks_like="an inertia of the added masses' own",
+         size=_tenth, looks_like="an inertia of the added masses' own",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("bias", "bias", "N m",
          "constant torque, or half of what Coulomb friction differs by direction",
@@ -268,9 +281,27 @@ _ROWS = (
          "v_s, by which most of that excess is lost",
          lower=1e-3, size=lambda speed, _rate: 0.1 * speed,
          follows="stribeck", offered=frozenset({_OUTPUT})),
+    Term("motor_friction", "motor friction", "–",
+         "growth of friction with the motor's torque, as gears have it",
+         lower=0.0, dry=True, basis=lambda m: abs(m.motor) * m.direction, size=_tenth,
+         looks_like="friction that grows with the motor's torque", offered=frozenset({_OUTPUT})),
+    Term("load_friction", "load friction", "–",
+         "growth of friction with the load's torque (gravity, springs), as gears have it",
+         lower=0.0, dry=True, basis=lambda m: abs(m.load) * m.direction, size=_tenth,
+         looks_like="friction that grows with the load's torque", offered=frozenset({_OUTPUT})),
+    Term("motor_stribeck", "motor Stribeck", "–",
+         "growth of the excess at rest with the motor's torque",
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         basis=lambda m: abs(m.motor) * m.direction
+         * np.exp(-((m.velocity / m.stribeck_velocity) ** 2))),
+    Term("load_stribeck", "load Stribeck", "–",
+         "growth of the excess at rest with the load's torque",
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         basis=lambda m: abs(m.load) * m.direction
+         * np.exp(-((m.velocity / m.stribeck_velocity) ** 2))),
     Term("tilt", "tilt", "rad",
          "angle of the axis out of the horizontal, seen in the weight of added masses",
-         lower=0.0, sign_observable=False, size=lambda _speed, _rate: 0.1,
+         lower=0.0, sign_observable=False, size=_tenth,
          offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
          basis=lambda m: -np.sin(m.periods * m.angle),

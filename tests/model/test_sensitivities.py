@@ -18,11 +18,24 @@ from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings,
 ADDED = AddedMass(mass=0.05, arm=0.104)
 SLOW = {"back_emf": 3e-4, "time_constant": 0.0213}
 STICKY = {"coulomb": 4e-3}
+GEAR = {
+    "motor_friction": 0.2,
+    "load_friction": 0.15,
+    "motor_stribeck": 0.1,
+    "load_stribeck": 0.05,
+}
 REGIMES = {
     "sliding": (SLIDING, 1.0),
     "sticking": (replace(SLIDING, **STICKY), 0.5),
     "lag": (replace(SLIDING, **LAG), 1.0),
     "lag, sticking": (replace(SLIDING, **SLOW, **STICKY), 0.5),
+    "gear": (replace(SLIDING, **GEAR), 1.0),
+    "gear, sticking": (replace(SLIDING, **GEAR, **STICKY), 0.5),
+    "gear, dry by torque alone": (
+        replace(SLIDING, **GEAR, coulomb=0.0, load=0.0, stribeck=0.0),
+        0.5,
+    ),
+    "gear, lag, sticking": (replace(SLIDING, **GEAR, **SLOW, **STICKY), 0.5),
     "bristles": (replace(SLIDING, **BRISTLES), 1.0),
     "lag and bristles": (replace(SLIDING, **LAG, **BRISTLES), 1.0),
     "no friction": (replace(SLIDING, coulomb=0.0, load=0.0, stribeck=0.0), 1.0),
@@ -71,8 +84,9 @@ class _Log:
 def _differentiable(p):
     """Return all names by which there is a derivative."""
     without = set() if p.time_constant else {"time_constant", "back_emf"}
-    without |= set() if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
+    without |= {*GEAR} if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
     without |= set() if p.coulomb else {*FRICTION}
+    without |= set() if p.coulomb or p.motor_friction else {*GEAR}
     return [name for name in (*TERMS, *INITIAL) if name not in without]
 
 

@@ -38,6 +38,10 @@ class Constants(NamedTuple):
     cogging: float
     cogging_cosine: float
     cogging_periods: float
+    motor_friction: float
+    load_friction: float
+    motor_stribeck: float
+    load_stribeck: float
 
     @classmethod
     def of(cls, p: LumpedParameters) -> Constants:
@@ -66,12 +70,14 @@ MOST_DRIVES = len(COLUMNS) - DRIVES
 P1, VISCOUS, BACK_EMF, LAG, P3, P3_OFFSET, COULOMB, STRIBECK = range(8)
 STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, SPRING = range(8, 14)
 COGGING, COGGING_COSINE, PERIODS = range(14, 17)
+MOTOR_FRICTION, LOAD_FRICTION, MOTOR_STRIBECK, LOAD_STRIBECK = range(17, 21)
 
 BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
 RATE = WEIGHT + 4
+GAIN = RATE + 1
 """Columns of a stage of a step, after the derivatives by the states: those by constants and drives,
-weights of the stage, and rates."""
+weights of the stage, rates, and the derivative by the drive."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _DAMPED_STEPS = 2  # the same in one time constant of the speed: from 0.4 on RK4 is stable
@@ -90,13 +96,14 @@ def rates(state, drive, sign, c):
         motor_rate = (torque - motor) / c.lag
         torque = motor
     bend_rate = 0.0
-    level = friction_level(v, c)
+    load = pull(x, c)
+    level = friction_level(v, torque, load, c)
     if c.bristle_stiffness > 0.0:
         bend_rate = v - c.bristle_stiffness * abs(v) * bend / level
         torque -= c.bristle_stiffness * bend + c.bristle_damping * bend_rate
     else:
         torque -= sign * level
-    torque += pull(x, c) - (c.viscous + c.drag * abs(v)) * v
+    torque += load - (c.viscous + c.drag * abs(v)) * v
     return torque / c.p1, motor_rate, bend_rate
 
 
@@ -113,9 +120,33 @@ def pull(x, c):
 
 
 @inner
-def friction_level(v, c):
-    """Coulomb and Stribeck friction g(v) in N m, without its sign."""
-    return c.coulomb if c.stribeck == 0.0 else c.coulomb + c.stribeck * excess_at(v, c)
+def friction_level(v, motor, load, c):
+    """Friction g(v) in N m, without its sign, under the torques of motor and load in N m."""
+    level = c.coulomb + c.motor_friction * abs(motor) + c.load_friction * abs(load)
+    excess = stribeck_level(motor, load, c)
+    return level if excess == 0.0 else level + excess * excess_at(v, c)
+
+
+@inner
+def stribeck_level(motor, load, c):
+    """Excess of friction at rest in N m, under the torques of motor and load in N m."""
+    return c.stribeck + c.motor_stribeck * abs(motor) + c.load_stribeck * abs(load)
+
+
+@inner
+def holding_range(load, c):
+    """Least and largest torque of the motor in N m between which friction holds a joint at rest."""
+    rest = c.coulomb + c.stribeck + (c.load_friction + c.load_stribeck) * abs(load)
+    share = c.motor_friction + c.motor_stribeck
+    return -_held(rest + load, share), _held(rest - load, share)
+
+
+@inner
+def _held(torque, share):
+    """Motor's torque at which it is as large as friction of a torque and of a share of itself."""
+    if torque <= 0.0:
+        return torque / (1.0 + share)
+    return torque / (1.0 - share) if share < 1.0 else math.inf
 
 
 @inner
@@ -141,7 +172,7 @@ def least_steps(c, v, h):
     if c.bristle_stiffness > 0.0:
         damping = (c.viscous + c.bristle_damping) / c.p1
         fastest = max(
-            c.bristle_stiffness * abs(v) / friction_level(v, c),
+            c.bristle_stiffness * abs(v) / friction_level(v, 0.0, 0.0, c),
             damping,
             math.sqrt(c.bristle_stiffness / c.p1),
         )
@@ -150,47 +181,62 @@ def least_steps(c, v, h):
 
 
 @inlined
-def linearise(state, rate, shape, sign, c, ripples, stages, i):
-    """Write the derivatives of the rates at stage ``i``, given (sin x, cos x, Stribeck's excess).
+def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
+    """Write the derivatives of the rates at stage ``i``, given (sin x, cos x, excess, motor).
 
-    Those by the cogging are left out without ``ripples``.
+    That is Stribeck's excess, and the torque of the motor. Derivatives by the cogging are left out
+    without ``ripples``, those by friction on torque without ``carries``.
     """
     x, v, _, z = state
-    sine, cosine, excess = shape
+    sine, cosine, excess, motor = shape
     push, speed, width = 1.0 / c.p1, abs(v), 1.0 / c.stribeck_velocity
     share = v * width
-    narrowing = 2.0 * c.stribeck * excess * share * width  # -dg/dv
     rub = -sign * push
-    stages[i, V, X] = push * (c.p3_offset * sine - c.p3 * cosine - c.spring)
-    stages[i, V, V] = -push * (c.viscous + c.back_emf + 2.0 * c.drag * speed) - rub * narrowing
+    at_rest, drive, lift = c.stribeck, push, push  # by the torques of motor and load
+    if carries:
+        load = pull(x, c)
+        at_rest = stribeck_level(motor, load, c)
+        drive += rub * np.sign(motor) * (c.motor_friction + c.motor_stribeck * excess)
+        lift += rub * np.sign(load) * (c.load_friction + c.load_stribeck * excess)
+        stages[i, V, BASIS + MOTOR_FRICTION] = rub * abs(motor)
+        stages[i, V, BASIS + LOAD_FRICTION] = rub * abs(load)
+        stages[i, V, BASIS + MOTOR_STRIBECK] = rub * abs(motor) * excess
+        stages[i, V, BASIS + LOAD_STRIBECK] = rub * abs(load) * excess
+    narrowing = 2.0 * at_rest * excess * share * width  # -dg/dv
+    stages[i, V, GAIN] = drive
+    stages[i, V, X] = lift * (c.p3_offset * sine - c.p3 * cosine - c.spring)
+    stages[i, V, V] = -push * (c.viscous + 2.0 * c.drag * speed) - drive * c.back_emf
+    stages[i, V, V] -= rub * narrowing
     stages[i, V, BASIS + P1] = -push * rate[0]
-    stages[i, V, BASIS + VISCOUS] = stages[i, V, BASIS + BACK_EMF] = -push * v
-    stages[i, V, BASIS + P3] = -push * sine
-    stages[i, V, BASIS + P3_OFFSET] = -push * cosine
+    stages[i, V, BASIS + VISCOUS] = -push * v
+    stages[i, V, BASIS + BACK_EMF] = -drive * v
+    stages[i, V, BASIS + P3] = -lift * sine
+    stages[i, V, BASIS + P3_OFFSET] = -lift * cosine
     stages[i, V, BASIS + COULOMB] = rub
     stages[i, V, BASIS + STRIBECK] = rub * excess
     stages[i, V, BASIS + STRIBECK_VELOCITY] = rub * narrowing * share
     stages[i, V, BASIS + DRAG] = -push * speed * v
-    stages[i, V, BASIS + BIAS] = push
-    stages[i, V, BASIS + SPRING] = -push * x
+    stages[i, V, BASIS + BIAS] = lift
+    stages[i, V, BASIS + SPRING] = -lift * x
     if ripples:
         wave, other = math.sin(c.cogging_periods * x), math.cos(c.cogging_periods * x)
-        ripple = push * (c.cogging * other - c.cogging_cosine * wave)
+        ripple = lift * (c.cogging * other - c.cogging_cosine * wave)
         stages[i, V, X] += c.cogging_periods * ripple
-        stages[i, V, BASIS + COGGING] = push * wave
-        stages[i, V, BASIS + COGGING_COSINE] = push * other
+        stages[i, V, BASIS + COGGING] = lift * wave
+        stages[i, V, BASIS + COGGING_COSINE] = lift * other
         stages[i, V, BASIS + PERIODS] = x * ripple
     if c.lag > 0.0:
-        _linearise_lag(v, rate[1], push, c, stages, i)
+        _linearise_lag(v, rate[1], drive, c, stages, i)
     if c.bristle_stiffness > 0.0:
         _linearise_bristles(v, z, rate[2], excess, push, c, stages, i)
 
 
 @inner
-def _linearise_lag(v, motor_rate, push, c, stages, i):
+def _linearise_lag(v, motor_rate, drive, c, stages, i):
     """Let the motor's torque, a state, drive the joint in the place of its input."""
-    stages[i, V, V] += push * c.back_emf
-    stages[i, V, M] = push
+    stages[i, V, V] += drive * c.back_emf
+    stages[i, V, M] = drive
+    stages[i, M, GAIN] = 1.0 / c.lag
     stages[i, V, BASIS + BACK_EMF] = 0.0
     stages[i, M, V], stages[i, M, M] = -c.back_emf / c.lag, -1.0 / c.lag
     stages[i, M, BASIS + BACK_EMF] = -v / c.lag
@@ -200,7 +246,7 @@ def _linearise_lag(v, motor_rate, push, c, stages, i):
 @inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
     """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
-    level = friction_level(v, c)
+    level = friction_level(v, 0.0, 0.0, c)
     share = v / c.stribeck_velocity
     narrowing = 2.0 * c.stribeck * excess * share / c.stribeck_velocity
     slip = c.bristle_stiffness * abs(v) / level
