@@ -10,7 +10,7 @@ from butterfly.model.kernel.equation import (
     COGGING,
     DRIVES,
     GAIN,
-    LOAD_STRIBECK,
+    LOWERING_STRIBECK,
     MOST_DRIVES,
     MOTOR_FRICTION,
     PERIODS,
@@ -20,6 +20,7 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
+    carries_friction,
     least_steps,
     linearise,
 )
@@ -43,7 +44,6 @@ from butterfly.model.kernel.steps import (
     STEP,
     TAPE_WIDTH,
     advance,
-    carries_friction,
     part_of,
     piece_of,
 )
@@ -95,7 +95,7 @@ def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved,
     ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, carries_friction(c)
     for k in column:
         ripples |= COGGING <= k <= PERIODS
-        carries |= MOTOR_FRICTION <= k <= LOAD_STRIBECK
+        carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK
     current, latest = int(tape[0, CURRENT]), -1
     for row in range(1, int(tape[0, COUNT]) + 1):
         kind, begin, share = tape[row, KIND], tape[row, BEGIN], tape[row, SHARE]

@@ -42,6 +42,8 @@ class Constants(NamedTuple):
     load_friction: float
     motor_stribeck: float
     load_stribeck: float
+    lifting_stribeck: float
+    lowering_stribeck: float
 
     @classmethod
     def of(cls, p: LumpedParameters) -> Constants:
@@ -71,6 +73,7 @@ P1, VISCOUS, BACK_EMF, LAG, P3, P3_OFFSET, COULOMB, STRIBECK = range(8)
 STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, SPRING = range(8, 14)
 COGGING, COGGING_COSINE, PERIODS = range(14, 17)
 MOTOR_FRICTION, LOAD_FRICTION, MOTOR_STRIBECK, LOAD_STRIBECK = range(17, 21)
+LIFTING_STRIBECK, LOWERING_STRIBECK = range(21, 23)
 
 BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
@@ -83,6 +86,8 @@ _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _DAMPED_STEPS = 2  # the same in one time constant of the speed: from 0.4 on RK4 is stable
 _UNSEEN = 10_000  # time constants of the speed in one interval, from which on no log shows it
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
+_TANGENTS = 30  # at most: straight parts of friction need three
+_ROUNDING = 1e-14
 _VANISHED = 6.0  # Stribeck velocities, at which exp(-36) is lost in rounding
 
 
@@ -97,7 +102,7 @@ def rates(state, drive, sign, c):
         torque = motor
     bend_rate = 0.0
     load = pull(x, c)
-    level = friction_level(v, torque, load, c)
+    level = friction_level(v, sign, torque, load, c)
     if c.bristle_stiffness > 0.0:
         bend_rate = v - c.bristle_stiffness * abs(v) * bend / level
         torque -= c.bristle_stiffness * bend + c.bristle_damping * bend_rate
@@ -120,33 +125,86 @@ def pull(x, c):
 
 
 @inner
-def friction_level(v, motor, load, c):
-    """Friction g(v) in N m, without its sign, under the torques of motor and load in N m."""
-    level = c.coulomb + c.motor_friction * abs(motor) + c.load_friction * abs(load)
-    excess = stribeck_level(motor, load, c)
+def friction_level(v, sign, motor, load, c):
+    """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
+    level = c.coulomb + abs(c.motor_friction * motor - c.load_friction * load)
+    excess = stribeck_level(sign, motor, load, c)
     return level if excess == 0.0 else level + excess * excess_at(v, c)
 
 
 @inner
-def stribeck_level(motor, load, c):
+def stribeck_level(sign, motor, load, c):
     """Excess of friction at rest in N m, under the torques of motor and load in N m."""
-    return c.stribeck + c.motor_stribeck * abs(motor) + c.load_stribeck * abs(load)
+    excess = c.stribeck + abs(c.motor_stribeck * motor - c.load_stribeck * load)
+    if c.lifting_stribeck != 0.0 or c.lowering_stribeck != 0.0:
+        excess += _by_direction(sign, load, c) * passed_on(motor, load) ** 2
+    return excess
 
 
 @inner
-def holding_range(load, c):
-    """Least and largest torque of the motor in N m between which friction holds a joint at rest."""
-    rest = c.coulomb + c.stribeck + (c.load_friction + c.load_stribeck) * abs(load)
-    share = c.motor_friction + c.motor_stribeck
-    return -_held(rest + load, share), _held(rest - load, share)
+def _by_direction(sign, load, c):
+    """Choose the growth with the square of torque: of the motor driving the load, or driven."""
+    return c.lifting_stribeck if sign * load < 0.0 else c.lowering_stribeck
 
 
 @inner
-def _held(torque, share):
-    """Motor's torque at which it is as large as friction of a torque and of a share of itself."""
-    if torque <= 0.0:
-        return torque / (1.0 + share)
-    return torque / (1.0 - share) if share < 1.0 else math.inf
+def passed_on(motor, load):
+    """Torque in N m that the motor takes from the load, none where both pull the same way."""
+    return min(abs(motor), abs(load)) if motor * load < 0.0 else 0.0
+
+
+@inner
+def slope(by_motor, by_load, motor, load):
+    """Differentiate ``abs(by_motor motor - by_load load)`` by both; from 0 onwards."""
+    way = np.sign(by_motor * motor - by_load * load)
+    return (way * motor, -way * load) if way != 0.0 else (abs(motor), abs(load))
+
+
+@inner
+def slopes(sign, motor, load, c):
+    """Slopes of friction over the torques of motor and load, and those of its excess at rest."""
+    slides = np.sign(c.motor_friction * motor - c.load_friction * load)
+    rests = np.sign(c.motor_stribeck * motor - c.load_stribeck * load)
+    by_motor, by_load = rests * c.motor_stribeck, -rests * c.load_stribeck
+    steep = 2.0 * _by_direction(sign, load, c) * passed_on(motor, load)
+    if abs(motor) < abs(load):
+        by_motor += steep * np.sign(motor)
+    else:
+        by_load += steep * np.sign(load)
+    return slides * c.motor_friction, -slides * c.load_friction, by_motor, by_load
+
+
+@inner
+def carries_friction(c):
+    """Tell whether friction grows with the torque of motor or load."""
+    growth = max(c.motor_friction, c.load_friction, c.motor_stribeck, c.load_stribeck)
+    return max(growth, c.lifting_stribeck, c.lowering_stribeck) > 0.0
+
+
+@inner
+def holds_to(sign, load, c):
+    """Torque of the motor in N m up to which friction holds a joint against sliding to ``sign``.
+
+    The excess of torque over friction is concave in it: tangents come to its zero from one side.
+    """
+    motor = -load
+    for _ in range(_TANGENTS):
+        lacking = friction_level(0.0, sign, motor, load, c) - sign * (motor + load)
+        by_motor, _, at_rest, _ = slopes(sign, motor, load, c)
+        rise = 1.0 - sign * (by_motor + at_rest)
+        if rise <= 0.0:
+            return sign * math.inf
+        motor += sign * lacking / rise
+        if lacking <= _ROUNDING * abs(motor) or not carries_friction(c):
+            break
+    return motor
+
+
+@compiled
+def friction_at(x, v, motor, c):
+    """Friction in N m of a joint at an angle and a velocity under the torque of its motor."""
+    load = pull(x, c)
+    return friction_level(v, np.sign(v if v != 0.0 else motor + load), motor, load, c)
 
 
 @inner
@@ -172,7 +230,7 @@ def least_steps(c, v, h):
     if c.bristle_stiffness > 0.0:
         damping = (c.viscous + c.bristle_damping) / c.p1
         fastest = max(
-            c.bristle_stiffness * abs(v) / friction_level(v, 0.0, 0.0, c),
+            c.bristle_stiffness * abs(v) / friction_level(v, 0.0, 0.0, 0.0, c),
             damping,
             math.sqrt(c.bristle_stiffness / c.p1),
         )
@@ -195,13 +253,19 @@ def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
     at_rest, drive, lift = c.stribeck, push, push  # by the torques of motor and load
     if carries:
         load = pull(x, c)
-        at_rest = stribeck_level(motor, load, c)
-        drive += rub * np.sign(motor) * (c.motor_friction + c.motor_stribeck * excess)
-        lift += rub * np.sign(load) * (c.load_friction + c.load_stribeck * excess)
-        stages[i, V, BASIS + MOTOR_FRICTION] = rub * abs(motor)
-        stages[i, V, BASIS + LOAD_FRICTION] = rub * abs(load)
-        stages[i, V, BASIS + MOTOR_STRIBECK] = rub * abs(motor) * excess
-        stages[i, V, BASIS + LOAD_STRIBECK] = rub * abs(load) * excess
+        at_rest = stribeck_level(sign, motor, load, c)
+        by_motor, by_load, rest_by_motor, rest_by_load = slopes(sign, motor, load, c)
+        drive += rub * (by_motor + excess * rest_by_motor)
+        lift += rub * (by_load + excess * rest_by_load)
+        by_motor, by_load = slope(c.motor_friction, c.load_friction, motor, load)
+        stages[i, V, BASIS + MOTOR_FRICTION] = rub * by_motor
+        stages[i, V, BASIS + LOAD_FRICTION] = rub * by_load
+        by_motor, by_load = slope(c.motor_stribeck, c.load_stribeck, motor, load)
+        stages[i, V, BASIS + MOTOR_STRIBECK] = rub * excess * by_motor
+        stages[i, V, BASIS + LOAD_STRIBECK] = rub * excess * by_load
+        square = rub * excess * passed_on(motor, load) ** 2
+        stages[i, V, BASIS + LIFTING_STRIBECK] = square if sign * load < 0.0 else 0.0
+        stages[i, V, BASIS + LOWERING_STRIBECK] = square if sign * load >= 0.0 else 0.0
     narrowing = 2.0 * at_rest * excess * share * width  # -dg/dv
     stages[i, V, GAIN] = drive
     stages[i, V, X] = lift * (c.p3_offset * sine - c.p3 * cosine - c.spring)
@@ -246,7 +310,7 @@ def _linearise_lag(v, motor_rate, drive, c, stages, i):
 @inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
     """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
-    level = friction_level(v, 0.0, 0.0, c)
+    level = friction_level(v, 0.0, 0.0, 0.0, c)
     share = v / c.stribeck_velocity
     narrowing = 2.0 * c.stribeck * excess * share / c.stribeck_velocity
     slip = c.bristle_stiffness * abs(v) / level

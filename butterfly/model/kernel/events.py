@@ -13,27 +13,15 @@ import numpy as np
 from butterfly.compiled import inner
 from butterfly.model.kernel.equation import (
     BASIS,
-    BIAS,
-    COGGING,
-    COULOMB,
     DRIVES,
     GAIN,
     LAG,
-    LOAD_FRICTION,
-    LOAD_STRIBECK,
-    MOTOR_FRICTION,
-    MOTOR_STRIBECK,
-    P3,
-    P3_OFFSET,
-    PERIODS,
     RATE,
-    SPRING,
-    STRIBECK,
     WEIGHT,
     M,
     V,
     X,
-    holding_range,
+    holds_to,
     linearise,
     pull,
 )
@@ -146,28 +134,17 @@ def break_loose(drives, tape, row, c, own, stages, tangents, column):
     begin, sign = tape[row, BEGIN], tape[row, SIGN]
     x, motor = tape[row, STAGE], tape[row, STAGE + 1]
     final, at = tape[row, STAGE + 2], tape[row, STAGE + 3]
-    still, shape = (x, 0.0, 0.0, 0.0), (math.sin(x), math.cos(x), 1.0, 0.0)
-    linearise(still, (0.0, 0.0, 0.0), shape, 0.0, c, True, False, stages, 0)
-    load, (lower, upper) = pull(x, c), holding_range(pull(x, c), c)
-    most = upper if sign > 0.0 else lower
+    load, still, none = pull(x, c), (x, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    most = holds_to(sign, load, c)
+    shape = (math.sin(x), math.cos(x), 1.0, most)
+    linearise(still, none, shape, sign, c, True, True, stages, 0)
     loose = (most - motor) / (final - motor) if c.lag > 0.0 else 0.0
-    # most = sign (rest + growth abs(load) - sign load) / (1 -+ share)
-    growth = (c.load_friction + c.load_stribeck) * np.sign(load)
-    side = np.sign(most) * sign
-    weaker = 1.0 - side * (c.motor_friction + c.motor_stribeck)
     for j in range(column.size):
         k, late = column[j], tangents[LATE, j]
-        lift = c.p1 * stages[0, V, X] * tangents[X, j]
-        if k in (P3, P3_OFFSET, BIAS, SPRING) or COGGING <= k <= PERIODS:
-            lift += c.p1 * stages[0, V, BASIS + k]
-        hold = (sign * growth - 1.0) * lift
-        if k in (COULOMB, STRIBECK):
-            hold += sign
-        elif k in (LOAD_FRICTION, LOAD_STRIBECK):
-            hold += sign * abs(load)
-        elif k in (MOTOR_FRICTION, MOTOR_STRIBECK):
-            hold += sign * abs(most)
-        hold /= weaker
+        hold = -stages[0, V, X] * tangents[X, j]
+        if 0 <= k < DRIVES:
+            hold -= stages[0, V, BASIS + k]
+        hold /= stages[0, V, GAIN]
         if c.lag == 0.0:
             if k >= DRIVES:
                 q = k - DRIVES

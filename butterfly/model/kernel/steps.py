@@ -13,15 +13,16 @@ import numpy as np
 from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import (
     COULOMB,
-    LOAD_STRIBECK,
+    LOWERING_STRIBECK,
     MOTOR_FRICTION,
     STRIBECK,
     M,
     V,
     X,
     Z,
+    carries_friction,
     excess_at,
-    holding_range,
+    holds_to,
     least_steps,
     pull,
     rates,
@@ -90,7 +91,7 @@ def advance(state, drives, h, c, tape, column):
         if v == 0.0:
             load = pull(x, c)
             motor = m if c.lag > 0.0 else drive_at(drives, begin)
-            lower, upper = holding_range(load, c)
+            lower, upper = holds_to(-1.0, load, c), holds_to(1.0, load, c)
             holds = lower < upper
             sign = np.sign(motor + load) * onward
             if holds and lower <= motor <= upper:
@@ -158,18 +159,11 @@ def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
 
 
 @inner
-def carries_friction(c):
-    """Tell whether friction grows with the torque of motor or load."""
-    growth = max(c.motor_friction, c.load_friction, c.motor_stribeck, c.load_stribeck)
-    return growth > 0.0
-
-
-@inner
 def _by_friction(column):
     """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
     if column is not None:
         for k in column:
-            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOAD_STRIBECK:
+            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
                 return True
     return False
 
