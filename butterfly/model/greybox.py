@@ -21,7 +21,7 @@ from butterfly.model.kernel import differentiate as kernel
 from butterfly.model.kernel.equation import COLUMNS, Constants
 from butterfly.model.kernel.steps import integrate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE, TERMS
+from butterfly.model.terms import DRIVE, GEAR, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
@@ -147,6 +147,9 @@ def _require_derivative(
     if name == "time_constant" and not loaded.time_constant > 0:
         expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
         raise InputError("sensitivities", name, loaded.time_constant, expected)
+    if name in GEAR and loaded.bristle_stiffness > 0:
+        expected = "0: bristles with friction that grows with torque are not simulated"
+        raise InputError("sensitivities", "bristle_stiffness", loaded.bristle_stiffness, expected)
     if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
         expected = "both more than 0, for bristles to be differentiated"
