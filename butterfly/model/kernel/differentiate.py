@@ -20,7 +20,6 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
-    carries_friction,
     least_steps,
     linearise,
 )
@@ -92,7 +91,7 @@ def differentiate(time, drives, state, c, into, weights, values, column, initial
 def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows):
     """Carry the derivatives over what the tape tells; then it is empty."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
-    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, carries_friction(c)
+    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
         ripples |= COGGING <= k <= PERIODS
         carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK
