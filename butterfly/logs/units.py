@@ -40,9 +40,11 @@ QUANTITIES: dict[str, dict[str, float]] = {
 
 _HOLDS = {
     "time": ("time",),
-    "input": ("voltage", "current", "torque", "force", "share"),
+    "input": ("voltage", "current", "torque", "force", "share", "angle", "length", "rate", "speed"),
     "angle": ("angle", "length"),
     "velocity": ("rate", "speed"),
+    "setpoint": ("angle", "length", "rate", "speed"),
+    "supply": ("voltage",),
     "omega": ("rate", "frequency"),
     "mass": ("mass",),
     "arm": ("length",),
@@ -59,7 +61,7 @@ a length."""
 ASSUMED, GIVEN = "assumed", "given"
 """Where a unit comes from that no file says: nobody says it, or an option or the manifest does."""
 
-_TURNABLE = ("input", "angle", "velocity")
+_TURNABLE = ("input", "angle", "velocity", "setpoint")
 _SPELT = {
     "s": "sec secs second seconds",
     "ms": "msec millisecond milliseconds",

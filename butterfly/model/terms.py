@@ -197,6 +197,15 @@ class DriveTerms:
         return fundamental(self.delivered(sines)), slopes
 
 
+@dataclass(frozen=True, kw_only=True)
+class LoopTerms:
+    """Gains of a servo's own loop, over those that were told."""
+
+    loop_kp: float = 1.0
+    loop_ki: float = 1.0
+    loop_kd: float = 1.0
+
+
 _COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
 IDEAL = DriveTerms()
@@ -204,6 +213,9 @@ IDEAL = DriveTerms()
 
 DRIVE = tuple(field.name for field in fields(DriveTerms))
 """Names of the terms of the drive."""
+
+LOOP_GAINS = tuple(field.name for field in fields(LoopTerms))
+"""Names of the gains of a servo's loop."""
 
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
@@ -302,6 +314,12 @@ _ROWS = (
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
          looks_like="a drive that saturates",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+    Term("loop_kp", "loop P gain", "–", "proportional gain of the servo's loop, over the told one",
+         lower=0.0, size=lambda _speed, _rate: 0.1, offered=frozenset({_OUTPUT})),
+    Term("loop_ki", "loop I gain", "–", "integral gain of the servo's loop, over the told one",
+         lower=0.0, size=lambda _speed, _rate: 0.1, offered=frozenset({_OUTPUT})),
+    Term("loop_kd", "loop D gain", "–", "derivative gain of the servo's loop, over the told one",
+         lower=0.0, size=lambda _speed, _rate: 0.1, offered=frozenset({_OUTPUT})),
 )
 # fmt: on
 
