@@ -41,7 +41,7 @@ def needs_loop(log: Log) -> bool:
     return log.closed or (log.enabled is not None and bool(np.any(log.enabled <= _HALF)))
 
 
-def loop_on_grid(
+def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     log: Log,
     parameters: LumpedParameters,
     zero: float,
@@ -60,14 +60,14 @@ def loop_on_grid(
     slews = servo is not None and servo.rule.structure is Structure.PID
     if servo is not None and slews and math.isfinite(servo.speed_limit):
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
-    on = _on_grid(log, log.enabled, grid) > _HALF if log.enabled is not None else None
+    enabled = None if log.enabled is None else _on_grid(log, log.enabled, grid)
     return _told(
         servo,
         parameters,
         zero=zero,
         period=every * step,
         every=every,
-        columns=(setpoint, late, _supply(log, servo, grid), on),
+        columns=(setpoint, late, _supply(log, servo, grid), enabled),
     )
 
 
@@ -98,7 +98,7 @@ def _told(
 
     Without ``parameters`` the torque is what the firmware puts out.
     """
-    setpoint, late, supply, on = columns
+    setpoint, late, supply, enabled = columns
     kp, ki, kd = (1.0, 0.0, 0.0) if servo is None else servo.told
     by_p, by_i, by_d = (
         (1.0, 1.0, 1.0)
@@ -133,7 +133,7 @@ def _told(
         setpoint=setpoint,
         late=late,
         supply=np.full(setpoint.size, 1.0) * supply,
-        on=np.ones(setpoint.size) if on is None else on.astype(np.float64),
+        on=np.ones(setpoint.size) if enabled is None else (enabled > _HALF).astype(np.float64),
     )
 
 
@@ -152,7 +152,6 @@ def driven(log: Log) -> Log:
     kind = _DRIVES[servo.rule.output]
     kind = InputKind.VOLTAGE if kind is InputKind.DUTY and supplied else kind
     nothing = np.zeros(log.time.size)
-    on = None if log.enabled is None else log.enabled > _HALF
     setpoint = log.input
     if servo.rule.structure is Structure.PID and math.isfinite(servo.speed_limit):
         setpoint, _ = kernel.slewed(setpoint, nothing, servo.speed_limit * log.mean_step)
@@ -162,7 +161,7 @@ def driven(log: Log) -> Log:
         zero=0.0,
         period=log.mean_step,
         every=1,
-        columns=(setpoint, nothing, _supply(log, servo, None), on),
+        columns=(setpoint, nothing, _supply(log, servo, None), log.enabled),
     )
     drive = kernel.outputs(log.angle, _rate(log), told)
     lead = log.lead

@@ -14,9 +14,9 @@ from butterfly.arrays import Samples
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
+from butterfly.model.kernel.loop import Loop
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.kernel.loop import Loop
 from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.signals import hold, polynomials
 from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
@@ -135,7 +135,8 @@ class Simulation:
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
         if needs_loop(self.log):
-            return Simulation(replace(self.log, servo=None, enabled=None), parameters, self._first).mean_inputs(parameters)
+            alone = replace(self.log, servo=None, enabled=None)
+            return Simulation(alone, parameters, self._first).mean_inputs(parameters)
         inputs = self._inputs(parameters)[0]
         return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
 

@@ -22,14 +22,14 @@ from butterfly.model.kernel.equation import COLUMNS, Constants
 from butterfly.model.kernel.loop import Loop
 from butterfly.model.kernel.steps import integrate, integrate_loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE, LOOP_GAINS, TERMS
+from butterfly.model.terms import DRIVE, GEAR, LOOP_GAINS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
 and the derivatives of the initial angle and velocity by it."""
 
 
-def simulate(
+def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from where on
     parameters: LumpedParameters,
     time: Samples,
     inputs: Samples,
@@ -161,6 +161,9 @@ def _require_derivative(
     if name == "time_constant" and not loaded.time_constant > 0:
         expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
         raise InputError("sensitivities", name, loaded.time_constant, expected)
+    if name in GEAR and loaded.bristle_stiffness > 0:
+        expected = "0: bristles with friction that grows with torque are not simulated"
+        raise InputError("sensitivities", "bristle_stiffness", loaded.bristle_stiffness, expected)
     if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
         expected = "both more than 0, for bristles to be differentiated"

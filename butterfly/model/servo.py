@@ -77,8 +77,8 @@ _MAKERS = {
         source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
     "feetech-sts": Law(
         structure=Structure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
-        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; nobody publishes what D is worth: "
-               "here in s/rad"),
+        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; what D is worth nobody publishes: "
+               "here s/rad"),
     "odrive": Law(
         structure=Structure.CASCADE, output=Output.TORQUE, ki=_TURN, kd=_TURN, clock=1 / 8000,
         source="odriverobotics/ODrive f9b5419, Controller::update; kp pos_gain, kd vel_gain, "
@@ -102,6 +102,7 @@ LAWS = _MAKERS | {
 """The laws by name: those of makers, and those of SI units, by structure and output."""
 
 _GAINS = ("kp", "ki", "kd")
+_NONE = Known(value=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,9 +134,9 @@ class ServoLoop:
     """
 
     law: str
-    kp: Known = Known(value=0.0)
-    ki: Known = Known(value=0.0)
-    kd: Known = Known(value=0.0)
+    kp: Known = _NONE
+    ki: Known = _NONE
+    kd: Known = _NONE
     limit: float | None = None
     speed_limit: float = math.inf
     dead_band: float = 0.0
@@ -161,25 +162,32 @@ class ServoLoop:
         values = dict(given)
         for name, value in given.items():
             if name not in known:
-                raise InputError(str(source), f"loop.{name}", "an unknown name", nearest(name, known))
+                expected = nearest(name, known)
+                raise InputError(str(source), f"loop.{name}", "an unknown name", expected)
             if name in _GAINS:
                 values[name] = known_of(value, source, f"loop.{name}")
         loop = cls(**values)
-        if loop.law not in LAWS:
-            raise InputError(str(source), "loop.law", loop.law, nearest(str(loop.law), LAWS))
-        for name in known - {"law", *_GAINS}:
-            value = getattr(loop, name)
-            if value is not None and not (isinstance(value, int | float) and value >= 0):
-                raise InputError(str(source), f"loop.{name}", value, "a number, 0 or more")
-        if loop.clock == 0:
-            raise InputError(str(source), "loop.clock", 0, "more than 0 s")
-        if math.isfinite(loop.current_limit) and not loop.resistance:
-            expected = "resistance, and back_emf_constant, by which a current is limited"
-            raise InputError(str(source), "loop.current_limit", loop.current_limit, expected)
+        loop._require_possible(str(source))
         needed = "kd" if loop.rule.structure is Structure.CASCADE else "kp"
         if whole and not getattr(loop, needed).value:
             raise InputError(str(source), f"loop.{needed}", "nothing", "the gain of the loop")
         return loop
+
+    def _require_possible(self, source: str) -> None:
+        """Raise InputError for a law that is none, and for what is below 0."""
+        if self.law not in LAWS:
+            raise InputError(source, "loop.law", self.law, nearest(str(self.law), LAWS))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "law" or value is None or isinstance(value, Known):
+                continue
+            if not (isinstance(value, int | float) and value >= 0):
+                raise InputError(source, f"loop.{field.name}", value, "a number, 0 or more")
+        if self.clock == 0:
+            raise InputError(source, "loop.clock", 0, "more than 0 s")
+        if math.isfinite(self.current_limit) and not self.resistance:
+            expected = "resistance, and back_emf_constant, by which a current is limited"
+            raise InputError(source, "loop.current_limit", self.current_limit, expected)
 
     @property
     def rule(self) -> Law:

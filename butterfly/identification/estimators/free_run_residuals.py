@@ -388,6 +388,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
         "p4": abs(start.p4) or torque / command,
         "zero": swing,
         "velocity": speed,
+        "back_emf": 0.1 * torque / speed,
     }
     for row in TERMS.values():
         if row.size is not None:

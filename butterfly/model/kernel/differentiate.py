@@ -10,7 +10,10 @@ from butterfly.model.kernel.equation import (
     BASIS,
     COGGING,
     DRIVES,
+    GAIN,
+    LOWERING_STRIBECK,
     MOST_DRIVES,
+    MOTOR_FRICTION,
     PERIODS,
     RATE,
     WEIGHT,
@@ -18,6 +21,7 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
+    carries_friction,
     least_steps,
     linearise,
 )
@@ -73,7 +77,7 @@ def differentiate(
     kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
     remembered = np.zeros((2, column.size))
     tape = np.zeros((_ROWS, TAPE_WIDTH))
-    stages = np.zeros((4, 4, RATE + 1))
+    stages = np.zeros((4, 4, GAIN + 1))
     for i in range(4):
         stages[i, X, V] = 1.0
     tangents = np.zeros((7, column.size))
@@ -119,9 +123,10 @@ def _play(
 ):  # fmt: skip
     """Carry the derivatives over what the tape tells; then it is empty."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
-    ripples = c.cogging != 0.0 or c.cogging_cosine != 0.0
+    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, carries_friction(c)
     for k in column:
         ripples |= COGGING <= k <= PERIODS
+        carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK
     current, latest, now, drive = int(tape[0, CURRENT]), -1, c, (0.0, 0.0, 0.0)
     if loop is not None and current >= 0:
         now, drive = at(current, loop, c, without_drive), _held_drive(current, kept)
@@ -142,7 +147,7 @@ def _play(
             latest = part
             _begin_part(k, part, parts, tangents, moved, own)
         if kind in (STEP, REVERSAL):
-            _linearise_step(tape, row, now, ripples, own, moved.shape[0], stages)
+            _linearise_step(tape, row, now, ripples, carries, own, moved.shape[0], stages)
             if loop is not None:
                 _open_circuit(k, loop, stages)
             if states == 2:
@@ -185,11 +190,11 @@ def _open_circuit(k, loop, stages):
 @inner
 def _carry_held(states, c, stages, tangents):
     """Add what the derivatives of the held torque do over a step."""
-    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    driven = M if c.lag > 0.0 else V
     for r in range(states):
         push = 0.0
         for i in range(4):
-            push += gain * stages[i, r, WEIGHT + driven]
+            push += stages[i, driven, GAIN] * stages[i, r, WEIGHT + driven]
         for j in range(tangents.shape[1]):
             tangents[r, j] += push * tangents[HELD, j]
 
@@ -207,24 +212,24 @@ def _begin_part(k, part, parts, tangents, moved, own):
 
 
 @inlined
-def _linearise_step(tape, row, c, ripples, own, count, stages):
+def _linearise_step(tape, row, c, ripples, carries, own, count, stages):
     """Write the derivatives at the four stages of a step, those by ``count`` drives too."""
     begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
     for i in range(4):
         at = STAGE + PER_STAGE * i
         state = (tape[row, at], tape[row, at + 1], tape[row, at + 2], tape[row, at + 3])
         rate = (tape[row, at + 4], tape[row, at + 5], tape[row, at + 6])
-        shape = (tape[row, at + 7], tape[row, at + 8], tape[row, at + 9])
-        linearise(state, rate, shape, sign, c, ripples, stages, i)
+        shape = (tape[row, at + 7], tape[row, at + 8], tape[row, at + 9], tape[row, at + 10])
+        linearise(state, rate, shape, sign, c, ripples, carries, stages, i)
         stages[i, X, RATE], stages[i, V, RATE] = state[V], rate[0]
         stages[i, M, RATE], stages[i, Z, RATE] = rate[1], rate[2]
-    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    driven = M if c.lag > 0.0 else V
     for q in range(count):
         n, three = BASIS + DRIVES + q, (own[q, 0], own[q, 1], own[q, 2])
         if share < 1.0:
             three = piece_of(three, begin, share)
-        stages[0, driven, n], stages[1, driven, n] = gain * three[0], gain * three[1]
-        stages[2, driven, n], stages[3, driven, n] = gain * three[1], gain * three[2]
+        for i in range(4):
+            stages[i, driven, n] = stages[i, driven, GAIN] * three[(i + 1) // 2]
 
 
 @inlined
