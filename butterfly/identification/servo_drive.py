@@ -12,18 +12,19 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.arrays import Samples
+from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.kernel import loop as kernel
 from butterfly.model.kernel.loop import Loop
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.servo import Output, ServoLoop, Structure
+from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.signals import hold, polynomials
 from butterfly.signals.spectrum import resample, uniform_grid
 
 _STRUCTURES = {
-    Structure.PID: kernel.PID,
-    Structure.CASCADE: kernel.CASCADE,
-    Structure.SPEED: kernel.SPEED,
+    LawStructure.PID: kernel.PID,
+    LawStructure.CASCADE: kernel.CASCADE,
+    LawStructure.SPEED: kernel.SPEED,
 }
 _DRIVES = {
     Output.DUTY: InputKind.DUTY,
@@ -31,14 +32,13 @@ _DRIVES = {
     Output.CURRENT: InputKind.CURRENT,
     Output.TORQUE: InputKind.TORQUE,
 }
-_HALF = 0.5  # from which on what says whether a joint is driven says yes
-_REACH = 0.02  # s to either side, over which a rate is taken
+_REACH = VELOCITY_SHARE * HALF_WIDTH  # s to either side, over which a rate is taken
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
 
 
 def needs_loop(log: Log) -> bool:
     """Whether a log's input alone does not say what drives it throughout."""
-    return log.closed or (log.enabled is not None and bool(np.any(log.enabled <= _HALF)))
+    return log.closed or (log.enabled is not None and bool(np.any(np.rint(log.enabled) == 0)))
 
 
 def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
@@ -57,7 +57,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     step = float(grid[1] - grid[0])
     setpoint, late = inputs[0] @ _SIMPSON, inputs[1] @ _SIMPSON
     servo = log.servo if log.closed else None
-    slews = servo is not None and servo.rule.structure is Structure.PID
+    slews = servo is not None and servo.rule.structure is LawStructure.PID
     if servo is not None and slews and math.isfinite(servo.speed_limit):
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
     enabled = None if log.enabled is None else _on_grid(log, log.enabled, grid)
@@ -133,7 +133,7 @@ def _told(
         setpoint=setpoint,
         late=late,
         supply=np.full(setpoint.size, 1.0) * supply,
-        on=np.ones(setpoint.size) if enabled is None else (enabled > _HALF).astype(np.float64),
+        on=np.ones(setpoint.size) if enabled is None else np.rint(enabled),
     )
 
 
@@ -153,7 +153,7 @@ def driven(log: Log) -> Log:
     kind = InputKind.VOLTAGE if kind is InputKind.DUTY and supplied else kind
     nothing = np.zeros(log.time.size)
     setpoint = log.input
-    if servo.rule.structure is Structure.PID and math.isfinite(servo.speed_limit):
+    if servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit):
         setpoint, _ = kernel.slewed(setpoint, nothing, servo.speed_limit * log.mean_step)
     told = _told(
         replace(servo, clock=log.mean_step),

@@ -295,8 +295,10 @@ class Log:
         for name, heading in headings.items():
             if name == "enabled":  # yes or no
                 continue
+            told = name == "input" and log.input_kind is InputKind.SETPOINT
+            field = "setpoint" if told else name
             try:
-                found[name] = read_unit(log.source, name, heading, units, log.quantities(name))
+                found[name] = read_unit(log.source, field, heading, units, log.quantities(name))
             except InputError as error:
                 if name not in unasked:
                     raise

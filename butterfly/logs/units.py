@@ -40,7 +40,7 @@ QUANTITIES: dict[str, dict[str, float]] = {
 
 _HOLDS = {
     "time": ("time",),
-    "input": ("voltage", "current", "torque", "force", "share", "angle", "length", "rate", "speed"),
+    "input": ("voltage", "current", "torque", "force", "share"),
     "angle": ("angle", "length"),
     "velocity": ("rate", "speed"),
     "setpoint": ("angle", "length", "rate", "speed"),

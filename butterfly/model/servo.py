@@ -34,7 +34,7 @@ class Output(StrEnum):
     TORQUE = "torque"
 
 
-class Structure(StrEnum):
+class LawStructure(StrEnum):
     """How a law makes it."""
 
     PID = "pid"
@@ -46,7 +46,7 @@ class Structure(StrEnum):
 class Law:
     """A row of the table: what firmware does with its gains."""
 
-    structure: Structure
+    structure: LawStructure
     output: Output
     kp: float = 1.0  # worth of one unit of each gain
     ki: float = 1.0
@@ -64,30 +64,30 @@ _FULL = 885  # what a Dynamixel calls all of its supply
 # fmt: off
 _MAKERS = {
     "dynamixel-x": Law(
-        structure=Structure.PID, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
         kp=_COUNTS / (128 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
         source="ROBOTIS e-Manual, X series, Position PID Gain(80, 82, 84); sums at 1 kHz assumed"),
     "dynamixel-xl330": Law(
-        structure=Structure.PID, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
         kp=_COUNTS / (256 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
         source="as dynamixel-x, with the divisor 256 that Rhoban/bam measured of its P gain"),
     "dynamixel-x-velocity": Law(
-        structure=Structure.SPEED, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.SPEED, output=Output.DUTY, limit=1.0,
         kp=_RATE / (128 * _FULL), ki=_RATE / (65.536 * _FULL),
         source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
     "feetech-sts": Law(
-        structure=Structure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
-        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; what D is worth nobody publishes: "
-               "here s/rad"),
+        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
+        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; D's worth nobody publishes, here "
+               "s/rad"),
     "odrive": Law(
-        structure=Structure.CASCADE, output=Output.TORQUE, ki=_TURN, kd=_TURN, clock=1 / 8000,
+        structure=LawStructure.CASCADE, output=Output.TORQUE, ki=_TURN, kd=_TURN, clock=1 / 8000,
         source="odriverobotics/ODrive f9b5419, Controller::update; kp pos_gain, kd vel_gain, "
                "ki vel_integrator_gain"),
     "odrive-velocity": Law(
-        structure=Structure.SPEED, output=Output.TORQUE, kp=_TURN, ki=_TURN, clock=1 / 8000,
+        structure=LawStructure.SPEED, output=Output.TORQUE, kp=_TURN, ki=_TURN, clock=1 / 8000,
         source="the same without pos_gain; kp vel_gain, ki vel_integrator_gain"),
     "moteus": Law(
-        structure=Structure.PID, output=Output.TORQUE, kp=_TURN, ki=_TURN, kd=_TURN,
+        structure=LawStructure.PID, output=Output.TORQUE, kp=_TURN, ki=_TURN, kd=_TURN,
         clock=1 / 30000, source="mjbots/moteus db1a762, PID::Apply"),
 }
 # fmt: on
@@ -96,7 +96,7 @@ LAWS = _MAKERS | {
     f"{structure}-{output}": Law(
         structure=structure, output=output, limit=1.0 if output is Output.DUTY else math.inf
     )
-    for structure in Structure
+    for structure in LawStructure
     for output in Output
 }
 """The laws by name: those of makers, and those of SI units, by structure and output."""
@@ -168,7 +168,7 @@ class ServoLoop:
                 values[name] = known_of(value, source, f"loop.{name}")
         loop = cls(**values)
         loop._require_possible(str(source))
-        needed = "kd" if loop.rule.structure is Structure.CASCADE else "kp"
+        needed = "kd" if loop.rule.structure is LawStructure.CASCADE else "kp"
         if whole and not getattr(loop, needed).value:
             raise InputError(str(source), f"loop.{needed}", "nothing", "the gain of the loop")
         return loop
@@ -197,7 +197,7 @@ class ServoLoop:
     @property
     def of_speed(self) -> bool:
         """Whether its set-point is a velocity."""
-        return self.rule.structure is Structure.SPEED
+        return self.rule.structure is LawStructure.SPEED
 
     @property
     def period(self) -> float:
