@@ -26,6 +26,7 @@ from butterfly.model.kernel.equation import (
     pull,
     rates,
 )
+from butterfly.model.kernel.loop import at, torque
 
 STEP, REVERSAL, REST, LOOSE = 0.0, 1.0, 2.0, 3.0
 KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
@@ -55,6 +56,21 @@ def integrate(time, drives, state, c):
     for k in range(n - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
         state = interval(state, row, time[k + 1] - time[k], c)
+        angle[k + 1], velocity[k + 1] = state[X], state[V]
+    return angle, velocity
+
+
+@compiled
+def integrate_loop(time, state, c, without_drive, loop):
+    """Return (n,) angles and velocities of a joint in its servo's loop."""
+    n = time.size
+    angle, velocity = np.empty(n), np.empty(n)
+    angle[0], velocity[0] = state[X], state[V]
+    memory, held = np.zeros(2), 0.0
+    for k in range(n - 1):
+        held = torque(k, state, loop, memory, held, None)
+        now = at(k, loop, c, without_drive)
+        state = interval(state, (held, held, held), time[k + 1] - time[k], now)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
     return angle, velocity
 
