@@ -408,6 +408,7 @@ TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in the order in which they are printed."""
 
 COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
+COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["stribeck"])
 """What comes with a term, by the term's name."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}

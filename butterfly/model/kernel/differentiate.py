@@ -21,7 +21,6 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
-    carries_friction,
     least_steps,
     linearise,
 )
@@ -123,7 +122,7 @@ def _play(
 ):  # fmt: skip
     """Carry the derivatives over what the tape tells; then it is empty."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
-    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, carries_friction(c)
+    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
         ripples |= COGGING <= k <= PERIODS
         carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK

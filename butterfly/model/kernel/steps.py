@@ -20,7 +20,6 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
-    carries_friction,
     excess_at,
     holds_to,
     least_steps,
@@ -92,7 +91,7 @@ def interval(state, drives, h, c):
 @inner
 def advance(state, drives, h, c, tape, column):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
-    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and not carries_friction(c)
+    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
     if (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0:
         after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
         if tape is not None:
