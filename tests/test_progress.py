@@ -7,14 +7,18 @@ import pytest
 
 import butterfly as bf
 from butterfly.identification.data import DataSet
+from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
+from butterfly.identification.draws import LEAST, draw_parameters, weighed
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.multistart import starts
 from butterfly.identification.identify import judged
+from butterfly.identification.predict import predict_logs
 from butterfly.identification.validate import bootstrap, cross_validate, select_terms
 from butterfly.progress import budget, current_search, in_threads, out_of_time, untracked
 from butterfly.verdict import Level
+from tests.conftest import MASSES
 from tests.identification.simulated import RICH, SWINGS, steady
 
 STOPPED = "Stopped searching after 0 s, without "
@@ -71,6 +75,40 @@ def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
     for part in ("parts of the data", "repetitions", "further terms"):
         assert any(part in each for each in search.left_out)
     assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
+
+
+def test_draws_stop_when_time_is_over_and_those_that_were_made_count(data):
+    found = bf.identify(data, HarmonicBalance(terms=()))
+    drawn = draw_parameters(found.estimate, 100)
+    with budget(0.0) as search:
+        few = weighed(drawn, data)
+        answer = bf.predict(data, found, bands=True, draws=100)
+    np.testing.assert_array_equal(few.values, drawn.values[:LEAST])
+    fewer = replace(drawn, values=drawn.values[:LEAST])
+    np.testing.assert_array_equal(few.weights, weighed(fewer, data).weights)
+    assert search.left_out == ["some of the draws"]
+    assert any(line.startswith(f"{STOPPED}some of the draws:") for line in answer.summary)
+    assert len(answer.drawn.rows()) == LEAST
+
+
+def test_a_band_is_made_of_the_draws_for_which_there_was_time(data):
+    estimate, logs = HarmonicBalance(terms=())(data), data.logs[:1]
+    drawn = draw_parameters(estimate, 100)
+    first = replace(drawn, values=drawn.values[:LEAST], weights=drawn.weights[:LEAST])
+    (expected,) = predict_logs(logs, estimate, data.simulations.setting, draws=first)
+    with budget(0.0) as search:
+        (stopped,) = predict_logs(logs, estimate, data.simulations.setting, draws=drawn)
+    assert search.left_out == ["some of the draws"]
+    for one, other in zip(expected.bands.values(), stopped.bands.values(), strict=True):
+        np.testing.assert_array_equal(one.upper, other.upper)
+
+
+def test_candidates_of_further_masses_are_left_out_when_time_is_over(data):
+    estimate = HarmonicBalance(terms=())(data)
+    with budget(0.0) as search:
+        ranked = rank_experiments(estimate, MASSES, 0.05)
+    assert {each.added_mass for each in ranked} == {MASSES[0]}
+    assert search.left_out == ["candidates with some of the added masses"]
 
 
 def test_threads_search_for_as_long_as_what_began_them():

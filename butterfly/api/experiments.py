@@ -163,7 +163,7 @@ def run(
     if scheduler is not None and engine != "dask":
         raise InputError("run", "scheduler", scheduler, "the engine dask (--engine dask) beside it")
     source = Source(locate(Path(experiment)))
-    plan = plan_sweep(source)
+    plan = plan_sweep(source, track=track)
     folder = Path("results") / plan.experiment.name if out is None else Path(out)
     tasks = chosen_of(plan.tasks, only)  # what cannot be done leaves nothing behind
     if plan.experiment.sweep is None and engine == "local":

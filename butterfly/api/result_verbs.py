@@ -198,8 +198,8 @@ def _left_open(
     drawn = draw_parameters(found.estimate, count, masses=[*masses, *data.masses], seed=seed)
     drawn = weighed(drawn, data, bands=logs, track=track)
     sentence = (
-        f"{count} draws of the parameters, which count as {drawn.effective_size:.0f}: those that "
-        "follow the logs worse than a linear model promises count less."
+        f"{len(drawn.values)} draws of the parameters, which count as {drawn.effective_size:.0f}: "
+        "those that follow the logs worse than a linear model promises count less."
     )
     return drawn, data, sentence
 

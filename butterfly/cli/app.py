@@ -169,7 +169,8 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         json
             Write the answer as JSON to this file; - prints it alone.
         budget
-            Seconds of searching, 60 if not given; 0 for no end.
+            Seconds of searching, 60 if not given; 0 for no end. Of `run` for each run and
+            estimator, and no end if not given.
         help_all
             Show all options of a command.
         """
@@ -179,7 +180,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         if json is not None and not (name in COMMANDS and COMMANDS[name].answer):
             raise InputError("butterfly", "--json", name, "a command that has an answer")
         searches = name in COMMANDS and COMMANDS[name].panel in _SEARCHING
-        if budget is not None and not searches:
+        if budget is not None and not (searches or name == "run"):
             raise InputError("butterfly", "--budget", name, "a command that searches")
         if budget is not None and not budget >= 0:
             raise InputError("butterfly", "--budget", budget, "0 s or more")

@@ -37,8 +37,10 @@ def run(
     `control:` holds its orbit, re-calibrates the model next to it, and holds it better.
 
     An experiment with `sweep:` is run for each of its variations. Results are kept by what they
-    depend on, the code of butterfly included: run again after a kill, or after the sweep has grown,
-    and only what is missing is done. Exit code 1 says that some runs gave no result; the report
+    depend on, the code of butterfly included: run again after a kill, Ctrl-C, or after the sweep
+    has grown, and only what is missing is done. It has no end but that of its runs, and tells about
+    how long they take; --budget ends the search of each run, and a larger one, or none, goes on
+    with those that it stopped. Exit code 1 says that some runs gave no result; the report
     says which, and why. Of an experiment without `sweep:`, exit code 3 says that an estimate is not
     to be used.
 

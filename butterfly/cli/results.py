@@ -15,7 +15,7 @@ from cyclopts import Parameter as Option
 from pyarrow import csv, parquet
 
 from butterfly.cli.options import Limit, Out, parse_pairs
-from butterfly.cli.output import ExitCode, say, show_table, write_json
+from butterfly.cli.output import ExitCode, say, show_progress, show_table, write_json
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.record import OK, RunRecord
 from butterfly.experiment.source import EXPERIMENT, read_experiment
@@ -62,7 +62,7 @@ def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results")
             rows.append((str(path.parent), "–", "–", "–", "of another version"))
             said.append({"sweep": path.parent.name, "runs": None})
             continue
-        records = (store.read(run.key) for run in sweep.runs)
+        records = (store.read(run.key) for run in show_progress(sweep.runs, "Reading"))
         states = Counter(record and record.status for record in records)
         done = states[OK]
         counts = (len(sweep.runs), done, states.total() - states[None] - done)

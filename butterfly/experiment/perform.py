@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
@@ -37,7 +38,7 @@ from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, budget, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
@@ -55,13 +56,14 @@ def perform(
     return result
 
 
-def execute(task: Task, tables: Mapping[str, Table]) -> Outcome:
-    """Do a task, on any worker, with one thread."""
+def execute(task: Task, tables: Mapping[str, Table], seconds: float = math.inf) -> Outcome:
+    """Do a task, on any worker, with one thread; search for so many seconds."""
     try:
         experiment = Experiment.model_validate(filled(task.content, tables))
     except ValueError as error:
         return task.failed(f"not planned by this version: {error}")
-    return outcome_of(task, experiment, perform(experiment, threads=1))
+    with budget(seconds):
+        return outcome_of(task, experiment, perform(experiment, threads=1))
 
 
 def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome:
@@ -81,6 +83,7 @@ class RunResult:
         self._truth = experiment.plant.robot.lumped
         self._seconds: dict[str, float] = {}
         self._estimates: list[EstimateRecord] = []
+        self._stopped_after: float | None = None  # s of searching
         self.error: Exception | None = None  # what ended it early, or why there is no result
         self.logs: list[Log] = []  # simulated, in order
         self.identifications: dict[str, Identification] = {}  # by the labels of their estimators
@@ -101,6 +104,7 @@ class RunResult:
             logs=len(self.logs),
             estimates=tuple(self._estimates),
             orbit=None if self.orbit is None else OrbitRecord.of(self.orbit),
+            stopped_after=self._stopped_after,
             versions=versions(),
             seconds=self._seconds,
         )
@@ -116,9 +120,10 @@ class RunResult:
             with self.timed("identify"):
                 data = data_set_of(experiment, self.logs, self._track)
                 for spec in experiment.all_estimators:
-                    self._identify(data, spec)
+                    with self._searching():
+                        self._identify(data, spec)
         if experiment.control is not None:
-            with self.timed("orbit"):
+            with self.timed("orbit"), self._searching():
                 self.orbit = self._hold_orbit(experiment.control, data)
         elif not self.identifications:
             raise IdentifiabilityError(self._estimates[0].error)
@@ -143,6 +148,16 @@ class RunResult:
             yield
         finally:
             self._seconds[part] = time.perf_counter() - begun
+
+    @contextmanager
+    def _searching(self) -> Iterator[None]:
+        """Search for a part for as long as is asked for each, and note whether it was stopped."""
+        whole = current_search()
+        with budget(whole.seconds) as search:
+            yield
+        if search.left_out:
+            self._stopped_after = search.seconds
+            whole.left_out.extend(each for each in search.left_out if each not in whole.left_out)
 
     def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
         """Hold an orbit with what is believed, or what the first estimator found in ``data``."""

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -23,6 +25,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.orbit.loop import OrbitStudy
+from butterfly.progress import current_search
 from butterfly.verdict import Level
 
 SCHEMA = 4
@@ -32,6 +35,7 @@ OK, REFUSED, FAILED = "ok", "refused", "failed"
 """A run's status: done, refused for good (bad input, unidentifiable), or failed unexpectedly."""
 
 _UNSIGNED = '"digest": ""'
+_SCHEMA_SAID = re.compile(r'\s*\{\s*"schema":\s*(\d+)\b')  # by the first line of a record
 
 _KeptEstimate = Annotated[
     Estimate,
@@ -53,11 +57,11 @@ class _Signed:
     @classmethod
     def from_json(cls, text: str) -> Self | None:
         """Read the content of a file; None if it is no record, damaged, or of another schema."""
+        schema = _SCHEMA_SAID.match(text)
         try:
-            content = json.loads(text)
-            if content["schema"] == _BEFORE:
-                return cls._adapter().validate_python(upgraded(content))
-            if content["schema"] != SCHEMA:
+            if schema is not None and int(schema[1]) == _BEFORE:
+                return cls._adapter().validate_python(upgraded(json.loads(text)))
+            if schema is None or int(schema[1]) != SCHEMA:
                 return None
             record: Any = cls._adapter().validate_json(text)
         except (ValueError, KeyError, TypeError, RecursionError):  # as ValidationError is
@@ -163,6 +167,7 @@ class RunRecord(_Signed):
     logs: int = 0  # how many it simulated
     estimates: tuple[EstimateRecord, ...] = ()
     orbit: OrbitRecord | None = None
+    stopped_after: float | None = None  # seconds of searching, where these were too few
     versions: dict[str, str] = field(default_factory=dict)  # of what it was made with
     seconds: dict[str, float] = field(default_factory=dict)  # that it took, by part
     files: dict[str, str] = field(default_factory=dict)  # digests of those beside it, by name
@@ -173,6 +178,12 @@ class RunRecord(_Signed):
         """Why there is no result, or what an estimator refused first; empty if nothing."""
         errors = [f"{each.estimator}: {each.error}" for each in self.estimates if each.error]
         return self.error or next(iter(errors), "")
+
+    @property
+    def stays(self) -> bool:
+        """Whether it would come to the same again: it did not fail, or search for too short."""
+        searched = math.inf if self.stopped_after is None else self.stopped_after
+        return self.status != FAILED and searched >= current_search().seconds
 
     @property
     def unconverged(self) -> int:

@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import pyarrow as pa
@@ -34,6 +35,7 @@ from butterfly.experiment.record import (
 )
 from butterfly.experiment.sweep_tables import TABLES, SweepColumns
 from butterfly.files import DRAFT, read_file, write_file
+from butterfly.progress import Track, untracked
 
 SWEEP = "sweep.json"
 
@@ -75,8 +77,8 @@ class ResultStore:
         if sweep.beside is None or [run.key for run in sweep.runs] != [key]:
             return None
         record = self.read(key)
-        whole = record is not None and self.holds(record) and _hold(self.folder, sweep.beside)
-        return record if whole else None
+        stays = record is not None and record.stays and self.holds(record)
+        return record if stays and _hold(self.folder, sweep.beside) else None
 
     def write(self, outcome: Outcome) -> None:
         """Write the files of a run, then its record, each whole or not at all."""
@@ -96,14 +98,14 @@ class ResultStore:
             sweep = replace(sweep, tables=self.sweep().tables)
         write_file(self.folder / SWEEP, sweep.to_json())
 
-    def end_sweep(self, sweep: SweepRecord) -> None:
+    def end_sweep(self, sweep: SweepRecord, *, track: Track = untracked) -> None:
         """Put the tables together from the records, in the sweep's order; write what was asked.
 
         Where another process does so too, the tables are in the end those of ``sweep.json``:
         whoever wrote last looks once more.
         """
         for _ in range(_ENDS):
-            tables = self._tables(sweep)
+            tables = self._tables(sweep, track)
             for name, content in tables.items():
                 write_file(self.folder / name, content)
             files = {name: digest_of(content) for name, content in tables.items()}
@@ -121,7 +123,7 @@ class ResultStore:
             raise InputError(path, "content", origin_of(text), expected)
         return sweep
 
-    def _tables(self, sweep: SweepRecord) -> dict[str, bytes]:
+    def _tables(self, sweep: SweepRecord, track: Track) -> dict[str, bytes]:
         """Return the contents of the files of the tables, by name."""
         columns = SweepColumns(sweep.fields, sweep.runs)
         files = {name: io.BytesIO() for name in TABLES}
@@ -132,8 +134,8 @@ class ResultStore:
                 )
                 for name, file in files.items()
             }
-            for start in range(0, len(sweep.runs), _RUNS):
-                part = [(run, self.read(run.key)) for run in sweep.runs[start : start + _RUNS]]
+            runs = iter(track(sweep.runs, "Writing the tables"))
+            while part := [(run, self.read(run.key)) for run in islice(runs, _RUNS)]:
                 for name, writer in writers.items():
                     rows = [row for run, record in part for row in columns.rows(name, run, record)]
                     writer.write_table(pa.Table.from_pylist(rows, schema=columns.schema(name)))

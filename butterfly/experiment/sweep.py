@@ -7,20 +7,20 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.perform import execute
-from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task, digest_of
+from butterfly.experiment.record import OK, SCHEMA, SweepRecord, Task, digest_of
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, signal_digest
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_spec import Overrides, apply
 from butterfly.experiment.workers import Engine
 from butterfly.files import shipped
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
@@ -43,7 +43,7 @@ class SweepPlan:
     tables: Mapping[str, Table]  # signals read from files, by their digests
 
 
-def plan_sweep(source: Source) -> SweepPlan:
+def plan_sweep(source: Source, *, track: Track = untracked) -> SweepPlan:
     """List and validate the runs of an experiment file; one without ``sweep`` has one."""
     experiment = source.experiment()
     sweep = experiment.sweep
@@ -54,7 +54,7 @@ def plan_sweep(source: Source) -> SweepPlan:
     base = {key: value for key, value in source.content.items() if key != "sweep"}
     points: Iterable[tuple[Overrides, int, int]] = [({}, 0, experiment.seed)]
     if sweep is not None:
-        points = sweep.points(experiment.seed, source.path)
+        points = track(sweep.points(experiment.seed, source.path), "Planning")
     tasks = []
     for number, (overrides, repetition, seed) in enumerate(points):
         content = source.with_digests(apply(base, overrides | {"seed": seed}, source.path))
@@ -133,19 +133,21 @@ def run_sweep(
     """Do the runs of a sweep that have no result yet, and write the tables.
 
     Killed at any moment, it goes on where it stopped. A run that was refused (bad input, not
-    identifiable) would be refused again and is left; one that failed unexpectedly is tried again.
-    Interrupted, it raises StoppedError.
+    identifiable) would be refused again and is left; one that failed unexpectedly, or whose search
+    was stopped sooner than it would be now, is done again. Interrupted, it raises StoppedError.
     """
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
-    kept = {} if force else {task.key: kept_status(store, task) for task in unique.values()}
+    looked = () if force else track(unique.values(), "Looking for what is done")
+    kept = {task.key: kept_status(store, task) for task in looked}
     statuses = {key: status for key, status in kept.items() if status is not None}
     pending = [task for task in unique.values() if task.key not in statuses]
     sweep = sweep_record(plan)
     store.begin_sweep(sweep)
+    work = partial(execute, seconds=current_search().seconds)
     try:
-        with closing(engine.run(execute, pending, plan.tables)) as outcomes:
+        with closing(engine.run(work, pending, plan.tables)) as outcomes:
             for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
                 store.write(outcome)
                 statuses[outcome.record.key] = outcome.record.status
@@ -154,7 +156,7 @@ def run_sweep(
             f"stopped: {len(statuses)} of {len(unique)} runs are done; the same command goes on "
             "with the others"
         ) from None
-    store.end_sweep(sweep)
+    store.end_sweep(sweep, track=track)
     return SweepSummary(
         runs=len(chosen),
         done=len(pending),
@@ -179,7 +181,7 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
 def kept_status(store: ResultStore, task: Task) -> str | None:
     """Return the status of a result that is whole and stays; None if the task is to be done."""
     record = store.read(task.key)
-    if record is None or record.status == FAILED or not store.holds(record):
+    if record is None or not record.stays or not store.holds(record):
         return None
     return record.status
 

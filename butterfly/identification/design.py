@@ -23,7 +23,7 @@ from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import LARGEST_SWING, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
-from butterfly.progress import Track, in_threads, untracked
+from butterfly.progress import Track, in_threads, out_of_time, untracked
 from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, initial_angle
 
 DURATION = 40.0
@@ -92,12 +92,15 @@ def rank_experiments(
         for mass in masses
         for each in _inputs(estimate.parameters, mass, largest_swing)
     ]
-    candidates = in_threads(
-        lambda job: judged_candidate(estimate, job[0], job[1], misfit=misfit, limit=largest_swing),
-        jobs,
-        track,
-        "Judging candidates",
-    )
+
+    def judge(job: tuple[AddedMass, Excitation]) -> Candidate | None:
+        mass, signal = job
+        if mass != masses[0] and out_of_time("candidates with some of the added masses"):
+            return None
+        return judged_candidate(estimate, mass, signal, misfit=misfit, limit=largest_swing)
+
+    judged = in_threads(judge, jobs, track, "Judging candidates")
+    candidates = (each for each in judged if each is not None)
     return sorted(candidates, key=lambda c: (bool(c.warning), c.score))
 
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +39,16 @@ from butterfly.identification.levels import DRAWS, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
-from butterfly.progress import Track, in_threads, untracked
+from butterfly.progress import Track, in_threads, out_of_time, untracked
 
 LEAST = 2 * DRAWS
 """Fewest draws, of which one lies beyond either edge of a band."""
 
 COUNT = 5 * LEAST
 """Draws if no other number is asked for: five lie beyond either edge of a band."""
+
+LEFT_OUT = "some of the draws"
+"""What is left out where time is over."""
 
 _STEP = 0.02  # s, between the samples at which a band is worked out
 _MOST_KEPT = 5e8  # bytes of angles that are kept from the weighing for the bands
@@ -209,65 +212,67 @@ def weighed(
 ) -> ParameterDraws:
     """Return draws with weights by the logs that the estimate was made from.
 
-    What they make of those logs that are to have ``bands`` is kept.
+    What they make of those logs that are to have ``bands`` is kept. Draws for which there is no
+    time are left out, but for `LEAST`.
     """
     kept = sum(samples_of_bands(log).nbytes for log in bands) * len(draws.values)
     wanted = {log.name for log in bands} if kept <= _MOST_KEPT else set()
-    logs = range(len(data.logs))
-    found = in_threads(
-        lambda number: _of_log(data, number, draws, wanted), logs, track, "Weighing draws"
-    )
-    start = float(np.sum([each.start for each in found]))
+    numbers = range(len(data.logs))
+    logs = in_threads(lambda k: _Followed(data, k, draws.estimate, wanted), numbers, untracked, "")
+    for done in track(range(0, len(draws.values), LEAST), "Weighing draws"):
+        if done and out_of_time(LEFT_OUT):
+            draws = replace(draws, values=draws.values[:done])
+            break
+        some = replace(draws, values=draws.values[done : done + LEAST])
+        in_threads(partial(_Followed.simulate, draws=some), logs, untracked, "")
+    start = float(np.sum([each.start for each in logs]))
     slope, curvature, risen = (
         np.sum(parts, axis=0)
-        for parts in zip(*((each.slope, each.curvature, each.risen) for each in found), strict=True)
+        for parts in zip(*((each.slope, each.curvature, each.risen) for each in logs), strict=True)
     )
     moved = draws.values - draws.estimate.values
     quadratic = np.sum(moved @ curvature * moved, axis=1)
     scale = max(float(np.mean(quadratic)) / moved.shape[1], start / len(logs), _TINY)
     worse = risen - (2 * moved @ slope + quadratic)
     weights = np.exp(-np.maximum(worse, 0.0) / (2 * scale))
-    runs = tuple(each.run for each in found if each.run is not None)
+    runs = tuple(each.run for each in logs if each.angles)
     return replace(draws, weights=weights / np.sum(weights), runs=runs)
 
 
-class _Followed(NamedTuple):
+class _Followed:
     """How one log's mean squared error, relative to its motion, depends on n parameters.
 
-    It is ``start`` with the estimate; its half (n,) slope, half the (n, n) second derivative of the
-    linearised run, and by what it has risen with each of m draws, which ``run`` keeps if it is to.
+    It is ``start`` with the estimate; its half (n,) ``slope``, half the (n, n) second derivative of
+    the linearised run, ``curvature``, and by what it has ``risen`` with each draw so far.
     """
 
-    start: float
-    slope: Samples
-    curvature: Samples
-    risen: Samples
-    run: DrawnRun | None
+    def __init__(
+        self, data: DataSet, number: int, estimate: Estimate, wanted: Container[str]
+    ) -> None:
+        self._log, self._setting = data.logs[number], partial(data.simulations.setting, number)
+        self._own = own = self._setting(estimate)
+        self._simulation = data.simulations.simulation(number, own)
+        errors, rows, mixture = self._simulation.linearised(
+            estimate.names, own.parameters, own.zero, own.velocity
+        )
+        jacobian = rows @ mixture
+        self._square = self._log.rms_measured**2 or _TINY
+        self._shown = samples_of_bands(self._log) if self._log.name in wanted else None
+        scale = errors.size * self._square
+        self.start = own.run(self._simulation).rms ** 2 / self._square
+        self.slope, self.curvature = jacobian.T @ errors / scale, jacobian.T @ jacobian / scale
+        self.risen: list[float] = []
+        self.angles: list[Samples] = []  # at the samples of its bands, if they are wanted
 
+    def simulate(self, draws: ParameterDraws) -> None:
+        """Simulate the log with further draws."""
+        for each in draws.estimates(self._own.horizon):
+            run = self._setting(each).run(self._simulation)
+            self.risen.append(run.rms**2 / self._square - self.start)
+            if self._shown is not None:
+                self.angles.append(run.simulated[self._shown])
 
-def _of_log(data: DataSet, number: int, draws: ParameterDraws, wanted: Container[str]) -> _Followed:
-    log, setting = data.logs[number], data.simulations.setting(number, draws.estimate)
-    simulation = data.simulations.simulation(number, setting)
-    errors, rows, mixture = simulation.linearised(
-        draws.estimate.names, setting.parameters, setting.zero, setting.velocity
-    )
-    jacobian = rows @ mixture
-    square = log.rms_measured**2 or _TINY
-    shown = samples_of_bands(log) if log.name in wanted else None
-    start = setting.run(simulation).rms ** 2 / square
-    risen, angles = [], []
-    for each in draws.estimates(setting.horizon):
-        run = data.simulations.setting(number, each).run(simulation)
-        risen.append(run.rms**2 / square - start)
-        if shown is not None:
-            angles.append(run.simulated[shown])
-    scale, kept = errors.size * square, None
-    if angles:
-        kept = DrawnRun(log=log, setting=setting, angles=np.array(angles))
-    return _Followed(
-        start=start,
-        slope=jacobian.T @ errors / scale,
-        curvature=jacobian.T @ jacobian / scale,
-        risen=np.array(risen),
-        run=kept,
-    )
+    @property
+    def run(self) -> DrawnRun:
+        """What the draws made of it."""
+        return DrawnRun(log=self._log, setting=self._own, angles=np.array(self.angles))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -251,7 +252,7 @@ class Estimate:
             raise ValueError(f"numbers above {_LARGEST:g}")
         return self
 
-    @property
+    @cached_property
     def level(self) -> Level:
         """What may be done with the values: they are good if the limits of the scale are near.
 
@@ -260,7 +261,8 @@ class Estimate:
         """
         if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
             return Level.WARNING
-        near = all(self.reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
+        reach = self.reach
+        near = all(reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
         stopped = any(each.kind is FindingKind.SEARCH_STOPPED for each in self.findings)
         return Level.GOOD if near and not stopped else Level.CARE
 

@@ -28,13 +28,13 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import length_of
 from butterfly.identification.data import DataSet
-from butterfly.identification.draws import ParameterDraws, samples_of_bands
+from butterfly.identification.draws import LEAST, LEFT_OUT, ParameterDraws, samples_of_bands
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.levels import CONFIDENCE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.progress import Track, in_threads, untracked
+from butterfly.progress import Track, in_threads, out_of_time, untracked
 
 OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"
@@ -162,14 +162,20 @@ def predict_logs(
             angles = draws.angles_of(log, own)
             if angles is None:
                 instants = log.time[samples]
-                drawn = (setting(number, each) for each in draws.estimates(own.horizon))
-                motions = (simulation.run(d.parameters, d.zero, d.velocity) for d in drawn)
-                angles = np.array([motion.at(instants) for motion in motions])
-            bands[OF_PARAMETERS] = _band(angles, draws.weights)
+                motions: list[Samples] = []
+                for each in draws.estimates(own.horizon):
+                    if len(motions) >= LEAST and out_of_time(LEFT_OUT):
+                        break
+                    drawn = setting(number, each)
+                    motion = simulation.run(drawn.parameters, drawn.zero, drawn.velocity)
+                    motions.append(motion.at(instants))
+                angles = np.array(motions)
+            weights = draws.weights[: len(angles)]
+            bands[OF_PARAMETERS] = _band(angles, weights)
             if errors:
                 rng = np.random.default_rng(seeds[number])
                 wrong = _drawn_errors(run, samples, errors, len(angles), rng)
-                bands[OF_NEW_LOG] = _band(angles + wrong, draws.weights)
+                bands[OF_NEW_LOG] = _band(angles + wrong, weights)
         return Prediction(run=run, samples=samples, bands=bands)
 
     return in_threads(predicted, range(len(logs)), track, "Predicting logs")

@@ -34,10 +34,11 @@ def horizon_of(
 
     The parameters are those of the bare hand, roughly; the zeros the encoder's readings in rad of
     the hand at rest. Infinite where none grows so; else rounded down, so that little depends on
-    the parameters.
+    the parameters. Nor do errors grow in a servo's loop, which brings the joint back.
     """
+    free = [log for log in logs if not log.closed]
     found = min(
-        (_horizon(log, parameters, reading_of(log, zeros)) for log in logs), default=math.inf
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in free), default=math.inf
     )
     if not math.isfinite(found):
         return math.inf

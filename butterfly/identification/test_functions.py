@@ -27,7 +27,7 @@ from butterfly.identification.levels import ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
+from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
@@ -181,11 +181,11 @@ class Averaging:
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
         own: dict[str, tuple[Hashable, ...]] = {"stribeck": ("stribeck", slow)}
-        own |= {name: (name, delay, drive) for name in _DRIVEN}
+        own |= {name: (name, delay, drive) for name in (*_DRIVEN, *GEAR)}
         keys = {name: own.get(name, (name,)) for name in names}
         missing = [name for name, key in keys.items() if key not in place.mean]
         motion = self._motion._replace(stribeck_velocity=slow)
-        if not _DRIVEN.isdisjoint(missing):
+        if not {*_DRIVEN, *GEAR}.isdisjoint(missing):
             motion = self._driven(motion, delay, drive)
         for name in missing:
             place.mean[keys[name]] = place.means(*self._column_of(TERMS[name], motion))
@@ -202,7 +202,13 @@ class Averaging:
         log = self._log
         inputs = drive.delivered(log.input)
         delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
-        return motion._replace(input=delivered)
+        p = self._settings
+        if not (p.geared and isinstance(p, LumpedParameters)):
+            return motion._replace(input=delivered)
+        motor = p.p4 * delivered - p.back_emf * motion.velocity
+        return p.motion(
+            motion.angle, motion.velocity, motor=motor, weight=motion.weight, input=delivered
+        )
 
     @property
     def fastest(self) -> float:
@@ -279,7 +285,7 @@ class ResidualTorque:
         omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
         width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
         acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
-        signals = Averaging(log, zero, width, values).signals(
+        signals = Averaging(log, zero, width, loaded).signals(
             acting, delay=values.delay, drive=values.drive
         )
         sizes = {name: getattr(values, name) for name in acting if not TERMS[name].of_gain}

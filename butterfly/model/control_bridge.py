@@ -88,16 +88,14 @@ def nonlinear_system(
     def update(_: float, state: Samples, command: Any, __: Any) -> list[float]:  # noqa: ANN401
         now = dict(zip(names, map(float, state), strict=True))
         v = now["velocity"]
-        motion = p.motion(now["angle"], v)._replace(direction=math.tanh(v / smoothing))
-        back_emf = p.back_emf * v if lagging else 0.0
-        drive = p.p4 * p.delivered(float(np.ravel(command)[0])) - back_emf
-        torque = back_emf - torque_of(p, motion, sliding)
+        drive = p.p4 * p.delivered(float(np.ravel(command)[0])) - p.back_emf * v
+        motor = now.get("torque", drive)
+        motion = p.motion(now["angle"], v, motor=motor)
+        motion = motion._replace(direction=math.tanh(v / smoothing))
+        torque = motor + p.back_emf * v - torque_of(p, motion, sliding)
         rates = [v, 0.0]
         if lagging:
-            torque += now["torque"]
-            rates.append((drive - now["torque"]) / p.time_constant)
-        else:
-            torque += drive
+            rates.append((drive - motor) / p.time_constant)
         if bending:
             bend = now["deflection"]
             rates.append(v - p.bristle_stiffness * abs(v) * bend / p.level(v))

@@ -30,8 +30,8 @@ class Linearisation:
     """p1 thdd + damping thd + stiffness th = torque, the motor's torque behind its lag (8).
 
     time_constant torque' + torque = p4 u(t - delay) - back_emf thd. Friction that holds the joint
-    at rest (Coulomb, Stribeck, bristles) has no linearisation and is left out, as are the terms
-    of the drive.
+    at rest (Coulomb, Stribeck, a gear's, bristles) has no linearisation and is left out, as are the
+    terms of the drive.
     """
 
     inertia: float  # p1 in kg m^2
@@ -146,7 +146,7 @@ def quasi_linear_response(
     """Ratio of the angle's to the input's fundamental of a loaded hand that swings so far.
 
     The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
-    cogging, bristles, the drive's) is left out.
+    cogging, bristles, a gear's friction, the drive's) is left out.
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)

@@ -9,7 +9,15 @@ from functools import cached_property, total_ordering
 from typing import Any, ClassVar
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import (
+    CONSERVATIVE,
+    TERMS,
+    DriveTerms,
+    FrictionTerms,
+    LoopTerms,
+    Motion,
+    torque_of,
+)
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
@@ -113,6 +121,10 @@ class Friction(FrictionTerms):
             raise InputError(
                 "Friction", "coulomb", self.coulomb, "more than 0, for bristles to bend"
             )
+        if self.bristle_stiffness > 0 and self.geared:
+            found = f"{self.bristle_stiffness:g} N m/rad"
+            expected = "0: bristles with friction that grows with torque are not simulated"
+            raise InputError("Friction", "bristle_stiffness", found, expected)
 
 
 def require_periods(source: str, periods: float) -> None:
@@ -237,13 +249,14 @@ NO_ADDED_MASS = AddedMass()
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumpedParameters(FrictionTerms, DriveTerms):
+class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms):
     """The grey-box model (5), with tau_eps and the drive's lags written out.
 
         p1 thdd + p2 thd + p3 sin th + p3_offset cos th + friction = p4 v(t - delay) + pulls
 
-    `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command. p3 may
-    be negative: a hand whose centre of mass lies above the pivot when the added mass hangs down.
+    `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command,
+    `LoopTerms` what a servo's loop makes of one. p3 may be negative: a hand whose centre of mass
+    lies above the pivot when the added mass hangs down.
 
     Parameters
     ----------
@@ -278,6 +291,14 @@ class LumpedParameters(FrictionTerms, DriveTerms):
     delay: float = 0.0
     back_emf: float = 0.0
     time_constant: float = 0.0
+
+    def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
+        """Return a motion in rad and rad/s of the joint under its load, and ``more`` of it."""
+        moving = super().motion(angle, velocity, **more)
+        if not self.geared:
+            return moving
+        load = -torque_of(self, moving, CONSERVATIVE)
+        return super().motion(angle, velocity, load=load, **more)
 
     def require_gain(self, source: str) -> None:
         """Raise InputError if nothing drives the joint: p4 stands at 0."""

@@ -17,7 +17,7 @@ Velde, Multiple-Input Describing Functions, 1968, ch. 2).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, NamedTuple
 
@@ -42,6 +42,10 @@ class Motion(NamedTuple):
     input: Any = 0.0  # As the drive delivers it
     weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
+    motor: Any = 0.0  # Torque of the motor in N m
+    load: Any = 0.0  # What gravity, springs and the like pull with, in N m
+    way: Any = 0.0  # Sign of what a gear carries of both,
+    way_at_rest: Any = 0.0  # and of what its excess at rest grows with
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,9 @@ class Term:
     of_gain: bool = False  # Whether what enters the equation is p4 times the parameter
     sign_observable: bool = True  # Whether motion tells the sign
     state: str = ""  # What it makes a state of the joint, if anything
-    # Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and the
+    # Typical size, for scaling, where there is no basis to tell it: from torque in N m, speed and
     # rate in rad/s of the motion
-    size: Callable[[float, float], float] | None = None
+    size: Callable[[float, float, float], float] | None = None
     # What a residual torque of this shape is called; empty for one that is not looked for
     looks_like: str = ""
     follows: str = ""  # The term without which it says nothing
@@ -111,6 +115,12 @@ class FrictionTerms:
 
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
+    where in a gear T_c grows by ``|motor_friction motor - load_friction load|``, torques in N m of
+    the motor and of gravity and the like, T_s by the same with ``motor_stribeck`` and
+    ``load_stribeck``, and while both oppose each other by the square of the smaller times
+    ``lifting_stribeck`` where the motor drives the load, ``lowering_stribeck`` where the load does
+    (Duclusaud, Passault and Rouxel, arXiv 2410.08650, whose M1 to M6 these are, with their Stribeck
+    exponent 2, and who drives told by the direction of motion, not by the larger torque),
     and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it
     sticks until the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model
     replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson,
@@ -122,6 +132,12 @@ class FrictionTerms:
     mass_inertia: float = 0.0
     stribeck: float = 0.0
     stribeck_velocity: float = 0.1
+    motor_friction: float = 0.0
+    load_friction: float = 0.0
+    motor_stribeck: float = 0.0
+    load_stribeck: float = 0.0
+    lifting_stribeck: float = 0.0
+    lowering_stribeck: float = 0.0
     bristle_stiffness: float = 0.0
     bristle_damping: float = 0.0
     drag: float = 0.0
@@ -135,10 +151,22 @@ class FrictionTerms:
         """Return every term by its name."""
         return {field.name: getattr(self, field.name) for field in fields(FrictionTerms)}
 
+    @property
+    def geared(self) -> bool:
+        """True for friction that grows with the torque of motor or load."""
+        return any(getattr(self, name) for name in GEAR)
+
     def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
         """Return a motion in rad and rad/s of a joint with these terms, and ``more`` of it."""
         periods, slow = self.cogging_periods, self.stribeck_velocity
-        return Motion(angle, velocity, np.sign(velocity), periods, slow, **more)
+        moving = Motion(angle, velocity, np.sign(velocity), periods, slow, **more)
+        if not self.geared:
+            return moving
+        motor, load = moving.motor, moving.load
+        return moving._replace(
+            way=np.sign(self.motor_friction * motor - self.load_friction * load),
+            way_at_rest=np.sign(self.motor_stribeck * motor - self.load_stribeck * load),
+        )
 
     @property
     def holding(self) -> float:
@@ -147,12 +175,12 @@ class FrictionTerms:
 
     @property
     def sticks_harder(self) -> bool:
-        """True for Stribeck friction without bristles."""
-        return self.stribeck > 0 and self.bristle_stiffness == 0
+        """True for Stribeck friction without bristles, or one that grows with torque."""
+        return (self.stribeck > 0 and self.bristle_stiffness == 0) or self.geared
 
     def level(self, velocity: float) -> float:
-        """Return g(v) in N m at a velocity in rad/s."""
-        sliding = self.motion(0.0, velocity)._replace(direction=1.0)
+        """Return g(v) in N m at a velocity in rad/s, of a joint without torques."""
+        sliding = FrictionTerms.motion(self, 0.0, velocity)._replace(direction=1.0)
         return float(torque_of(self, sliding, DRY))
 
 
@@ -197,19 +225,50 @@ class DriveTerms:
         return fundamental(self.delivered(sines)), slopes
 
 
+@dataclass(frozen=True, kw_only=True)
+class LoopTerms:
+    """Gains of a servo's own loop, over those that were told."""
+
+    loop_kp: float = 1.0
+    loop_ki: float = 1.0
+    loop_kd: float = 1.0
+
+
 _COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
+_ROUNDS = 30  # of friction that grows with the torque that overcomes it
 IDEAL = DriveTerms()
 """A drive that yields its command."""
 
 DRIVE = tuple(field.name for field in fields(DriveTerms))
 """Names of the terms of the drive."""
 
+LOOP_GAINS = tuple(field.name for field in fields(LoopTerms))
+"""Names of the gains of a servo's loop."""
+
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
     *("harmonic-balance", "weak-form", "output-error"),
     "re-calibration",
 )
+
+
+def _tenth(_torque: float, _speed: float, _rate: float) -> float:
+    return 0.1
+
+
+def _excess(m: Motion) -> Any:  # noqa: ANN401 - in the motion's shape
+    return np.exp(-((m.velocity / m.stribeck_velocity) ** 2))
+
+
+def _carried(way: Any, torque: Any) -> Any:  # noqa: ANN401
+    return np.where(way == 0, abs(torque), way * torque)
+
+
+def _passed_on(m: Motion) -> Any:  # noqa: ANN401
+    """Torque in N m that the motor takes from the load, none where both pull the same way."""
+    return np.minimum(abs(m.motor), abs(m.load)) * (m.motor * m.load < 0)
+
 
 # fmt: off
 _ROWS = (
@@ -229,7 +288,7 @@ _ROWS = (
          describing=lambda _w, a, _m: coulomb_describing_function(a),
          looks_like="Coulomb friction", offered=frozenset({_ORBIT})),
     Term("delay", "delay", "s", "from recorded input to torque",
-         of_gain=True, size=lambda _speed, rate: 0.1 / rate),
+         of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate),
     Term("drag", "drag", "N m s²/rad²", "proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
@@ -243,7 +302,7 @@ _ROWS = (
     Term("mass_inertia", "mass inertia", "–",
          "inertia of added masses about their own centre over m l²",
          lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
-         size=lambda _speed, _rate: 0.1, looks_like="an inertia of the added masses' own",
+         size=_tenth, looks_like="an inertia of the added masses' own",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("bias", "bias", "N m",
          "constant torque, or half of what Coulomb friction differs by direction",
@@ -260,17 +319,42 @@ _ROWS = (
          looks_like="a centre of mass beside its line",
          offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
     Term("stribeck", "stribeck", "N m", "T_s, excess of friction at rest over T_c",
-         lower=0.0, dry=True,
-         basis=lambda m: m.direction * np.exp(-((m.velocity / m.stribeck_velocity) ** 2)),
+         lower=0.0, dry=True, basis=lambda m: m.direction * _excess(m),
          describing=lambda w, a, m: stribeck_describing_function(w, a, m.stribeck_velocity),
          looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "v_s, by which most of that excess is lost",
-         lower=1e-3, size=lambda speed, _rate: 0.1 * speed,
+         lower=1e-3, size=lambda _torque, speed, _rate: 0.1 * speed,
          follows="stribeck", offered=frozenset({_OUTPUT})),
+    Term("motor_friction", "motor friction", "–",
+         "of a gear: growth of friction with the motor's torque",
+         lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction, size=_tenth,
+         looks_like="friction that grows with the motor's torque", offered=frozenset({_OUTPUT})),
+    Term("load_friction", "load friction", "–",
+         "of a gear: growth of friction with the load's torque (gravity, spring)",
+         lower=0.0, dry=True, basis=lambda m: _carried(-m.way, m.load) * m.direction, size=_tenth,
+         looks_like="friction that grows with the load", offered=frozenset({_OUTPUT})),
+    Term("motor_stribeck", "motor Stribeck", "–",
+         "of a gear: growth of the excess at rest with the motor's torque",
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         basis=lambda m: _carried(m.way_at_rest, m.motor) * m.direction * _excess(m)),
+    Term("load_stribeck", "load Stribeck", "–",
+         "of a gear: growth of the excess at rest with the load's torque",
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         basis=lambda m: _carried(-m.way_at_rest, m.load) * m.direction * _excess(m)),
+    Term("lifting_stribeck", "lifting Stribeck", "1/(N m)",
+         "of a gear: its growth with the square of the torque by which the motor drives the load",
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load < 0) * m.direction
+         * _excess(m)),
+    Term("lowering_stribeck", "lowering Stribeck", "1/(N m)",
+         "of a gear: its growth with the square of the torque by which the load drives the motor",
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load > 0) * m.direction
+         * _excess(m)),
     Term("tilt", "tilt", "rad",
          "angle of the axis out of the horizontal, seen in the weight of added masses",
-         lower=0.0, sign_observable=False, size=lambda _speed, _rate: 0.1,
+         lower=0.0, sign_observable=False, size=_tenth,
          offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
          basis=lambda m: -np.sin(m.periods * m.angle),
@@ -289,8 +373,10 @@ _ROWS = (
          lower=0.0, state="deflection of the bristles"),
     Term("bristle_damping", "bristle damping", "N m s/rad", "LuGre: damping of the bristles",
          lower=0.0, state="deflection of the bristles"),
-    Term("back_emf", "back EMF", "N m s/rad", "share of p₂ that follows with the armature's lag",
-         lower=0.0, state="torque of the motor"),
+    Term("back_emf", "back EMF", "N m s/rad", "share of p₂ that follows with the armature's lag, "
+         "and is gone where a servo is off",
+         lower=0.0, state="torque of the motor",
+         size=lambda torque, speed, _rate: 0.1 * torque / speed, offered=frozenset({_OUTPUT})),
     Term("time_constant", "time constant", "s", "of the armature, L/R",
          lower=0.0, state="torque of the motor"),
     Term("dead_zone", "dead zone", "unit",
@@ -302,13 +388,27 @@ _ROWS = (
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
          looks_like="a drive that saturates",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+    Term("loop_kp", "loop P gain", "–", "proportional gain of the servo's loop, over the told one",
+         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+    Term("loop_ki", "loop I gain", "–", "integral gain of the servo's loop, over the told one",
+         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+    Term("loop_kd", "loop D gain", "–", "derivative gain of the servo's loop, over the told one",
+         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
 )
 # fmt: on
+
+GEAR = tuple(
+    f"{which}_{kind}"
+    for kind, each in (("friction", 2), ("stribeck", 4))
+    for which in ("motor", "load", "lifting", "lowering")[:each]
+)
+"""Friction that grows with torque."""
 
 TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in the order in which they are printed."""
 
 COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
+COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["stribeck"])
 """What comes with a term, by the term's name."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
@@ -341,6 +441,19 @@ def torque_of(parameters: FrictionTerms, motion: Motion, rows: Iterable[Term]) -
             assert row.basis is not None  # noqa: S101 - the caller's choice of rows
             total = total + value * row.basis(motion)
     return total
+
+
+def made_up(parameters: FrictionTerms, motion: Motion, rows: Sequence[Term]) -> Any:  # noqa: ANN401
+    """Return the braking torque in N m of some rows while the motor makes up for it.
+
+    The motion has the motor's torque without that, which in a gear makes more of it.
+    """
+    torque = torque_of(parameters, motion, rows)
+    for _ in range(_ROUNDS if parameters.geared else 0):
+        motor = motion.motor + torque
+        moving = parameters.motion(motion.angle, motion.velocity, motor=motor)
+        torque = torque_of(parameters, moving, rows)
+    return torque
 
 
 def offered(estimator: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Term, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Term, made_up, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
@@ -69,10 +69,12 @@ class Observer:
         else:
             p, step = self._p, time - self._time
             error = angle - self._angle
-            motion = p.motion(self._angle, self._velocity)
+            drive = p.p4 * p.delivered(command)
+            motor = drive - p.back_emf * self._velocity
+            motion = p.motion(self._angle, self._velocity, motor=motor)
             if abs(self._velocity) <= _STANDSTILL:
                 motion = motion._replace(direction=0.0)
-            torque = p.p4 * p.delivered(command) - torque_of(p, motion, _STATIC)
+            torque = drive - torque_of(p, motion, _STATIC)
             rate = torque / p.p1 + self._gains[1] * error
             self._angle += step * (self._velocity + 0.5 * step * rate + self._gains[0] * error)
             self._velocity += step * rate
@@ -125,7 +127,8 @@ class EnergyShaping:
         excess = energy(p, angle, speed, self._stored) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
         if self._braked and abs(speed) > _STANDSTILL:
-            command += torque_of(p, p.motion(angle, speed), self._braked) / p.p4
+            motion = p.motion(angle, speed, motor=p.p4 * command - p.back_emf * speed)
+            command += made_up(p, motion, self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         command += math.copysign(p.dead_zone, command)
         if excess < (1 - _STARTED) * (self._rest - self._target):

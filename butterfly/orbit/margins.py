@@ -12,7 +12,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
 from butterfly.model.linear import DelayStates
-from butterfly.model.terms import DISSIPATIVE, torque_of
+from butterfly.model.terms import DISSIPATIVE, made_up
 
 _ORDER = 8  # of Padé's approximation; to 6e-8 at the third harmonic of the orbit a quarter late
 _STEPS = 800  # of a period
@@ -164,7 +164,7 @@ class _Swings:
             friction=np.array(
                 [
                     [
-                        torque_of(p, p.motion(*state), DISSIPATIVE)
+                        made_up(p, p.motion(*state), DISSIPATIVE)
                         for state in zip(angle.tolist(), velocity.tolist(), strict=True)
                     ]
                     for angle, velocity in motions

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
-from butterfly.model.kernel.equation import Constants, State, least_steps
+from butterfly.model.kernel.equation import Constants, State, friction_at, least_steps
 from butterfly.model.kernel.steps import interval
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import compile_model
@@ -153,9 +153,15 @@ class MujocoJoint(Joint):
         if not self._sticks_harder:
             self._step(command, count)
             return
-        for _ in range(count):  # friction that weakens is set anew for the middle of each step
-            halfway = 0.5 * self._options.timestep * self.data.qacc[0]
-            self.model.dof_frictionloss[0] = self._loaded.level(self.data.qvel[0] + halfway)
+        half = 0.5 * self._options.timestep
+        for _ in range(count):  # friction is set anew for the middle of each step
+            speed = self._velocity[0] + half * self.data.qacc[0]
+            if self._armature and self._drive:
+                motor = self._armature.current * self._drive.torque_constant
+            else:
+                motor = self._loaded.p4 * command - self._loaded.back_emf * speed
+            angle = self._position[0] + half * self._velocity[0]
+            self.model.dof_frictionloss[0] = friction_at(angle, speed, motor, self._constants)
             self._step(command, 1)
 
     def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:

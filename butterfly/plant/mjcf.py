@@ -18,6 +18,7 @@ from butterfly.model.parameters import (
     LumpedParameters,
     VoltageDrive,
 )
+from butterfly.model.terms import GEAR
 from butterfly.plant.robot import Assistance, Clutch, Robot
 
 MODEL = "models/butterfly_hand/hand.xml"
@@ -89,6 +90,10 @@ def built(
     at 1 ms.
     """
     friction = robot.loaded(added)
+    if robot.friction.geared and not assisted:
+        found = ", ".join(name for name in GEAR if getattr(robot.friction, name))
+        expected = "none: MuJoCo alone has no friction that grows with torque (`butterfly export` "
+        raise InputError("Friction", "terms", found, expected + "leaves it out)")
     if Assistance.STICKING in robot.assistance and not assisted:
         raise InputError(
             "Friction",

@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.files import write_file
 from butterfly.model.kernel.equation import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE
+from butterfly.model.terms import DRIVE, GEAR
 from butterfly.plant.mjcf import built, mjcf, named, text_of
 from butterfly.plant.robot import Robot
 
@@ -72,6 +72,11 @@ def stand_alone(
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
+    if friction.geared:
+        left_out.append(
+            "MuJoCo has no friction that grows with torque: set dof_frictionloss yourself in each "
+            f"step, for {', '.join(name for name in GEAR if getattr(friction, name))}"
+        )
     for flaw, remedy in (
         (resolution, "does not round commands: set ctrl to multiples of {:g}"),
         (dead_zone, "has no command that is lost: take up to {:g} towards 0 from ctrl"),
@@ -92,7 +97,7 @@ def stand_alone(
             "nsample": str(math.ceil(delay / step) + 2),
             "interp": "linear",
         }
-    if robot.friction.sticks_harder:
+    if friction.stribeck and not friction.bristle_stiffness:
         next(root.iter("actuator")).extend(_slips(friction))
     late = f", a delay of {1e3 * delay:.4g} ms included" if _can_delay(delay, step) else ""
     first = (
@@ -176,8 +181,8 @@ def _sliding(robot: Robot) -> Robot:
     friction = robot.friction
     if not friction.sticks_harder:
         return robot
-    always = friction.coulomb + friction.stribeck
-    return replace(robot, friction=replace(friction, coulomb=always, stribeck=0.0))
+    always: dict[str, float] = {"coulomb": friction.holding, "stribeck": 0.0}
+    return replace(robot, friction=replace(friction, **always | dict.fromkeys(GEAR, 0.0)))
 
 
 def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:

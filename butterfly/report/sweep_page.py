@@ -198,16 +198,17 @@ def _link(number: float, key: str) -> Marked:
 
 
 def _failures_table(runs: pa.Table) -> PageTable:
-    bad = [row for row in runs.to_pylist() if row["status"] not in {OK, MISSING}]
+    bad = runs.filter(~np.isin(column(runs, "status"), (OK, MISSING)))
     rows = [
-        (_link(row["number"], row["key"]), row["status"], row["error"]) for row in bad[:_LISTED]
+        (_link(row["number"], row["key"]), row["status"], row["error"])
+        for row in bad.slice(0, _LISTED).to_pylist()
     ]
-    caption = f"{len(bad)} in all."
+    caption = f"{bad.num_rows} in all."
     return PageTable(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
 
 
 def _orbits_table(runs: pa.Table) -> PageTable:
-    held = [row for row in runs.to_pylist() if row.get("orbit_amplitude") is not None]
+    held = runs.filter(np.isfinite(column(runs, "orbit_amplitude")))
     angles = ("target", "amplitude", "error_generic", "error_recalibrated")
     rows = [
         (
@@ -215,7 +216,7 @@ def _orbits_table(runs: pa.Table) -> PageTable:
             *(f"{math.degrees(row[f'orbit_{name}']):.4g}" for name in angles),
             str(row["orbit_rounds"]),
         )
-        for row in held[:_ORBITS]
+        for row in held.slice(0, _ORBITS).to_pylist()
     ]
     headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)

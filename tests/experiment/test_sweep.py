@@ -13,17 +13,20 @@ from pathlib import Path
 import pytest
 
 from butterfly.cli.output import ExitCode
+from butterfly.experiment.perform import perform
 from butterfly.experiment.record import OK, REFUSED
-from butterfly.experiment.source import EXPERIMENT
+from butterfly.experiment.source import EXPERIMENT, Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import run_sweep
+from butterfly.experiment.sweep import plan_sweep, run_sweep
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import LocalEngine
 from butterfly.identification.data import read_data_set
 from butterfly.logs.manifest import read_manifest
+from butterfly.progress import budget
 from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import (
     SINGLE,
+    SWEEP,
     THREE_MASSES,
     HereEngine,
     changed,
@@ -128,6 +131,47 @@ def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, un
     finished = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert finished.returncode == 0, finished.stderr
     assert tables_of(out) == undisturbed
+
+
+def test_a_run_whose_search_was_stopped_is_done_again_once_it_may_search_for_longer(folder):
+    more = {"added_masses": THREE_MASSES, "validation": {"split": "mass"}}
+    plan = small_plan(folder, **more, sweep={"repetitions": 1})
+    store = ResultStore(folder / "stopped")
+    with budget(0.0) as search:
+        assert run_sweep(plan, store.folder, HereEngine()).done == 1
+        assert run_sweep(plan, store.folder, HereEngine()).done == 0
+    assert search.left_out == []  # what is done elsewhere is told in the records
+    assert store.read(plan.tasks[0].key).stopped_after == 0.0
+    assert run_sweep(plan, store.folder, HereEngine()).done == 1
+    assert store.read(plan.tasks[0].key).stopped_after is None
+
+
+def test_what_a_run_simulates_first_takes_nothing_of_its_time_to_search(quick):
+    experiment = Source(changed(quick, validation={"split": "mass"})).experiment()
+    with budget(60.0) as search:
+        search.begun -= 60.0
+        assert perform(experiment).record.stopped_after is None
+    with budget(0.0) as search:
+        assert perform(experiment).record.stopped_after == 0.0
+    assert search.left_out == ["parts of the data that were to be left out"]
+
+
+def test_planning_and_writing_the_tables_tell_how_far_they_are(folder):
+    told = []
+
+    def track(items, description):
+        told.append((description, len(items) if hasattr(items, "__len__") else None))
+        return items
+
+    path = written(folder / "small.yaml", **SWEEP)
+    plan = plan_sweep(Source(path), track=track)
+    run_sweep(plan, folder / "told", HereEngine(), track=track)
+    assert told == [
+        ("Planning", None),
+        ("Looking for what is done", 6),
+        ("Running", 6),
+        ("Writing the tables", 6),
+    ]
 
 
 WILD = {"signals": [{"multisine": {"base": 0.5, "harmonics": [4], "peak": 1e200, "seed": 0}}]}

@@ -97,10 +97,10 @@ def score(robot, method):
     )
 
 
-def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
+def scored(identified, truth, heaviest, besides=lambda _: {}, *, names=PARAMETERS, **named):
     """Return the score of what is identified; a refusal or a crash is a score too.
 
-    ``besides`` says further fields of what was found.
+    ``besides`` says further fields of what was found; of ``names`` readings are taken.
     """
     began = time.perf_counter()
     try:
@@ -108,7 +108,7 @@ def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
         seconds, estimate = time.perf_counter() - began, found.estimate
         return Score(
             **named,
-            readings=readings_of(estimate, truth, heaviest),
+            readings=readings_of(estimate, truth, heaviest, names),
             fit=found.fit.median,
             condition=estimate.condition,
             ending=str(estimate.ending),
@@ -124,13 +124,13 @@ def scored(identified, truth, heaviest, besides=lambda _: {}, **named):
     return Score(**named, refused=said, seconds=time.perf_counter() - began)
 
 
-def readings_of(estimate, truth, heaviest):
+def readings_of(estimate, truth, heaviest, names=PARAMETERS):
     """Compare an estimate with true values by name; the heaviest added moment sizes p3's error."""
     claimed = {row.name for row in estimate.table() if row.claim == "precise"}
     rows = zip(estimate.names, estimate.values, estimate.lower, estimate.upper, strict=True)
     limits = {name: row for name, *row in rows}
     readings = {}
-    for name in PARAMETERS:
+    for name in names:
         if name not in limits or name not in truth:
             continue
         value, lower, upper = (float(each) for each in limits[name])

@@ -11,24 +11,40 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import LOOP_GAINS, TERMS
 from butterfly.signals import hold
 from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings, instants
 
 ADDED = AddedMass(mass=0.05, arm=0.104)
 SLOW = {"back_emf": 3e-4, "time_constant": 0.0213}
 STICKY = {"coulomb": 4e-3}
+GEAR = {
+    "motor_friction": 0.2,
+    "load_friction": 0.15,
+    "motor_stribeck": 0.1,
+    "load_stribeck": 0.05,
+    "lifting_stribeck": 2.0,
+    "lowering_stribeck": 1.0,
+}
 REGIMES = {
     "sliding": (SLIDING, 1.0),
     "sticking": (replace(SLIDING, **STICKY), 0.5),
     "lag": (replace(SLIDING, **LAG), 1.0),
     "lag, sticking": (replace(SLIDING, **SLOW, **STICKY), 0.5),
+    "gear": (replace(SLIDING, **GEAR), 1.0),
+    "gear, sticking": (replace(SLIDING, **GEAR, **STICKY), 0.5),
+    "gear, dry by torque alone": (
+        replace(SLIDING, **GEAR, coulomb=0.0, load=0.0, stribeck=0.0),
+        0.5,
+    ),
+    "gear, lag, sticking": (replace(SLIDING, **GEAR, **SLOW, **STICKY), 0.5),
     "bristles": (replace(SLIDING, **BRISTLES), 1.0),
     "lag and bristles": (replace(SLIDING, **LAG, **BRISTLES), 1.0),
     "no friction": (replace(SLIDING, coulomb=0.0, load=0.0, stribeck=0.0), 1.0),
 }
 FREE = REGIMES["no friction"][0]
 FRICTION = ("coulomb", "load", "stribeck")
+INVERSE = ["lifting_stribeck", "lowering_stribeck"]  # of a torque
 START = (0.3, 0.1)
 GRID = np.arange(0, 4.0, 0.01)
 
@@ -71,8 +87,10 @@ class _Log:
 def _differentiable(p):
     """Return all names by which there is a derivative."""
     without = set() if p.time_constant else {"time_constant", "back_emf"}
-    without |= set() if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
+    without |= {*LOOP_GAINS}  # of no joint that its input drives
+    without |= {*GEAR} if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
     without |= set() if p.coulomb else {*FRICTION}
+    without |= set() if p.motor_friction else {*GEAR}  # not below 0, whose derivative it has there
     return [name for name in (*TERMS, *INITIAL) if name not in without]
 
 
@@ -106,9 +124,9 @@ def test_derivatives_by_every_row_are_those_of_differences_of_simulations(regime
 
 def test_without_friction_the_derivative_by_it_is_that_of_friction_that_begins():
     log = _Log()
-    values, rows = log.sensitivities(FRICTION, FREE)
+    values, rows = log.sensitivities((*FRICTION, *GEAR), FREE)
     np.testing.assert_allclose(values, log.angles(FREE), atol=1e-7)  # split at reversals
-    for name, row in zip(FRICTION, rows.T, strict=True):
+    for name, row in zip((*FRICTION, *GEAR), rows.T, strict=True):
         differences = [
             (4 * log.moved(name, h, FREE) - 3 * values - log.moved(name, 2 * h, FREE)) / (2 * h)
             for h in (1e-6, 1e-7, 1e-8)
@@ -162,13 +180,19 @@ def test_back_emf_without_a_lag_is_viscous_friction_that_p2_has_already():
 def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(seed):
     random = np.random.default_rng(seed)
     values = {
-        name: value * random.uniform(0.5, 2) for name, value in vars(SLIDING).items() if value
+        name: value * random.uniform(0.5, 2)
+        for name, value in vars(SLIDING).items()
+        if value and name not in LOOP_GAINS
     }
     lag, stiffness = random.choice([0.0, 0.0123]), random.choice([0.0, 0.0, 3.0])
     values |= {"coulomb": random.uniform(1e-4, 6e-3), "bristle_stiffness": stiffness}
     robot = LumpedParameters(**values | {"time_constant": lag, "back_emf": 3e-4 if lag else 0.0})
     log = _Log(random.uniform(0.2, 2.0), seed, grid=np.arange(0, 2, 0.01))
-    names = [name for name in TERMS if getattr(robot, name) and name not in {"delay", *INITIAL}]
+    names = [
+        name
+        for name in TERMS
+        if getattr(robot, name) and name not in {"delay", *INITIAL, *LOOP_GAINS}
+    ]
     way = {name: getattr(robot, name) * random.normal() for name in names}
 
     def moved(h):
@@ -188,9 +212,10 @@ def test_scaling_all_torques_and_the_inertia_together_moves_nothing(regime):
     parameters, scale = REGIMES[regime]
     names = ["p1", "p2", "p3", "p3_offset", "p4", "coulomb", "stribeck", "drag", "bias", "spring"]
     names += ["cogging", "cogging_cosine", "back_emf", "bristle_stiffness", "bristle_damping"]
+    names += INVERSE
     names = [name for name in names if getattr(parameters, name)]
     _, rows = _Log(scale).sensitivities(names, parameters, added=NO_ADDED_MASS)
-    effects = rows * [getattr(parameters, name) for name in names]
+    effects = rows * [getattr(parameters, name) * (-1) ** (name in INVERSE) for name in names]
     assert np.abs(effects.sum(axis=1)).max() < 1e-10 * np.abs(effects).max()
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from butterfly.model.kernel.equation import Constants, rates
+from butterfly.model.kernel.equation import Constants, friction_at, rates
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
-from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import DRIVE, GEAR, LOOP_GAINS, TERMS, DriveTerms, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
 
@@ -20,11 +20,13 @@ PLAIN = LumpedParameters(p1=0.004, p2=0.0, p3=0.0, p4=0.0, **SETTINGS)
 VALUE = 0.013
 STATES = [(0.7, 0.9), (-2.1, -0.3), (3.0, 1.7)]
 COMMAND = 0.6
+LOAD = -0.21
 YIELDED = {"compression": lambda c: COMMAND / (1 + c * COMMAND), "dead_zone": lambda d: COMMAND - d}
 
 STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]
 SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt", "mass_inertia"]
+SETTING += LOOP_GAINS
 
 
 def _motion(angle, velocity, **more):
@@ -74,13 +76,19 @@ def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
 def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
     row = TERMS[name]
     moving = {name: VALUE} if name not in DRIVE else {name: VALUE, "p4": 0.5}
+    if name in GEAR:
+        moving |= {"p4": 0.5, "bias": LOAD}
     bare = replace(PLAIN, **moving)
     loaded = bare.with_added_mass(ADDED)
     gain = loaded.p4 * float(loaded.delivered(np.array([COMMAND]))[0])
     state = (angle, velocity, 0.0, 0.0)
     acceleration, *_ = rates(state, gain, float(np.sign(velocity)), Constants.of(loaded))
     motion = _motion(angle, velocity, weight=ADDED.weight, input=COMMAND)
-    expected = -VALUE * float(row.basis(motion))
+    if name in GEAR:  # the table takes the load from the parameters
+        motion = loaded.motion(angle, velocity, motor=gain)
+        assert motion.load == pytest.approx(LOAD)
+    expected = gain + LOAD if name in GEAR else 0.0
+    expected -= VALUE * float(row.basis(motion))
     if name in DRIVE:
         expected = 0.5 * YIELDED[name](VALUE)  # of which the basis is the derivative
         step = 1e-6
@@ -94,7 +102,10 @@ def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
 @pytest.mark.parametrize(("angle", "velocity"), STATES)
 def test_mujoco_has_the_torque_of_every_row(name, angle, velocity):
     """Accelerations of a hand with the term, less those of the same hand without it."""
-    expected = -VALUE * float(TERMS[name].basis(_motion(angle, velocity, weight=ADDED.weight)))
+    motion = _motion(angle, velocity, weight=ADDED.weight)
+    if name in GEAR:
+        motion = replace(PLAIN, **{name: VALUE}, bias=LOAD).motion(angle, velocity, motor=COMMAND)
+    expected = -VALUE * float(TERMS[name].basis(motion))
     with_term, without = (
         _mujoco_torque(_robot(each), ADDED, angle, velocity) for each in (name, None)
     )
@@ -104,7 +115,7 @@ def test_mujoco_has_the_torque_of_every_row(name, angle, velocity):
 
 def _robot(name):
     hand = Hand(mass=0.2, com_distance=0.0, inertia=0.004)
-    friction = dict(SETTINGS, coulomb=1e-3)
+    friction = dict(SETTINGS, coulomb=1e-3, bias=LOAD)
     if name in {"p3", "p3_offset"}:
         moved = {"p3": "com_distance", "p3_offset": "com_offset"}[name]
         hand = replace(hand, **{moved: VALUE / (0.2 * 9.81)})
@@ -119,9 +130,11 @@ def _robot(name):
 def _mujoco_torque(robot, added, angle, velocity):
     model = compile_model(robot)
     mount(model, robot, added)
-    if robot.friction.stribeck:  # the joint sets it for the velocity of each step
-        model.dof_frictionloss[0] = robot.loaded(added).level(velocity)
     data = mujoco.MjData(model)
+    data.ctrl[0] = COMMAND
+    if robot.friction.sticks_harder:  # the joint sets it for each step
+        constants = Constants.of(robot.loaded(added))
+        model.dof_frictionloss[0] = friction_at(angle, velocity, COMMAND, constants)
     data.qpos[0], data.qvel[0] = angle, velocity
     mujoco.mj_forward(model, data)
     return float(data.qacc[0]) * 0.004

@@ -9,7 +9,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, offered
+from butterfly.model.terms import DRIVE, GEAR, PARAMETERS, TERMS, offered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ _SETTINGS = {"stribeck_velocity", "cogging_periods"}
 TAKES = {
     "harmonic-balance": {row.name for row in TERMS.values() if row.describing}
     | {"p4", "delay", *DRIVE, *_SETTINGS},
-    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative}
+    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative} - {*GEAR}
     | {"delay", "mass_inertia", *_SETTINGS},
     "output-error": set(TERMS),
 }

@@ -398,7 +398,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     }
     for row in TERMS.values():
         if row.size is not None:
-            sizes.setdefault(row.name, row.size(speed, rate))
+            sizes.setdefault(row.name, row.size(torque, speed, rate))
         elif row.basis is not None and row.name not in sizes:
             whole = command if row.of_gain else torque
             sizes[row.name] = 0.1 * whole / float(np.abs(row.basis(motion)).max())

@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import DRIVE
+from butterfly.model.terms import DRIVE, LOOP_GAINS
 
 State = tuple[float, float, float, float]
 """Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
@@ -38,6 +38,13 @@ class Constants(NamedTuple):
     cogging: float
     cogging_cosine: float
     cogging_periods: float
+    motor_friction: float
+    load_friction: float
+    motor_stribeck: float
+    load_stribeck: float
+    lifting_stribeck: float
+    lowering_stribeck: float
+    geared: float  # 1 with any of the last six
 
     @classmethod
     def of(cls, p: LumpedParameters) -> Constants:
@@ -57,7 +64,8 @@ class Constants(NamedTuple):
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-COLUMNS = {name: number for number, name in enumerate((*Constants._fields, "p4", "delay", *DRIVE))}
+THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_GAINS)
+COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 
 DRIVES = len(Constants._fields)
@@ -66,21 +74,26 @@ MOST_DRIVES = len(COLUMNS) - DRIVES
 P1, VISCOUS, BACK_EMF, LAG, P3, P3_OFFSET, COULOMB, STRIBECK = range(8)
 STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, SPRING = range(8, 14)
 COGGING, COGGING_COSINE, PERIODS = range(14, 17)
+MOTOR_FRICTION, LOAD_FRICTION, MOTOR_STRIBECK, LOAD_STRIBECK = range(17, 21)
+LIFTING_STRIBECK, LOWERING_STRIBECK = range(21, 23)
 
 BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
 RATE = WEIGHT + 4
+GAIN = RATE + 1
 """Columns of a stage of a step, after the derivatives by the states: those by constants and drives,
-weights of the stage, and rates."""
+weights of the stage, rates, and the derivative by the drive."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _DAMPED_STEPS = 2  # the same in one time constant of the speed: from 0.4 on RK4 is stable
 _UNSEEN = 10_000  # time constants of the speed in one interval, from which on no log shows it
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
+_TANGENTS = 30  # at most: straight parts of friction need three
+_ROUNDING = 1e-14
 _VANISHED = 6.0  # Stribeck velocities, at which exp(-36) is lost in rounding
 
 
-@compiled
+@inlined
 def rates(state, drive, sign, c):
     """Return the rates of velocity, motor torque and bristles, sliding in the direction sign."""
     x, v, motor, bend = state
@@ -90,13 +103,14 @@ def rates(state, drive, sign, c):
         motor_rate = (torque - motor) / c.lag
         torque = motor
     bend_rate = 0.0
-    level = friction_level(v, c)
+    load = pull(x, c)
+    level = friction_level(v, sign, torque, load, c)
     if c.bristle_stiffness > 0.0:
         bend_rate = v - c.bristle_stiffness * abs(v) * bend / level
         torque -= c.bristle_stiffness * bend + c.bristle_damping * bend_rate
     else:
         torque -= sign * level
-    torque += pull(x, c) - (c.viscous + c.drag * abs(v)) * v
+    torque += load - (c.viscous + c.drag * abs(v)) * v
     return torque / c.p1, motor_rate, bend_rate
 
 
@@ -113,9 +127,80 @@ def pull(x, c):
 
 
 @inner
-def friction_level(v, c):
-    """Coulomb and Stribeck friction g(v) in N m, without its sign."""
+def friction_level(v, sign, motor, load, c):
+    """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
+    if c.geared != 0.0:
+        level = c.coulomb + abs(c.motor_friction * motor - c.load_friction * load)
+        return level + stribeck_level(sign, motor, load, c) * excess_at(v, c)
     return c.coulomb if c.stribeck == 0.0 else c.coulomb + c.stribeck * excess_at(v, c)
+
+
+@inner
+def stribeck_level(sign, motor, load, c):
+    """Excess of friction at rest in N m, under the torques of motor and load in N m."""
+    excess = c.stribeck + abs(c.motor_stribeck * motor - c.load_stribeck * load)
+    if c.lifting_stribeck != 0.0 or c.lowering_stribeck != 0.0:
+        excess += _by_direction(sign, load, c) * passed_on(motor, load) ** 2
+    return excess
+
+
+@inner
+def _by_direction(sign, load, c):
+    """Choose the growth with the square of torque: of the motor driving the load, or driven."""
+    return c.lifting_stribeck if sign * load < 0.0 else c.lowering_stribeck
+
+
+@inner
+def passed_on(motor, load):
+    """Torque in N m that the motor takes from the load, none where both pull the same way."""
+    return min(abs(motor), abs(load)) if motor * load < 0.0 else 0.0
+
+
+@inner
+def slope(by_motor, by_load, motor, load):
+    """Differentiate ``abs(by_motor motor - by_load load)`` by both; from 0 onwards."""
+    way = np.sign(by_motor * motor - by_load * load)
+    return (way * motor, -way * load) if way != 0.0 else (abs(motor), abs(load))
+
+
+@inner
+def slopes(sign, motor, load, c):
+    """Slopes of friction over the torques of motor and load, and those of its excess at rest."""
+    slides = np.sign(c.motor_friction * motor - c.load_friction * load)
+    rests = np.sign(c.motor_stribeck * motor - c.load_stribeck * load)
+    by_motor, by_load = rests * c.motor_stribeck, -rests * c.load_stribeck
+    steep = 2.0 * _by_direction(sign, load, c) * passed_on(motor, load)
+    if abs(motor) < abs(load):
+        by_motor += steep * np.sign(motor)
+    else:
+        by_load += steep * np.sign(load)
+    return slides * c.motor_friction, -slides * c.load_friction, by_motor, by_load
+
+
+@inner
+def holds_to(sign, load, c):
+    """Torque of the motor in N m up to which friction holds a joint against sliding to ``sign``.
+
+    The excess of torque over friction is concave in it: tangents come to its zero from one side.
+    """
+    motor = -load
+    for _ in range(_TANGENTS):
+        lacking = friction_level(0.0, sign, motor, load, c) - sign * (motor + load)
+        by_motor, _, at_rest, _ = slopes(sign, motor, load, c)
+        rise = 1.0 - sign * (by_motor + at_rest)
+        if rise <= 0.0:
+            return sign * math.inf
+        motor += sign * lacking / rise
+        if lacking <= _ROUNDING * abs(motor) or c.geared == 0.0:
+            break
+    return motor
+
+
+@compiled
+def friction_at(x, v, motor, c):
+    """Friction in N m of a joint at an angle and a velocity under the torque of its motor."""
+    load = pull(x, c)
+    return friction_level(v, np.sign(v if v != 0.0 else motor + load), motor, load, c)
 
 
 @inner
@@ -141,7 +226,7 @@ def least_steps(c, v, h):
     if c.bristle_stiffness > 0.0:
         damping = (c.viscous + c.bristle_damping) / c.p1
         fastest = max(
-            c.bristle_stiffness * abs(v) / friction_level(v, c),
+            c.bristle_stiffness * abs(v) / friction_level(v, 0.0, 0.0, 0.0, c),
             damping,
             math.sqrt(c.bristle_stiffness / c.p1),
         )
@@ -150,47 +235,68 @@ def least_steps(c, v, h):
 
 
 @inlined
-def linearise(state, rate, shape, sign, c, ripples, stages, i):
-    """Write the derivatives of the rates at stage ``i``, given (sin x, cos x, Stribeck's excess).
+def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
+    """Write the derivatives of the rates at stage ``i``, given (sin x, cos x, excess, motor).
 
-    Those by the cogging are left out without ``ripples``.
+    That is Stribeck's excess, and the torque of the motor. Derivatives by the cogging are left out
+    without ``ripples``, those by friction on torque without ``carries``.
     """
     x, v, _, z = state
-    sine, cosine, excess = shape
+    sine, cosine, excess, motor = shape
     push, speed, width = 1.0 / c.p1, abs(v), 1.0 / c.stribeck_velocity
     share = v * width
-    narrowing = 2.0 * c.stribeck * excess * share * width  # -dg/dv
     rub = -sign * push
-    stages[i, V, X] = push * (c.p3_offset * sine - c.p3 * cosine - c.spring)
-    stages[i, V, V] = -push * (c.viscous + c.back_emf + 2.0 * c.drag * speed) - rub * narrowing
+    at_rest, drive, lift = c.stribeck, push, push  # by the torques of motor and load
+    if carries:
+        load = pull(x, c)
+        at_rest = stribeck_level(sign, motor, load, c)
+        by_motor, by_load, rest_by_motor, rest_by_load = slopes(sign, motor, load, c)
+        drive += rub * (by_motor + excess * rest_by_motor)
+        lift += rub * (by_load + excess * rest_by_load)
+        by_motor, by_load = slope(c.motor_friction, c.load_friction, motor, load)
+        stages[i, V, BASIS + MOTOR_FRICTION] = rub * by_motor
+        stages[i, V, BASIS + LOAD_FRICTION] = rub * by_load
+        by_motor, by_load = slope(c.motor_stribeck, c.load_stribeck, motor, load)
+        stages[i, V, BASIS + MOTOR_STRIBECK] = rub * excess * by_motor
+        stages[i, V, BASIS + LOAD_STRIBECK] = rub * excess * by_load
+        square = rub * excess * passed_on(motor, load) ** 2
+        stages[i, V, BASIS + LIFTING_STRIBECK] = square if sign * load < 0.0 else 0.0
+        stages[i, V, BASIS + LOWERING_STRIBECK] = square if sign * load >= 0.0 else 0.0
+    narrowing = 2.0 * at_rest * excess * share * width  # -dg/dv
+    stages[i, V, GAIN] = drive
+    stages[i, V, X] = lift * (c.p3_offset * sine - c.p3 * cosine - c.spring)
+    stages[i, V, V] = -push * (c.viscous + 2.0 * c.drag * speed) - drive * c.back_emf
+    stages[i, V, V] -= rub * narrowing
     stages[i, V, BASIS + P1] = -push * rate[0]
-    stages[i, V, BASIS + VISCOUS] = stages[i, V, BASIS + BACK_EMF] = -push * v
-    stages[i, V, BASIS + P3] = -push * sine
-    stages[i, V, BASIS + P3_OFFSET] = -push * cosine
+    stages[i, V, BASIS + VISCOUS] = -push * v
+    stages[i, V, BASIS + BACK_EMF] = -drive * v
+    stages[i, V, BASIS + P3] = -lift * sine
+    stages[i, V, BASIS + P3_OFFSET] = -lift * cosine
     stages[i, V, BASIS + COULOMB] = rub
     stages[i, V, BASIS + STRIBECK] = rub * excess
     stages[i, V, BASIS + STRIBECK_VELOCITY] = rub * narrowing * share
     stages[i, V, BASIS + DRAG] = -push * speed * v
-    stages[i, V, BASIS + BIAS] = push
-    stages[i, V, BASIS + SPRING] = -push * x
+    stages[i, V, BASIS + BIAS] = lift
+    stages[i, V, BASIS + SPRING] = -lift * x
     if ripples:
         wave, other = math.sin(c.cogging_periods * x), math.cos(c.cogging_periods * x)
-        ripple = push * (c.cogging * other - c.cogging_cosine * wave)
+        ripple = lift * (c.cogging * other - c.cogging_cosine * wave)
         stages[i, V, X] += c.cogging_periods * ripple
-        stages[i, V, BASIS + COGGING] = push * wave
-        stages[i, V, BASIS + COGGING_COSINE] = push * other
+        stages[i, V, BASIS + COGGING] = lift * wave
+        stages[i, V, BASIS + COGGING_COSINE] = lift * other
         stages[i, V, BASIS + PERIODS] = x * ripple
     if c.lag > 0.0:
-        _linearise_lag(v, rate[1], push, c, stages, i)
+        _linearise_lag(v, rate[1], drive, c, stages, i)
     if c.bristle_stiffness > 0.0:
         _linearise_bristles(v, z, rate[2], excess, push, c, stages, i)
 
 
 @inner
-def _linearise_lag(v, motor_rate, push, c, stages, i):
+def _linearise_lag(v, motor_rate, drive, c, stages, i):
     """Let the motor's torque, a state, drive the joint in the place of its input."""
-    stages[i, V, V] += push * c.back_emf
-    stages[i, V, M] = push
+    stages[i, V, V] += drive * c.back_emf
+    stages[i, V, M] = drive
+    stages[i, M, GAIN] = 1.0 / c.lag
     stages[i, V, BASIS + BACK_EMF] = 0.0
     stages[i, M, V], stages[i, M, M] = -c.back_emf / c.lag, -1.0 / c.lag
     stages[i, M, BASIS + BACK_EMF] = -v / c.lag
@@ -200,7 +306,7 @@ def _linearise_lag(v, motor_rate, push, c, stages, i):
 @inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
     """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
-    level = friction_level(v, c)
+    level = friction_level(v, 0.0, 0.0, 0.0, c)
     share = v / c.stribeck_velocity
     narrowing = 2.0 * c.stribeck * excess * share / c.stribeck_velocity
     slip = c.bristle_stiffness * abs(v) / level

@@ -13,28 +13,23 @@ import numpy as np
 from butterfly.compiled import inner
 from butterfly.model.kernel.equation import (
     BASIS,
-    BIAS,
-    COGGING,
-    COULOMB,
     DRIVES,
+    GAIN,
     LAG,
-    P3,
-    P3_OFFSET,
-    PERIODS,
     RATE,
-    SPRING,
-    STRIBECK,
     WEIGHT,
     M,
     V,
     X,
+    holds_to,
     linearise,
+    pull,
 )
 from butterfly.model.kernel.steps import BEGIN, SIGN, STAGE, drive_at, drive_slope
 
-LATE, BEFORE = 4, 5
-"""Rows of the derivatives after those of the states: of the instant at which a state is left, and
-of the motor's torque before a rest."""
+LATE, BEFORE, HELD = 4, 5, 6
+"""Rows of the derivatives after those of the states: of the instant at which a state is left, of
+the motor's torque before a rest, and of the torque that a servo's loop holds (0 without one)."""
 
 _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
@@ -75,10 +70,10 @@ def reverse(drives, begin, share, h, c, stages, tangents, column):
 @inner
 def _by_begin(drives, begin, share, c, stages):
     """(4,) derivatives of the end of a step by the fraction of the interval where it begins."""
-    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    driven = M if c.lag > 0.0 else V
     moved = np.zeros(4)
     for i in range(4):
-        slope = gain * drive_slope(drives, begin + _REACH[i] * share)
+        slope = stages[i, driven, GAIN] * drive_slope(drives, begin + _REACH[i] * share)
         for r in range(states_of(c)):
             moved[r] += stages[i, r, WEIGHT + driven] * slope
     return moved
@@ -87,7 +82,7 @@ def _by_begin(drives, begin, share, c, stages):
 @inner
 def _by_share(drives, begin, share, h, c, stages):
     """(4,) derivatives of the end of a step by the share of the interval that it takes."""
-    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    driven = M if c.lag > 0.0 else V
     n = states_of(c)
     moved, direct = np.zeros(4), np.zeros(4)
     for i in range(4):
@@ -98,6 +93,7 @@ def _by_share(drives, begin, share, h, c, stages):
             if i > 0:
                 for m in range(n):
                     direct[r] += reach * h * stages[i, r, m] * stages[i - 1, m, RATE]
+        gain = stages[i, driven, GAIN]
         direct[driven] += reach * gain * drive_slope(drives, begin + reach * share)
         for r in range(n):
             for m in range(n):
@@ -117,7 +113,7 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
     keep = math.exp(-(1.0 - begin) * h / c.lag)
     for j in range(column.size):
         k, late, before = column[j], tangents[LATE, j], tangents[M, j]
-        target = slope * late
+        target = slope * late + tangents[HELD, j]
         if k >= DRIVES:
             q = k - DRIVES
             target += drive_at((own[q, 0], own[q, 1], own[q, 2]), middle)
@@ -132,30 +128,32 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
 def break_loose(drives, tape, row, c, own, stages, tangents, column):
     """Move the derivatives from where a joint came to rest on to where it breaks loose.
 
-    There the drive exceeds what holds the joint. With a lag the motor's torque goes on straight,
-    and it does so at the share ``loose`` = (hold - net)/(final - net) of the rest of the interval.
+    There the motor's torque leaves the range within which friction holds the joint. With a lag it
+    goes on straight, and leaves at the share ``loose`` of the rest of the interval.
     """
     begin, sign = tape[row, BEGIN], tape[row, SIGN]
-    x, net = tape[row, STAGE], tape[row, STAGE + 1]
+    x, motor = tape[row, STAGE], tape[row, STAGE + 1]
     final, at = tape[row, STAGE + 2], tape[row, STAGE + 3]
-    loose = ((c.coulomb + c.stribeck) * sign - net) / (final - net) if c.lag > 0.0 else 0.0
-    still, shape = (x, 0.0, 0.0, 0.0), (math.sin(x), math.cos(x), 1.0)
-    linearise(still, (0.0, 0.0, 0.0), shape, 0.0, c, True, stages, 0)
+    load, still, none = pull(x, c), (x, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    most = holds_to(sign, load, c)
+    shape = (math.sin(x), math.cos(x), 1.0, most)
+    linearise(still, none, shape, sign, c, True, True, stages, 0)
+    loose = (most - motor) / (final - motor) if c.lag > 0.0 else 0.0
     for j in range(column.size):
         k, late = column[j], tangents[LATE, j]
-        pull = c.p1 * stages[0, V, X] * tangents[X, j]
-        if k in (P3, P3_OFFSET, BIAS, SPRING) or COGGING <= k <= PERIODS:
-            pull += c.p1 * stages[0, V, BASIS + k]
-        hold = sign if k in (COULOMB, STRIBECK) else 0.0
+        hold = -stages[0, V, X] * tangents[X, j]
+        if 0 <= k < DRIVES:
+            hold -= stages[0, V, BASIS + k]
+        hold /= stages[0, V, GAIN]
         if c.lag == 0.0:
             if k >= DRIVES:
                 q = k - DRIVES
-                pull += drive_at((own[q, 0], own[q, 1], own[q, 2]), at)
+                hold -= drive_at((own[q, 0], own[q, 1], own[q, 2]), at)
             slope = drive_slope(drives, at)
-            tangents[LATE, j] = (hold - pull) / slope if slope != 0.0 else 0.0
+            tangents[LATE, j] = hold / slope if slope != 0.0 else 0.0
             continue
-        by_net, by_final = pull + tangents[BEFORE, j], pull + tangents[M, j]
-        by_loose = (hold - by_net - loose * (by_final - by_net)) / (final - net)
+        by_motor, by_final = tangents[BEFORE, j], tangents[M, j]
+        by_loose = (hold - by_motor - loose * (by_final - by_motor)) / (final - motor)
         tangents[LATE, j] = late * (1.0 - loose) + (1.0 - begin) * by_loose
-        risen = tangents[BEFORE, j] + loose * (tangents[M, j] - tangents[BEFORE, j])
-        tangents[M, j] = risen + by_loose * (final - net)
+        risen = by_motor + loose * (by_final - by_motor)
+        tangents[M, j] = risen + by_loose * (final - motor)

@@ -13,21 +13,25 @@ import numpy as np
 from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import (
     COULOMB,
+    LOWERING_STRIBECK,
+    MOTOR_FRICTION,
     STRIBECK,
     M,
     V,
     X,
     Z,
     excess_at,
+    holds_to,
     least_steps,
     pull,
     rates,
 )
+from butterfly.model.kernel.loop import at, torque
 
 STEP, REVERSAL, REST, LOOSE = 0.0, 1.0, 2.0, 3.0
 KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
 COUNT, CURRENT = 0, 7
-STAGE, PER_STAGE = 8, 10
+STAGE, PER_STAGE = 8, 11
 TAPE_WIDTH = STAGE + 4 * PER_STAGE
 """The tape: what happened in a row, and its columns; row 0 counts."""
 
@@ -56,6 +60,21 @@ def integrate(time, drives, state, c):
     return angle, velocity
 
 
+@compiled
+def integrate_loop(time, state, c, without_drive, loop):
+    """Return (n,) angles and velocities of a joint in its servo's loop."""
+    n = time.size
+    angle, velocity = np.empty(n), np.empty(n)
+    angle[0], velocity[0] = state[X], state[V]
+    memory, held = np.zeros(2), 0.0
+    for k in range(n - 1):
+        held = torque(k, state, loop, memory, held, None)
+        now = at(k, loop, c, without_drive)
+        state = interval(state, (held, held, held), time[k + 1] - time[k], now)
+        angle[k + 1], velocity[k + 1] = state[X], state[V]
+    return angle, velocity
+
+
 @inner
 def interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
@@ -72,9 +91,8 @@ def interval(state, drives, h, c):
 @inner
 def advance(state, drives, h, c, tape, column):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
-    holding = c.coulomb + c.stribeck
-    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and not _by_friction(column)
-    if smooth or c.bristle_stiffness > 0.0:
+    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
+    if (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0:
         after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)
@@ -83,27 +101,29 @@ def advance(state, drives, h, c, tape, column):
     onward = 1.0 if c.p1 > 0.0 else -1.0  # what has a negative inertia sets out against the torque
     for _ in range(MAX_REVERSALS):
         x, v, m, z = state
-        sign = np.sign(v)
+        sign, holds = np.sign(v), True
         loosened = False
         if v == 0.0:
             load = pull(x, c)
-            net = (m if c.lag > 0.0 else drive_at(drives, begin)) + load
-            sign = np.sign(net) * onward
-            if abs(net) <= holding and holding > 0.0:
+            motor = m if c.lag > 0.0 else drive_at(drives, begin)
+            lower, upper = holds_to(-1.0, load, c), holds_to(1.0, load, c)
+            holds = lower < upper
+            sign = np.sign(motor + load) * onward
+            if holds and lower <= motor <= upper:
                 rest = _rest(state, drives, begin, h, c, tape)
-                later, final = 1.0, rest[M] + load
+                later, final = 1.0, rest[M]
                 if c.lag == 0.0:
-                    later, sign = exceeds_at(drives, begin, load, holding)
-                elif abs(final) > holding:
-                    sign = np.sign(final)
-                    loose = (holding * sign - net) / (final - net)
+                    later, sign = exceeds_at(drives, begin, lower, upper)
+                elif not lower <= final <= upper:
+                    sign, most = (1.0, upper) if final > upper else (-1.0, lower)
+                    loose = (most - motor) / (final - motor)
                     later = begin + loose * (1.0 - begin)
                     state = (x, v, m + loose * (rest[M] - m), z)
                 if later >= 1.0:
                     return rest
                 if tape is not None:
                     row = int(tape[0, COUNT]) + 1
-                    tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2] = x, net, final
+                    tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2] = x, motor, final
                     tape[row, STAGE + 3] = later
                     note(LOOSE, begin, 0.0, sign, tape)
                 begin = later
@@ -111,7 +131,7 @@ def advance(state, drives, h, c, tape, column):
                 loosened = True
         share = 1.0 - begin
         after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
-        unchecked = v == 0.0 and holding == 0.0  # nothing could hold the joint where it is
+        unchecked = v == 0.0 and not holds  # nothing could hold the joint where it is
         if after[V] * sign >= 0.0 or unchecked:
             if tape is not None:
                 note(STEP, begin, share, sign, tape)
@@ -158,7 +178,7 @@ def _by_friction(column):
     """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
     if column is not None:
         for k in column:
-            if k in (COULOMB, STRIBECK):
+            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
                 return True
     return False
 
@@ -199,10 +219,10 @@ def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
     fourth = rates(state4, d3, sign, c)
     a4, m4, z4 = fourth
     if tape is not None:
-        record(state, first, 0, c, tape)
-        record(state2, second, 1, c, tape)
-        record(state3, third, 2, c, tape)
-        record(state4, fourth, 3, c, tape)
+        record(state, first, d1, 0, c, tape)
+        record(state2, second, d2, 1, c, tape)
+        record(state3, third, d2, 2, c, tape)
+        record(state4, fourth, d3, 3, c, tape)
     sixth = dt / 6.0
     return (
         x + sixth * (v + 2.0 * v2 + 2.0 * v3 + v4),
@@ -213,7 +233,7 @@ def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
 
 
 @inner
-def record(state, rate, stage, c, tape):
+def record(state, rate, drive, stage, c, tape):
     """Write one stage of a step on the tape's next row, which another trial may write again."""
     row, at = int(tape[0, COUNT]) + 1, STAGE + PER_STAGE * stage
     for i in range(4):
@@ -222,6 +242,7 @@ def record(state, rate, stage, c, tape):
         tape[row, at + 4 + i] = rate[i]
     tape[row, at + 7], tape[row, at + 8] = math.sin(state[X]), math.cos(state[X])
     tape[row, at + 9] = excess_at(state[V], c)
+    tape[row, at + 10] = state[M] if c.lag > 0.0 else drive - c.back_emf * state[V]
 
 
 @inner
@@ -252,14 +273,16 @@ def drive_slope(drives, fraction):
 
 
 @inner
-def exceeds_at(drives, begin, load, most):
-    """Return where from ``begin`` on a parabola and a load exceed ``most`` (1: not), and how."""
+def exceeds_at(drives, begin, lower, upper):
+    """Return where from ``begin`` on a parabola leaves a range (1: not), and on which side."""
     start, middle, end = drives
     bend = 2.0 * (start - 2.0 * middle + end)
     slope = end - start - bend
     first, side = 1.0, 0.0
     for sign in (-1.0, 1.0):
-        offset = start + load - sign * most
+        offset = start - (upper if sign > 0.0 else lower)
+        if not abs(offset) < math.inf:
+            continue
         square = slope**2 - 4.0 * bend * offset
         if square <= 0.0:
             continue

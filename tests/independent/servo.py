@@ -1,0 +1,258 @@
+"""A geared servo in its firmware's loop, simulated with no code of the program.
+
+    inertia thdd + viscous thd + gravity sin th + friction = motor,
+    motor = gain drive - back_emf thd          (0 where the torque is disabled: the bridge is open)
+    friction <= coulomb + |motor_friction motor + load_friction gravity sin th|
+                + excess exp(-(thd/excess_velocity)^2)
+
+RK4 at 100 us between events; a joint that comes to rest stays there until the motor and the load
+break away. The firmware looks at the joint at its own clock, through an encoder of counts, and
+holds its output from ``late`` after the look to ``late`` after the next. The host writes a goal and
+reads the angle at stamps of its own clock; a goal arrives ``delay`` later. Duty is multiplied by a
+supply that sags with the current. The laws (`tests.independent.servos` makes SI units of theirs):
+
+- ``dynamixel-x``, position: pwm = P/128 e + I/65536 sum e + D/16 (e - last e), e in counts, duty =
+  pwm/885 (ROBOTIS e-manual, X series, "Position PID Gain(80, 82, 84)", "Goal PWM(100)"; an XL330
+  divides P by 256, Rhoban/bam bam/dynamixel/actuator.py); its integral stops while clipped.
+- ``dynamixel-x-velocity``: pwm = P/128 e + I/65536 sum e, e in 0.229 rev/min ("Velocity PI Gain(76,
+  78)").
+- ``feetech-sts``: duty = 0.166 P e within 0.97, less damping, a dead zone in counts (Rhoban/bam
+  bam/feetech/actuator.py, by oscilloscope; memory table 21-27; what its D is worth is not
+  published).
+
+How a Dynamixel and a Feetech find a rate is not published either: a filtered difference here.
+
+- ``odrive``: vel = clip(pos_gain e), torque = vel_gain (vel - rate) + integral, whose integral
+  decays by 1 % a tick while clipped; a PLL of 1000 rad/s reads the encoder
+  (odriverobotics/ODrive f9b5419 Firmware/MotorControl/controller.cpp, encoder.cpp).
+- ``moteus``: torque = kp e - kd rate, clipped (mjbots/moteus db1a762 fw/pid.h, docs/reference/
+  theory.md); a PLL of 400 Hz.
+"""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+STEP = 1e-4
+"""Longest step in s."""
+
+PID, DAMPED, CASCADE, VELOCITY = range(4)
+"""What firmware does: D of the error, D of the rate, a speed asked for, or a speed followed."""
+
+_HALVINGS = 50  # of a step, to find where the velocity vanishes
+_SHARE = 0.3  # of a new difference in a filtered one
+_DECAY = 0.99  # of a cascade's integral in a tick, while clipped
+
+
+class Servo(NamedTuple):
+    """The joint with its motor, at the output of its gear, in SI units."""
+
+    inertia: float
+    viscous: float
+    back_emf: float
+    gravity: float
+    gain: float
+    coulomb: float
+    excess: float
+    excess_velocity: float
+    motor_friction: float
+    load_friction: float
+
+
+class Firmware(NamedTuple):
+    """Its law, gains per rad, rad s and rad/s, and how it looks and acts."""
+
+    law: int
+    p: float
+    i: float
+    d: float
+    limit: float
+    speed_limit: float
+    dead_zone: float  # rad, within which nothing is done
+    period: float  # s
+    phase: float  # s, of its first look
+    late: float  # s, from a look to the drive
+    delay: float  # s, from the host's write to the firmware
+    count: float  # rad, of the encoder
+    zero: float  # rad, that the encoder reads at angle 0
+    bandwidth: float  # rad/s, of the PLL that makes rate and angle; 0: a filtered difference
+    supply: float  # V; 0 where the output is a torque
+    sag: float  # V per unit of duty and N m
+
+
+def run(servo, firmware, plan, angle=0.0):
+    """Return (n,) readings in rad, mean drives until the next stamp, supplies in V, and angles.
+
+    ``plan`` is (n,) stamps in s, goals, and where the torque is enabled.
+    """
+    columns = tuple(np.asarray(column, dtype=np.float64) for column in plan)
+    return _run(servo, firmware, columns, float(angle))
+
+
+@numba.njit(cache=True)
+def _run(servo, firmware, plan, angle):
+    stamps, goals, enabled = plan
+    n = stamps.size
+    readings, drives, supplies, angles = np.empty(n), np.zeros(n), np.empty(n), np.empty(n)
+    ticks = int((stamps[-1] - stamps[0]) / firmware.period) + 2
+    outputs, memory = np.zeros(ticks), np.zeros(5)
+    memory[2] = _reading(firmware, angle)
+    state, now = (angle, 0.0), stamps[0]
+    looked = acted = arrived = 0  # looks, outputs and goals so far
+    row, goal, on, duty = 0, goals[0], enabled[0] > 0.0, 0.0
+    while row < n:
+        look = stamps[0] + firmware.phase + looked * firmware.period
+        act = np.inf
+        if acted < looked:
+            act = stamps[0] + firmware.phase + acted * firmware.period + firmware.late
+        come = stamps[arrived] + firmware.delay if arrived < n else np.inf
+        then = min(look, act, come, stamps[row])
+        supply = _supply(servo, firmware, duty, state[1])
+        drive = duty * supply if on else 0.0
+        state = _advance(servo, state, drive, on, then - now)
+        if row > 0:
+            drives[row - 1] += drive * (then - now)
+        now = then
+        if come == now:
+            goal, on, arrived = goals[arrived], enabled[arrived] > 0.0, arrived + 1
+            if not on:
+                outputs[acted:looked] = 0.0
+                duty = 0.0
+        if act == now:
+            duty, acted = outputs[acted], acted + 1
+        if look == now and looked < ticks:
+            outputs[looked] = _output(firmware, goal, _reading(firmware, state[0]), on, memory)
+            looked += 1
+        if stamps[row] == now:
+            readings[row], angles[row] = _reading(firmware, state[0]), state[0]
+            supplies[row] = _supply(servo, firmware, duty, state[1])
+            row += 1
+    drives[:-1] /= np.diff(stamps)
+    return readings, drives, supplies, angles
+
+
+@numba.njit(cache=True)
+def _reading(firmware, x):
+    return firmware.count * np.rint((x + firmware.zero) / firmware.count)
+
+
+@numba.njit(cache=True)
+def _supply(servo, firmware, duty, v):
+    """What a duty is multiplied by: a supply that the current pulls down, or 1 of a torque."""
+    if firmware.supply == 0.0:
+        return 1.0
+    torque = servo.gain * duty * firmware.supply - servo.back_emf * v
+    return firmware.supply - firmware.sag * abs(duty * torque)
+
+
+@numba.njit(cache=True)
+def _output(firmware, goal, reading, on, memory):
+    """Return the duty or torque of a look; ``memory``: integral, last error, angle and rate
+    as seen, started."""
+    _look(firmware, reading, memory)
+    if not on:
+        memory[0] = memory[4] = 0.0
+        return 0.0
+    rate, seen = memory[3], memory[2]
+    error = goal - (rate if firmware.law == VELOCITY else seen)
+    change = error - memory[1] if memory[4] > 0.0 else 0.0
+    memory[1], memory[4] = error, 1.0
+    if abs(error) <= firmware.dead_zone:
+        error = 0.0
+    if firmware.law == CASCADE:
+        wanted = min(max(firmware.p * error, -firmware.speed_limit), firmware.speed_limit)
+        error = wanted - rate
+        raw = firmware.d * error + memory[0]
+    elif firmware.law == PID:
+        raw = firmware.p * error + memory[0] + firmware.d * change / firmware.period
+    elif firmware.law == DAMPED:
+        raw = firmware.p * error + memory[0] - firmware.d * rate
+    else:
+        raw = firmware.p * error + memory[0]
+    out = min(max(raw, -firmware.limit), firmware.limit)
+    if out == raw or (firmware.law != CASCADE and error * raw < 0.0):
+        memory[0] += firmware.i * firmware.period * error
+    elif firmware.law == CASCADE:
+        memory[0] *= _DECAY
+    return out
+
+
+@numba.njit(cache=True)
+def _look(firmware, reading, memory):
+    """Follow the readings by a critically damped loop of second order, or as they are."""
+    if firmware.bandwidth == 0.0:
+        slope = (reading - memory[2]) / firmware.period
+        memory[2], memory[3] = reading, memory[3] + _SHARE * (slope - memory[3])
+        return
+    memory[2] += firmware.period * memory[3]
+    gap = reading - memory[2]
+    memory[2] += 2.0 * firmware.bandwidth * firmware.period * gap
+    memory[3] += firmware.bandwidth**2 * firmware.period * gap
+
+
+@numba.njit(cache=True)
+def _advance(servo, state, drive, on, h):
+    """Return angle and velocity h s later, under a drive that is constant."""
+    steps = max(1, math.ceil(h / STEP))
+    for _ in range(steps):
+        left = h / steps
+        while left > 0.0:
+            way = np.sign(state[1])
+            if way == 0.0:
+                motor, load = _torques(servo, state, drive, on)
+                if abs(motor + load) <= _level(servo, 0.0, motor, load):
+                    break
+                way = np.sign(motor + load)
+            acting = drive, on, way
+            later = _runge_kutta(servo, state, acting, left)
+            if later[1] * way >= 0.0:
+                state = later
+                break
+            early, late = 0.0, left
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (early + late)
+                if _runge_kutta(servo, state, acting, middle)[1] * way > 0.0:
+                    early = middle
+                else:
+                    late = middle
+            if state[1] == 0.0 and early == 0.0:
+                break
+            state = _runge_kutta(servo, state, acting, late)[0], 0.0
+            left -= late
+    return state
+
+
+@numba.njit(cache=True)
+def _runge_kutta(servo, state, acting, h):
+    x, v = state
+    v1, a1 = _rates(servo, (x, v), acting)
+    v2, a2 = _rates(servo, (x + 0.5 * h * v1, v + 0.5 * h * a1), acting)
+    v3, a3 = _rates(servo, (x + 0.5 * h * v2, v + 0.5 * h * a2), acting)
+    v4, a4 = _rates(servo, (x + h * v3, v + h * a3), acting)
+    return x + h / 6.0 * (v1 + 2.0 * (v2 + v3) + v4), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+@numba.njit(cache=True)
+def _rates(servo, state, acting):
+    (_, v), (drive, on, way) = state, acting
+    motor, load = _torques(servo, state, drive, on)
+    braking = servo.viscous * v + way * _level(servo, v, motor, load)
+    return v, (motor + load - braking) / servo.inertia
+
+
+@numba.njit(cache=True)
+def _torques(servo, state, drive, on):
+    """Torques of motor and gravity in N m, both of the same sense."""
+    motor = servo.gain * drive - servo.back_emf * state[1] if on else 0.0
+    return motor, -servo.gravity * math.sin(state[0])
+
+
+@numba.njit(cache=True)
+def _level(servo, v, motor, load):
+    """Friction in N m under these torques."""
+    level = servo.coulomb + abs(servo.motor_friction * motor - servo.load_friction * load)
+    if servo.excess > 0.0:
+        level += servo.excess * math.exp(-((v / servo.excess_velocity) ** 2))
+    return level
