@@ -126,6 +126,7 @@ def _told(
         lead=0.0 if servo is None else max(period - servo.period, 0.0) / 2,
         emf=float(emf),
         drop=float(drop),
+        on_error=float(servo is not None and servo.rule.on_error),
         zero=zero,
         p4=1.0 if parameters is None else parameters.p4,
         dead_zone=0.0 if parameters is None else parameters.dead_zone,
