@@ -27,11 +27,12 @@ from butterfly.identification.encoder_offset import (
 )
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.inference.identifiability import is_driven
+from butterfly.identification.servo_drive import driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
-from butterfly.logs.thinning import thinned
+from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import OF_ANGLE
@@ -101,9 +102,6 @@ class DataSet:
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
-        kinds = sorted({log.input_kind for log in recorded} - {InputKind.NONE})
-        if len(kinds) > 1:
-            raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
         joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
         if len(joints) > 1:
             raise InputError(name, "gravity", "different ones", "one joint under one gravity")
@@ -112,15 +110,18 @@ class DataSet:
             examined = [examine(log, repairs) for log in recorded]
         except InputError as error:
             raise with_unit_errors(error, unit_errors_of_still(recorded)) from None
-        logs = [thinned(log) for log, _ in examined]
-        given = _of_logs(recorded) | known
+        logs = [thinned(driven(log)) for log, _ in examined]
+        kinds = sorted({log.input_kind for log in logs} - {InputKind.NONE})
+        if len(kinds) > 1:
+            raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
+        given = _of_logs(logs) | known
         return cls(
             name=name,
             description=description,
             manifest=manifest,
             input_kind=kinds[0] if kinds else InputKind.NONE,
             given=given,
-            known=_implied(given, recorded),
+            known=_implied(given, logs),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -155,6 +156,11 @@ class DataSet:
     def joint(self) -> JointKind:
         """How the joint moves."""
         return self.logs[0].added_mass.joint
+
+    @cached_property
+    def glance(self) -> tuple[Log, ...]:
+        """The logs, with as many samples as a first look needs."""
+        return tuple(thinned(log, GLANCE) for log in self.logs)
 
     @cached_property
     def offsets(self) -> tuple[EncoderOffset, ...]:
@@ -215,7 +221,11 @@ class DataSet:
         """Numbers of the logs in which the hand stays away from the upright, if there is one."""
         if not self.hangs:
             return list(range(len(self.logs)))
-        return [k for k, log in enumerate(self.logs) if not turns_over(log, self.zero_of(log))]
+        return [
+            k
+            for k, log in enumerate(self.logs)
+            if log.closed or not turns_over(log, self.zero_of(log))
+        ]
 
     @property
     def counted(self) -> list[int]:
@@ -248,7 +258,7 @@ class DataSet:
         return replace(
             self,
             given=given,
-            known=_implied(given, self.recorded),
+            known=_implied(given, self.logs),
             manifest=manifest,
             test_logs=test_logs,
         )
@@ -343,7 +353,8 @@ def _of_logs(logs: Sequence[Log]) -> Prior:
         "p4": all(log.input_kind is InputKind.NONE for log in logs),
     }
     zero = Known(value=0.0)
-    return Prior({name: zero for name, holds in absent.items() if holds})
+    gains = {name: each for log in logs if log.servo for name, each in log.servo.uncertain.items()}
+    return Prior({name: zero for name, holds in absent.items() if holds} | gains)
 
 
 def _implied(given: Prior, logs: Sequence[Log]) -> Prior:

@@ -55,7 +55,7 @@ def unit_of(
     unit = TERMS[parameter].unit
     if joint is JointKind.SLIDE:
         unit = _ON_SLIDES.get(unit, unit)
-    return unit.replace("unit", "V") if input_kind is InputKind.VOLTAGE else unit
+    return unit.replace("unit", "unit" if input_kind is None else input_kind.unit)
 
 
 def lumped_numbers(

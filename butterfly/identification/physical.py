@@ -140,7 +140,7 @@ def physical_parameters(
 
 def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
     unit = SYMBOLS[name].of_slide if joint is JointKind.SLIDE else SYMBOLS[name].unit
-    return unit.replace("unit", "V") if input_kind is InputKind.VOLTAGE else unit
+    return unit.replace("unit", input_kind.unit)
 
 
 def _together(

@@ -34,10 +34,11 @@ def horizon_of(
 
     The parameters are those of the bare hand, roughly; the zeros the encoder's readings in rad of
     the hand at rest. Infinite where none grows so; else rounded down, so that little depends on
-    the parameters.
+    the parameters. Nor do errors grow in a servo's loop, which brings the joint back.
     """
+    free = [log for log in logs if not log.closed]
     found = min(
-        (_horizon(log, parameters, reading_of(log, zeros)) for log in logs), default=math.inf
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in free), default=math.inf
     )
     if not math.isfinite(found):
         return math.inf
@@ -51,8 +52,8 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     if not (loaded.p1 > 0 and loaded.p3 > 0):
         return math.inf
     angle = log.angle - zero
-    if np.cos(angle).min() >= 0:  # gravity pulls back wherever the hand is
-        return math.inf
+    if max(angle.max(), -angle.min()) <= math.pi / 2 or np.cos(angle).min() >= 0:
+        return math.inf  # gravity pulls back wherever the hand is
     grid = uniform_grid(log.time, LONGEST_STEP)
     falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
     damping = max(loaded.p2, 0.0) / loaded.p1

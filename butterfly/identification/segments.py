@@ -232,8 +232,11 @@ def is_segmented(
     A log that is no longer than the horizon is simulated whole if it begins at rest, if its
     beginning does not count, or if its velocity there is known; but not that of a joint that no
     gravity brings back: the noise of its first sample would stay for good. ``free`` starts are
-    fitted also of a log that begins at rest, as noise of its first sample is of weight.
+    fitted also of a log that begins at rest, as noise of its first sample is of weight. A servo's
+    loop brings the joint back from any start.
     """
+    if log.closed:
+        return False
     longer = log.time[-1] - log.time[0] > horizon
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
@@ -10,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
+from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
+from butterfly.model.kernel.loop import Loop
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import DriveTerms
+from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.signals import hold, polynomials
 from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
 from butterfly.signals.sine_fit import sine_basis, with_transient
@@ -68,8 +71,11 @@ class Simulation:
 
     def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
         self.log = log
-        self._command = log.command
-        grid = uniform_grid(log.time, grid_step(log, parameters))
+        self._command = log.goal if log.closed else log.command
+        step, self._every = grid_step(log, parameters), 1
+        if log.closed and log.servo is not None:
+            step, self._every = log.servo.updates(step)
+        grid = uniform_grid(log.time, step)
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
         self._latest: tuple[tuple[float, DriveTerms], Samples] | None = None
@@ -90,8 +96,9 @@ class Simulation:
         sample's angle as it is.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters)[0]
-        angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
+        inputs = self._inputs(parameters)
+        loop = self._loop(parameters, inputs, zero)
+        angle, speed = simulate(loaded, self.grid, inputs[0], *self._start(zero, begin), loop)
         return SimulatedMotion(((self.grid, zero + angle, speed),), self.log.integrated)
 
     def linearised(
@@ -113,7 +120,8 @@ class Simulation:
         inputs = self._inputs(parameters, columns.drives)
         start = self._start(zero, begin)
         readings, measured, _ = self._averages
-        values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
+        loop = self._loop(parameters, inputs, zero)
+        values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns, loop)
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += rise  # it moves the start back, and all readings on
@@ -126,6 +134,9 @@ class Simulation:
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
+        if needs_loop(self.log):
+            alone = replace(self.log, servo=None, enabled=None)
+            return Simulation(alone, parameters, self._first).mean_inputs(parameters)
         inputs = self._inputs(parameters)[0]
         return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
 
@@ -171,17 +182,24 @@ class Simulation:
         )
         return Readings(into=into, weights=weights), measured, counts
 
+    def _loop(self, parameters: LumpedParameters, inputs: Samples, zero: float) -> Loop | None:
+        """Return the loop of a servo that drives the joint; None where its input says all."""
+        if not needs_loop(self.log):
+            return None
+        return loop_on_grid(self.log, parameters, zero, self.grid, inputs, self._every)
+
     def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
         """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
 
         The first derivative is that by the delay (see `hold.parabolas`); those by the terms of the
         drive follow if so many ``drives`` are asked for.
         """
-        latest, key = self._latest, (parameters.delay, parameters.drive)
+        looped = needs_loop(self.log)  # delivers by itself
+        latest, key = self._latest, (parameters.delay, IDEAL if looped else parameters.drive)
         if latest is None or latest[0] != key:
-            delivered = self._parabolas(parameters.delivered(self._command[1]), parameters.delay)
+            delivered = self._parabolas(key[1].delivered(self._command[1]), parameters.delay)
             self._latest = latest = key, delivered
-        if drives > len(latest[1]):
+        if drives > len(latest[1]) and not looped:
             slopes = parameters.slopes(self._command[1]).values()
             by_drive = (self._parabolas(each, parameters.delay)[:1] for each in slopes)
             self._latest = latest = key, np.concatenate([latest[1], *by_drive])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
-from butterfly.logs.log import SAMPLED, InputKind, Log
+from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
 from butterfly.logs.units import AS_IS, Heading, Units, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
@@ -87,10 +87,9 @@ def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
-        if field not in SAMPLED:
-            raise InputError(
-                source, f"columns.{field}", "an unknown field", nearest(field, SAMPLED)
-            )
+        if field not in {*SAMPLED, *OF_SERVO}:
+            expected = nearest(field, (*SAMPLED, *OF_SERVO))
+            raise InputError(source, f"columns.{field}", "an unknown field", expected)
     optional = {"angle": VELOCITY in columns, "input": kind == InputKind.NONE}
     for field in DEFAULT_COLUMNS:
         if field not in columns and not optional.get(field):
@@ -135,6 +134,8 @@ def chosen_columns(
         unasked = [VELOCITY] if "angle" in there else []
         if not {*map(without_unit, names)} - {"time", "input", VELOCITY}:  # nothing else is one
             del wanted["angle"]
+    if columns is None and about.get("servo") is not None:
+        wanted |= {field: field for field in OF_SERVO if field in there}
     if columns is None and kind == InputKind.NONE and "input" not in there:
         del wanted["input"]
     return {field: place(source, names, name) for field, name in wanted.items()}, unasked

@@ -19,6 +19,7 @@ from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
+from butterfly.model.servo import ServoLoop
 
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
@@ -39,6 +40,11 @@ _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 SAMPLED = ("time", "input", "angle", "velocity")
 """The sampled columns of a log; one of the last two may be missing."""
 
+OF_SERVO = ("setpoint", "supply", "enabled")
+"""The sampled columns that a servo may have besides."""
+
+_MEASURED_IN = {"supply": "voltage"}
+
 _NOT_RECORDED: Samples = np.empty(0)
 
 
@@ -47,7 +53,16 @@ class InputKind(StrEnum):
 
     VOLTAGE = "voltage"
     TORQUE = "torque"
+    CURRENT = "current"
+    DUTY = "duty"  # the share of its supply that a voltage drive passes on
+    SETPOINT = "setpoint"  # what a servo is to follow, by a loop of its own
     NONE = "none"  # nothing drives: a joint that swings freely needs no such column
+
+    @property
+    def unit(self) -> str:
+        """What p4 is per unit of."""
+        units = {InputKind.VOLTAGE: "V", InputKind.CURRENT: "A", InputKind.DUTY: "duty"}
+        return units.get(self, "unit")
 
 
 class Intersample(StrEnum):
@@ -78,6 +93,7 @@ class Lead:
 
     time: Samples  # (n,) increasing stamps in s, before the log's first one
     input: Samples  # the command at each
+    setpoint: Samples | None = None  # of a servo in its loop
 
 
 class InitialState(NamedTuple):
@@ -106,6 +122,7 @@ _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("added_mass", AddedMass, "an AddedMass"),
     ("excitation", (Sine, NoneType), "a Sine, or None"),
     ("lead", (Lead, NoneType), "a Lead, or None"),
+    ("servo", (ServoLoop, NoneType), "a ServoLoop, or None"),
 )
 
 
@@ -120,12 +137,18 @@ class Log:
     time
         (n,) stamps in s, as recorded (see `butterfly.logs.health` for repeated or backward ones).
     input
-        (n,) command at each stamp: V, or units of torque command; 0 where nothing drives.
+        (n,) command at each stamp: V, A, units of torque command, a duty from -1 to 1, or what a
+        servo is to follow, in rad or rad/s; 0 where nothing drives.
     angle
         (n,) rad, from the encoder's own zero. Without one it is the integral of the velocity, which
         does where no gravity acts.
     velocity
         (n,) rad/s, or None. Beside an angle it is kept for display.
+    setpoint, supply, enabled
+        Of a servo, or None: (n,) what it follows, where the input is its drive; its supply in V;
+        and whether it is driven, 0 or 1.
+    servo
+        The loop in which it is simulated, by the set-point; None for one that its input drives.
     input_kind, intersample
         What the command means, and how it is held between stamps.
     added_mass
@@ -153,6 +176,10 @@ class Log:
     angle: Samples = field(default_factory=lambda: _NOT_RECORDED)
     velocity: Samples | None = None
     _: KW_ONLY
+    setpoint: Samples | None = None
+    supply: Samples | None = None
+    enabled: Samples | None = None
+    servo: ServoLoop | None = None
     input_kind: InputKind = InputKind.VOLTAGE
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     added_mass: AddedMass = NO_ADDED_MASS
@@ -166,7 +193,7 @@ class Log:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "integrated", self.integrated or self.angle is _NOT_RECORDED)
-        for name in SAMPLED:
+        for name in (*SAMPLED, *OF_SERVO):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._column(name))
         for name, kind in (("input_kind", InputKind), ("intersample", Intersample)):
@@ -177,6 +204,9 @@ class Log:
         if self.zero is not None:
             object.__setattr__(self, "zero", known_of(self.zero, self.source, "zero"))
         self._declare_input()
+        if self.input_kind is InputKind.SETPOINT and self.servo is None:
+            expected = "its loop, such as {law: dynamixel-x, kp: 400}"
+            raise InputError(self.source, "servo", "nothing, under a set-point", expected)
         self._require_lengths()
         if self.integrated:
             if self.velocity is None:
@@ -263,8 +293,12 @@ class Log:
         log = cls(**columns, **properties)
         layout, found = list(log.reading.layout), {}
         for name, heading in headings.items():
+            if name == "enabled":  # yes or no
+                continue
+            told = name == "input" and log.input_kind is InputKind.SETPOINT
+            field = "setpoint" if told else name
             try:
-                found[name] = read_unit(log.source, name, heading, units, log.quantities(name))
+                found[name] = read_unit(log.source, field, heading, units, log.quantities(name))
             except InputError as error:
                 if name not in unasked:
                     raise
@@ -279,14 +313,17 @@ class Log:
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return what a sampled column may measure, the project's own unit of it first."""
         turns = self.added_mass.joint is JointKind.HINGE
+        own = {InputKind.VOLTAGE: "voltage", InputKind.CURRENT: "current", InputKind.DUTY: "share"}
+        if name == "setpoint" or (name == "input" and self.input_kind is InputKind.SETPOINT):
+            name = "velocity" if self.servo and self.servo.of_speed else "angle"
         if name == "input" and self.input_kind is InputKind.NONE:
             return ("voltage", "torque", "force", "current", "share")
-        if name == "input" and self.input_kind is InputKind.VOLTAGE:
-            return ("voltage",)
+        if name == "input" and self.input_kind in own:
+            return (own[self.input_kind],)
         if name == "input":
             return ("torque" if turns else "force", "current", "share")
         kinds = {"angle": ("angle", "length"), "velocity": ("rate", "speed")}
-        return (kinds[name][not turns],) if name in kinds else (name,)
+        return (kinds[name][not turns],) if name in kinds else (_MEASURED_IN.get(name, name),)
 
     def timed(self, factor: float) -> Log:
         """Return the log with its stamps multiplied by a factor, by which speeds are divided."""
@@ -330,7 +367,7 @@ class Log:
 
     def columns(self) -> dict[str, Samples]:
         """Return the sampled columns that were recorded, by name."""
-        values = {name: getattr(self, name) for name in SAMPLED}
+        values = {name: getattr(self, name) for name in (*SAMPLED, *OF_SERVO)}
         if self.integrated:
             del values["angle"]
         return {name: value for name, value in values.items() if value is not None}
@@ -352,7 +389,8 @@ class Log:
         begin = time.size - self.time.size + first
         earliest = int(np.searchsorted(time, self.time[first] - LONGEST_LEAD))
         own = slice(min(earliest, begin), begin)
-        return replace(cut, lead=Lead(time=time[own], input=inputs[own]))
+        setpoint = None if self.setpoint is None else self.goal[1][own]
+        return replace(cut, lead=Lead(time=time[own], input=inputs[own], setpoint=setpoint))
 
     @property
     def command(self) -> tuple[Samples, Samples]:
@@ -361,6 +399,25 @@ class Log:
             return self.time, self.input
         time = np.concatenate([self.lead.time, self.time])
         return time, np.concatenate([self.lead.input, self.input])
+
+    @property
+    def goal(self) -> tuple[Samples, Samples]:
+        """(n,) stamps in s and set-points, those before the first sample included."""
+        assert self.setpoint is not None  # noqa: S101 - of a servo
+        if self.lead is None or self.lead.setpoint is None:
+            return self.time, self.setpoint
+        time = np.concatenate([self.lead.time, self.time])
+        return time, np.concatenate([self.lead.setpoint, self.setpoint])
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is simulated in a servo's loop."""
+        return self.servo is not None and self.setpoint is not None
+
+    @property
+    def opened(self) -> Log:
+        """The log as its drive alone moves the joint."""
+        return replace(self, servo=None)
 
     @property
     def measures(self) -> str:

@@ -32,6 +32,7 @@ from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.units import Units
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.model.prior import Known, Prior, known_of, plain
+from butterfly.model.servo import ServoLoop
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
@@ -53,6 +54,14 @@ def _require_known(values: Any) -> Any:  # noqa: ANN401 - whatever was given
 
 def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
     Units.of(values)
+    return values
+
+
+def _require_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
+    if not isinstance(values, Mapping):
+        raise ValueError("a mapping such as {law: dynamixel-x, kp: 400}")
+    if "law" in values:
+        ServoLoop.of(values, whole=False)
     return values
 
 
@@ -94,6 +103,8 @@ class LogEntry(StrictModel):
     """``none``: nothing drove the joint in this log, which needs no input column."""
     zero: Uncertain | None = None
     """What the encoder reads in rad where the hand hangs, if known of this log by itself."""
+    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop)] = Field(default_factory=dict)
+    """Of the servo, where it differs from the data set's: gains, supply."""
     begin: Annotated[float | None, Field(alias="from")] = None
     """First instant in s of the piece that is meant, by the file's own clock."""
     end: Annotated[float | None, Field(alias="to")] = None
@@ -153,8 +164,13 @@ class Manifest(StrictModel):
     """Folder of the files, relative to the manifest; ``${NAME}`` is an environment variable, and
     what begins with one is relative to where the command runs."""
     input: Annotated[InputKind, _Rule.FILLS]
-    """What the input column commands: ``voltage`` or ``torque``; ``none`` where nothing drives the
-    joint, which swings freely."""
+    """What the input column commands: ``voltage``, ``torque``, ``current`` or ``duty``;
+    ``setpoint`` what a servo is to follow by its ``loop``; ``none`` where nothing drives the joint,
+    which swings freely."""
+    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.FILLS] = Field(
+        default_factory=dict
+    )
+    """The servo's own: its ``law`` and gains (see `butterfly.model.servo`)."""
     intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
     """How the command is held between its samples."""
     sign: Literal[1, -1] = 1
@@ -275,10 +291,11 @@ class Manifest(StrictModel):
             "added_mass": self.added_mass(entry),
             "excitation": self.excitation(entry),
             "zero": self.zero_of(entry),
+            "servo": ServoLoop.of(told, entry.file) if (told := self.loop | entry.loop) else None,
         }
 
 
-_SELDOM = ("sign", "joint", "gravity", "known", "zeros", "units", "holdout")
+_SELDOM = ("sign", "loop", "joint", "gravity", "known", "zeros", "units", "holdout")
 """Fields that are not written where they are as usual."""
 
 

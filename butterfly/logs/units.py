@@ -43,6 +43,8 @@ _HOLDS = {
     "input": ("voltage", "current", "torque", "force", "share"),
     "angle": ("angle", "length"),
     "velocity": ("rate", "speed"),
+    "setpoint": ("angle", "length", "rate", "speed"),
+    "supply": ("voltage",),
     "omega": ("rate", "frequency"),
     "mass": ("mass",),
     "arm": ("length",),
@@ -59,7 +61,7 @@ a length."""
 ASSUMED, GIVEN = "assumed", "given"
 """Where a unit comes from that no file says: nobody says it, or an option or the manifest does."""
 
-_TURNABLE = ("input", "angle", "velocity")
+_TURNABLE = ("input", "angle", "velocity", "setpoint")
 _SPELT = {
     "s": "sec secs second seconds",
     "ms": "msec millisecond milliseconds",

@@ -19,21 +19,23 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
 from butterfly.model.kernel.equation import COLUMNS, Constants
-from butterfly.model.kernel.steps import integrate
+from butterfly.model.kernel.loop import Loop
+from butterfly.model.kernel.steps import integrate, integrate_loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE, GEAR, TERMS
+from butterfly.model.terms import DRIVE, GEAR, LOOP_GAINS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
 and the derivatives of the initial angle and velocity by it."""
 
 
-def simulate(
+def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from where on
     parameters: LumpedParameters,
     time: Samples,
     inputs: Samples,
     angle: float,
     velocity: float = 0.0,
+    loop: Loop | None = None,
 ) -> tuple[Samples, Samples]:
     """Integrate the equation of `LumpedParameters` over ``time``, one RK4 step per interval.
 
@@ -43,10 +45,18 @@ def simulate(
     enough for the armature's lag and for the bristles; current and bristles start at 0.
 
     `time` has (n,) increasing instants in s, `inputs` (n - 1, 3) values at the start, middle and
-    end of each interval, already delayed. Returns (n,) angles in rad and (n,) velocities in rad/s.
+    end of each interval, already delayed; of no use where the ``loop`` of a servo drives. Returns
+    (n,) angles in rad and (n,) velocities in rad/s.
     """
-    start = (angle, velocity, 0.0, 0.0)
-    return integrate(time, parameters.p4 * inputs, start, Constants.of(parameters))
+    start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
+    if loop is not None:
+        return integrate_loop(time, start, constants, _open_circuit(constants), loop)
+    return integrate(time, parameters.p4 * inputs, start, constants)
+
+
+def _open_circuit(constants: Constants) -> Constants:
+    """Return the constants of a joint whose motor's circuit is open: it has no back EMF."""
+    return constants._replace(back_emf=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +91,9 @@ class Columns:
     @property
     def drives(self) -> int:
         """How many of p4, delay and `DRIVE`, in this order, are needed of the input."""
-        return max(int(self.column.max(initial=-1)) + 1 - len(Constants._fields), 0)
+        gains = COLUMNS[LOOP_GAINS[0]]
+        last = int(self.column.max(initial=-1, where=self.column < gains))
+        return max(last + 1 - len(Constants._fields), 0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,20 +111,27 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     start: tuple[float, float],
     readings: Readings,
     columns: Columns,
+    loop: Loop | None = None,
 ) -> tuple[Samples, Samples]:
     """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
     already delayed, and as far as `Columns.drives` asks for them its derivatives by delay and the
-    terms of the drive; `start` is in rad and rad/s.
+    terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and rad/s.
     """
+    if not columns.column.size:
+        angle, velocity = simulate(parameters, time, inputs[0], *start)
+        ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
+        values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
+        return values, np.empty((values.size, 0))
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
     drives, constants = parameters.p4 * inputs[0], Constants.of(parameters)
+    moved = inputs if loop is None else inputs[:0]
     state = (*start, 0.0, 0.0)
     kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
-        *(columns.column, columns.initial, inputs, rows),
+        *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants)),
     )
     return values, rows
 

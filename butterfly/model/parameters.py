@@ -14,6 +14,7 @@ from butterfly.model.terms import (
     TERMS,
     DriveTerms,
     FrictionTerms,
+    LoopTerms,
     Motion,
     torque_of,
 )
@@ -248,13 +249,14 @@ NO_ADDED_MASS = AddedMass()
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumpedParameters(FrictionTerms, DriveTerms):
+class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms):
     """The grey-box model (5), with tau_eps and the drive's lags written out.
 
         p1 thdd + p2 thd + p3 sin th + p3_offset cos th + friction = p4 v(t - delay) + pulls
 
-    `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command. p3 may
-    be negative: a hand whose centre of mass lies above the pivot when the added mass hangs down.
+    `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command,
+    `LoopTerms` what a servo's loop makes of one. p3 may be negative: a hand whose centre of mass
+    lies above the pivot when the added mass hangs down.
 
     Parameters
     ----------

@@ -73,9 +73,9 @@ class Term:
     of_gain: bool = False  # Whether what enters the equation is p4 times the parameter
     sign_observable: bool = True  # Whether motion tells the sign
     state: str = ""  # What it makes a state of the joint, if anything
-    # Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and the
+    # Typical size, for scaling, where there is no basis to tell it: from torque in N m, speed and
     # rate in rad/s of the motion
-    size: Callable[[float, float], float] | None = None
+    size: Callable[[float, float, float], float] | None = None
     # What a residual torque of this shape is called; empty for one that is not looked for
     looks_like: str = ""
     follows: str = ""  # The term without which it says nothing
@@ -225,6 +225,15 @@ class DriveTerms:
         return fundamental(self.delivered(sines)), slopes
 
 
+@dataclass(frozen=True, kw_only=True)
+class LoopTerms:
+    """Gains of a servo's own loop, over those that were told."""
+
+    loop_kp: float = 1.0
+    loop_ki: float = 1.0
+    loop_kd: float = 1.0
+
+
 _COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
 _ROUNDS = 30  # of friction that grows with the torque that overcomes it
@@ -234,6 +243,9 @@ IDEAL = DriveTerms()
 DRIVE = tuple(field.name for field in fields(DriveTerms))
 """Names of the terms of the drive."""
 
+LOOP_GAINS = tuple(field.name for field in fields(LoopTerms))
+"""Names of the gains of a servo's loop."""
+
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
     *("harmonic-balance", "weak-form", "output-error"),
@@ -241,7 +253,7 @@ _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
 )
 
 
-def _tenth(_speed: float, _rate: float) -> float:
+def _tenth(_torque: float, _speed: float, _rate: float) -> float:
     return 0.1
 
 
@@ -276,7 +288,7 @@ _ROWS = (
          describing=lambda _w, a, _m: coulomb_describing_function(a),
          looks_like="Coulomb friction", offered=frozenset({_ORBIT})),
     Term("delay", "delay", "s", "from recorded input to torque",
-         of_gain=True, size=lambda _speed, rate: 0.1 / rate),
+         of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate),
     Term("drag", "drag", "N m s²/rad²", "proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
@@ -312,7 +324,7 @@ _ROWS = (
          looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "v_s, by which most of that excess is lost",
-         lower=1e-3, size=lambda speed, _rate: 0.1 * speed,
+         lower=1e-3, size=lambda _torque, speed, _rate: 0.1 * speed,
          follows="stribeck", offered=frozenset({_OUTPUT})),
     Term("motor_friction", "motor friction", "–",
          "of a gear: growth of friction with the motor's torque",
@@ -361,8 +373,10 @@ _ROWS = (
          lower=0.0, state="deflection of the bristles"),
     Term("bristle_damping", "bristle damping", "N m s/rad", "LuGre: damping of the bristles",
          lower=0.0, state="deflection of the bristles"),
-    Term("back_emf", "back EMF", "N m s/rad", "share of p₂ that follows with the armature's lag",
-         lower=0.0, state="torque of the motor"),
+    Term("back_emf", "back EMF", "N m s/rad", "share of p₂ that follows with the armature's lag, "
+         "and is gone where a servo is off",
+         lower=0.0, state="torque of the motor",
+         size=lambda torque, speed, _rate: 0.1 * torque / speed, offered=frozenset({_OUTPUT})),
     Term("time_constant", "time constant", "s", "of the armature, L/R",
          lower=0.0, state="torque of the motor"),
     Term("dead_zone", "dead zone", "unit",
@@ -374,6 +388,12 @@ _ROWS = (
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
          looks_like="a drive that saturates",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+    Term("loop_kp", "loop P gain", "–", "proportional gain of the servo's loop, over the told one",
+         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+    Term("loop_ki", "loop I gain", "–", "integral gain of the servo's loop, over the told one",
+         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+    Term("loop_kd", "loop D gain", "–", "derivative gain of the servo's loop, over the told one",
+         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
 )
 # fmt: on
 
@@ -388,6 +408,7 @@ TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in the order in which they are printed."""
 
 COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
+COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["stribeck"])
 """What comes with a term, by the term's name."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}

@@ -253,6 +253,17 @@ def _scatter(*findings: Finding) -> str:
     return f"Scatter from log to log: {'; '.join(sizes)}."
 
 
+_ONE_LOAD = "With one load, {} friction and Coulomb friction are one number: add a run with another"
+_MORE_RUNS = {
+    "load_friction": f"{_ONE_LOAD.format('load')} mass.",
+    "motor_friction": f"{_ONE_LOAD.format('motor')} mass or command.",
+    "bias": "In one direction, bias and Coulomb friction are one number: add a run the other way.",
+    "stribeck": "At one speed, Stribeck and Coulomb friction are one number: add a slower run.",
+    "drag": "At one speed, drag and viscous friction are one number: add a faster run.",
+}
+"""What would tell a term from others."""
+
+
 def _percent(share: float) -> str:
     """Return a share in per cent, with two digits."""
     return f"{float(f'{100 * share:.2g}'):g} %"
@@ -341,8 +352,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.NOT_HELPING: (
         "Not fitted, since {names} did not help to predict logs that were left out."
     ),
-    FindingKind.INSEPARABLE: (
-        "Not fitted, since these data cannot tell {names} from the other terms."
+    FindingKind.INSEPARABLE: lambda finding, _: " ".join(
+        [
+            f"Not fitted, since these data cannot tell {', '.join(finding.parameters)} from the "
+            "other terms.",
+            *(_MORE_RUNS[name] for name in _MORE_RUNS if name in finding.parameters),
+        ]
     ),
     FindingKind.SEARCH_STOPPED: lambda finding, _: stopped_text(
         _number(finding), finding.parameters

@@ -19,6 +19,9 @@ supply that sags with the current. The laws (`tests.independent.servos` makes SI
 - ``feetech-sts``: duty = 0.166 P e within 0.97, less damping, a dead zone in counts (Rhoban/bam
   bam/feetech/actuator.py, by oscilloscope; memory table 21-27; what its D is worth is not
   published).
+
+How a Dynamixel and a Feetech find a rate is not published either: a filtered difference here.
+
 - ``odrive``: vel = clip(pos_gain e), torque = vel_gain (vel - rate) + integral, whose integral
   decays by 1 % a tick while clipped; a PLL of 1000 rad/s reads the encoder
   (odriverobotics/ODrive f9b5419 Firmware/MotorControl/controller.cpp, encoder.cpp).
@@ -39,6 +42,7 @@ PID, DAMPED, CASCADE, VELOCITY = range(4)
 """What firmware does: D of the error, D of the rate, a speed asked for, or a speed followed."""
 
 _HALVINGS = 50  # of a step, to find where the velocity vanishes
+_SHARE = 0.3  # of a new difference in a filtered one
 _DECAY = 0.99  # of a cascade's integral in a tick, while clipped
 
 
@@ -73,8 +77,7 @@ class Firmware(NamedTuple):
     delay: float  # s, from the host's write to the firmware
     count: float  # rad, of the encoder
     zero: float  # rad, that the encoder reads at angle 0
-    bandwidth: float  # rad/s, of the PLL that makes a rate
-    filtered: bool  # whether the law's angle comes from that PLL, too
+    bandwidth: float  # rad/s, of the PLL that makes rate and angle; 0: a filtered difference
     supply: float  # V; 0 where the output is a torque
     sag: float  # V per unit of duty and N m
 
@@ -146,12 +149,13 @@ def _supply(servo, firmware, duty, v):
 
 @numba.njit(cache=True)
 def _output(firmware, goal, reading, on, memory):
-    """Return the duty or torque of a look; ``memory``: integral, last error, PLL, started."""
-    _pll(firmware, reading, memory)
+    """Return the duty or torque of a look; ``memory``: integral, last error, angle and rate
+    as seen, started."""
+    _look(firmware, reading, memory)
     if not on:
         memory[0] = memory[4] = 0.0
         return 0.0
-    rate, seen = memory[3], memory[2] if firmware.filtered else reading
+    rate, seen = memory[3], memory[2]
     error = goal - (rate if firmware.law == VELOCITY else seen)
     change = error - memory[1] if memory[4] > 0.0 else 0.0
     memory[1], memory[4] = error, 1.0
@@ -176,8 +180,12 @@ def _output(firmware, goal, reading, on, memory):
 
 
 @numba.njit(cache=True)
-def _pll(firmware, reading, memory):
-    """Follow the readings by a critically damped loop of second order."""
+def _look(firmware, reading, memory):
+    """Follow the readings by a critically damped loop of second order, or as they are."""
+    if firmware.bandwidth == 0.0:
+        slope = (reading - memory[2]) / firmware.period
+        memory[2], memory[3] = reading, memory[3] + _SHARE * (slope - memory[3])
+        return
     memory[2] += firmware.period * memory[3]
     gap = reading - memory[2]
     memory[2] += 2.0 * firmware.bandwidth * firmware.period * gap

@@ -211,7 +211,7 @@ def _drawn(rng, law, number, seed):
         "delay": firmware.delay,
         "back_emf": servo.back_emf,
         "stribeck": servo.excess,
-        "stribeck_velocity": servo.excess_velocity,
+        **({"stribeck_velocity": servo.excess_velocity} if servo.excess else {}),
         "motor_friction": servo.motor_friction,
         "load_friction": servo.load_friction,
     }
@@ -289,7 +289,7 @@ def _loop(rng, rule, servo, strength, volts):
     counts = 4096 if not fine else 2 ** int(rng.integers(14, 17))
     period = {"odrive": 1 / 8000, "moteus": 1 / 30000}.get(rule.law, 1e-3)
     if rule.law == "feetech-sts":
-        period = float(rng.choice([1e-3, 2e-3, 3e-3]))
+        period = float(rng.choice([1e-3, 2e-3]))
     count = 2 * math.pi / counts
     firmware = Firmware(
         law=rule.kind,
@@ -301,12 +301,11 @@ def _loop(rng, rule, servo, strength, volts):
         dead_zone=count if rule.law == "feetech-sts" else 0.0,
         period=period,
         phase=float(rng.uniform(0.0, period)),
-        late=float(rng.uniform(0.0, 0.9) * period),
+        late=float(rng.uniform(0.0, 0.5) * period),
         delay=float(rng.uniform(0.0, 6e-3)),
         count=count,
         zero=float(rng.uniform(-0.3, 0.3)),
-        bandwidth={"odrive": 1000.0, "moteus": 2 * math.pi * 400}.get(rule.law, 100.0),
-        filtered=fine,
+        bandwidth={"odrive": 1000.0, "moteus": 2 * math.pi * 400}.get(rule.law, 0.0),
         supply=volts,
         sag=float(rng.uniform(0.0, 0.12) * volts / strength),
     )

@@ -42,8 +42,7 @@ FIRMWARE = Firmware(
     delay=0.0,
     count=2 * math.pi / 4096,
     zero=0.1,
-    bandwidth=100.0,
-    filtered=False,
+    bandwidth=0.0,
     supply=7.4,
     sag=0.0,
 )

@@ -147,7 +147,11 @@ logs:
         ("omega", "omgea", "logs.0.omgea: got an unknown key; expected 'omega'"),
         ("0.05", "-0.05", "logs.0.added_mass: got -0.05; expected greater than or equal to 0"),
         ("omega: 5", "omega: fast", "logs.0.omega: got 'fast'"),
-        ("torque", "force", "input: got 'force'; expected 'voltage', 'torque' or 'none'"),
+        (
+            "torque",
+            "force",
+            "input: got 'force'; expected 'voltage', 'torque', 'current', 'duty', 'setpoint'",
+        ),
         ("input: torque\n", "", "input: got nothing"),
         ("name: a", "name: [a", "line 2: got expected"),
         ("arm: 0.1", "arm: 0.1\nunits: {angle: dge}", "units.angle: got dge; expected one of rad"),

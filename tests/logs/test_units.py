@@ -20,6 +20,10 @@ WRITTEN = {  # SI brochure, 9th edition: prefixes (table 7) and units outside th
     "angle": {"rad": 1, "mrad": 0.001, "deg": DEGREE, "mdeg": DEGREE / 1000}
     | {"arcmin": DEGREE / 60, "arcsec": DEGREE / 3600, "gon": TURN / 400, "turns": TURN, **LENGTHS},
     "velocity": {**RATES, "turns/s": TURN, "m/s": 1, "mm/s": 0.001},
+    "setpoint": {"rad": 1, "mrad": 0.001, "deg": DEGREE, "mdeg": DEGREE / 1000}
+    | {"arcmin": DEGREE / 60, "arcsec": DEGREE / 3600, "gon": TURN / 400, "turns": TURN, **LENGTHS}
+    | {**RATES, "turns/s": TURN, "m/s": 1, "mm/s": 0.001},
+    "supply": {"V": 1, "mV": 0.001, "uV": 0.000001, "kV": 1000, "MV": 1e6},
     "omega": {**RATES, "turns/s": TURN, "Hz": TURN},
     "mass": {"kg": 1, "g": 0.001},
     "arm": LENGTHS,

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
@@ -160,3 +161,56 @@ def test_a_clutch_lets_the_hand_lag_behind_its_shaft_by_the_play_at_most():
         for each in (hardly, rigid):
             each.advance(0.01, 0.01)
     assert hardly.angle == pytest.approx(rigid.angle, abs=2e-3)
+
+
+GEAR = {"coulomb": 4e-4, "stribeck": 3e-4, "stribeck_velocity": 0.3, "viscous": 1e-4}
+GEAR |= {"motor_friction": 0.15, "load_friction": 0.1, "motor_stribeck": 0.1}
+GEAR |= {"load_stribeck": 0.08, "lifting_stribeck": 1.5, "lowering_stribeck": 1.0}
+
+
+@pytest.mark.parametrize("inductance", [0.0, 0.01])
+def test_friction_that_grows_with_torque_is_mujoco_s_as_its_steps_shrink(inductance):
+    geared = robot(replace(MOTOR, inductance=inductance), **GEAR)
+    wanted = _steps(GreyBoxJoint(geared, ADDED, angle=0.3), 1e-3)
+    errors = [
+        np.abs(_steps(MujocoJoint(geared, ADDED, angle=0.3), step) - wanted).max()
+        for step in (1e-3, 1e-4)
+    ]
+    assert errors[1] < min(2e-3, 0.5 * errors[0])
+    assert np.ptp(wanted) > 0.5
+
+
+def _steps(joint, step):
+    """Angles in 1 s of a swing that the motor drives, and is driven by."""
+    joint.reset()
+    angles = []
+    for k in range(100):
+        for _ in range(round(0.01 / step)):
+            joint.advance(1.5 * math.sin(0.08 * k), step)
+        angles.append(joint.angle)
+    return np.array(angles)
+
+
+def _net(motor, load, moving):
+    """What friction leaves of both torques, as BAM's M6 has it (arXiv 2410.08650)."""
+    e = math.exp(-((moving / GEAR["stribeck_velocity"]) ** 2))
+    budget = GEAR["coulomb"] + abs(GEAR["motor_friction"] * motor - GEAR["load_friction"] * load)
+    budget += e * GEAR["stribeck"]
+    budget += e * abs(GEAR["motor_stribeck"] * motor - GEAR["load_stribeck"] * load)
+    if motor * load < 0:
+        drives = abs(motor) > abs(load)
+        budget += e * (GEAR["lifting_stribeck"] * load**2 if drives else motor**2)
+    return motor + load - math.copysign(budget, moving)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("load", [-0.02, 0.02])
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_steady_torque_moves_a_gear_from_where_friction_of_motor_and_load_is_overcome(
+    joint, load, way
+):
+    edge = brentq(lambda motor: way * _net(motor, load, 1e-9 * way), -load, way * 0.1)
+    for share, moves in ((0.98, False), (1.02, True)):
+        pushed = joint(robot(UNIT, BALANCED, **GEAR, bias=load))
+        pushed.advance(-load + share * (edge + load), 1.0)
+        assert (way * pushed.angle > 1e-2) == moves

@@ -239,7 +239,7 @@ class HarmonicBalanceFit:
         if "stribeck" in names:  # what its velocity is off by would look like a spring
             names = (*names, "spring")
         every = candidates(RARER, self.phasors.masses, self.phasors.known)
-        tried = tuple(name for name in every if name not in names)
+        tried = tuple(n for n in every if TERMS[n].describing and n not in names)
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
         return lacking_term(nested.equations, tried, conditions)
 

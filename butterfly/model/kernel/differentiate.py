@@ -6,6 +6,7 @@ import numpy as np
 
 from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.kernel.equation import (
+    BACK_EMF,
     BASIS,
     COGGING,
     DRIVES,
@@ -20,11 +21,19 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
-    carries_friction,
     least_steps,
     linearise,
 )
-from butterfly.model.kernel.events import LATE, break_loose, come_to_rest, end, reverse, states_of
+from butterfly.model.kernel.events import (
+    HELD,
+    LATE,
+    break_loose,
+    come_to_rest,
+    end,
+    reverse,
+    states_of,
+)
+from butterfly.model.kernel.loop import TORQUE, WIDTH, at, differentiate_torque, torque
 from butterfly.model.kernel.steps import (
     BEGIN,
     COUNT,
@@ -53,17 +62,24 @@ _MOST = 3 * MAX_REVERSALS + 4  # rows that one part of an interval may take
 
 
 @compiled
-def differentiate(time, drives, state, c, into, weights, values, column, initial, moved, rows):
+def differentiate(
+    time, drives, state, c, into, weights, values, column, initial, moved, rows, loop, without_drive
+):
     """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
     Interval k writes the sum ``into[k]``, unless that is negative. ``initial`` is (4, k)
-    derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays.
+    derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
+    ``loop`` of a servo, unless it is None, drives the joint in place of ``drives``, and in the
+    constants ``without_drive`` where it is off.
     """
+    memory, held, now = np.zeros(2), 0.0, c
+    kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
+    remembered = np.zeros((2, column.size))
     tape = np.zeros((_ROWS, TAPE_WIDTH))
     stages = np.zeros((4, 4, GAIN + 1))
     for i in range(4):
         stages[i, X, V] = 1.0
-    tangents = np.zeros((6, column.size))
+    tangents = np.zeros((7, column.size))
     for i in range(4):  # a slice would take two seconds to compile
         for j in range(column.size):
             tangents[i, j] = initial[i, j]
@@ -72,31 +88,47 @@ def differentiate(time, drives, state, c, into, weights, values, column, initial
         row, h = into[k], time[k + 1] - time[k]
         if row >= 0:
             values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
-        drive = (drives[k, 0], drives[k, 1], drives[k, 2])
-        count = least_steps(c, state[V], h)
+        if loop is None:
+            drive = (drives[k, 0], drives[k, 1], drives[k, 2])
+        else:
+            held = torque(k, state, loop, memory, held, kept)
+            kept[k, TORQUE] = held
+            drive, now = (held, held, held), at(k, loop, c, without_drive)
+        count = least_steps(now, state[V], h)
         if count == 0:
             state = LOST
         for part in range(count):
             tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
             own = drive if count == 1 else part_of(drive, part, count)
-            state = advance(state, own, h / count, c, tape, column)
+            state = advance(state, own, h / count, now, tape, column)
             if int(tape[0, COUNT]) > _ROWS - 1 - _MOST:
-                _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows)
+                _play(
+                    time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
+                    loop, without_drive, kept, initial, remembered,
+                )  # fmt: skip
         if row >= 0:
             values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
-    _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows)
+    _play(
+        time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
+        loop, without_drive, kept, initial, remembered,
+    )  # fmt: skip
     _close(time.size - 2, into, weights, tangents, rows)
 
 
 @inner
-def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows):
+def _play(
+    time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
+    loop, without_drive, kept, initial, remembered,
+):  # fmt: skip
     """Carry the derivatives over what the tape tells; then it is empty."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
-    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, carries_friction(c)
+    ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
         ripples |= COGGING <= k <= PERIODS
         carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK
-    current, latest = int(tape[0, CURRENT]), -1
+    current, latest, now, drive = int(tape[0, CURRENT]), -1, c, (0.0, 0.0, 0.0)
+    if loop is not None and current >= 0:
+        now, drive = at(current, loop, c, without_drive), _held_drive(current, kept)
     for row in range(1, int(tape[0, COUNT]) + 1):
         kind, begin, share = tape[row, KIND], tape[row, BEGIN], tape[row, SHARE]
         k, part, parts = int(tape[row, INTERVAL]), int(tape[row, PART]), int(tape[row, PARTS])
@@ -105,29 +137,65 @@ def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved,
             _close(current, into, weights, tangents, rows)
             _open(k, into, weights, tangents, rows)
             current, latest = k, -1
+            if loop is not None:
+                now, drive = at(k, loop, c, without_drive), _held_drive(k, kept)
+                differentiate_torque(
+                    k, loop, kept, tangents, column, initial, remembered, tangents[HELD]
+                )
         if part != latest:
             latest = part
             _begin_part(k, part, parts, tangents, moved, own)
         if kind in (STEP, REVERSAL):
-            _linearise_step(tape, row, c, ripples, carries, own, moved.shape[0], stages)
+            _linearise_step(tape, row, now, ripples, carries, own, moved.shape[0], stages)
+            if loop is not None:
+                _open_circuit(k, loop, stages)
             if states == 2:
                 carry_two(share * h, stages, tangents, column)
             else:
                 carry_all(share * h, states, stages, tangents, column)
+            if loop is not None:
+                _carry_held(states, now, stages, tangents)
         if kind == STEP and begin == 0.0:
             continue
-        drive = (drives[k, 0], drives[k, 1], drives[k, 2])
+        if loop is None:
+            drive = (drives[k, 0], drives[k, 1], drives[k, 2])
         if parts > 1:
             drive = part_of(drive, part, parts)
         if kind == STEP:
-            end(drive, begin, share, h, c, stages, tangents, column)
+            end(drive, begin, share, h, now, stages, tangents, column)
         elif kind == REVERSAL:
-            reverse(drive, begin, share, h, c, stages, tangents, column)
+            reverse(drive, begin, share, h, now, stages, tangents, column)
         elif kind == LOOSE:
-            break_loose(drive, tape, row, c, own, stages, tangents, column)
+            break_loose(drive, tape, row, now, own, stages, tangents, column)
         else:
-            come_to_rest(drive, begin, tape[row, STAGE + 1], h, c, own, tangents, column)
+            come_to_rest(drive, begin, tape[row, STAGE + 1], h, now, own, tangents, column)
     tape[0, COUNT], tape[0, CURRENT] = 0.0, current
+
+
+@inner
+def _held_drive(k, kept):
+    """Return the torque that is held during interval k as drives."""
+    return kept[k, TORQUE], kept[k, TORQUE], kept[k, TORQUE]
+
+
+@inner
+def _open_circuit(k, loop, stages):
+    """Let the back EMF be no matter where nothing drives."""
+    if loop.on[k] == 0.0:
+        for i in range(4):
+            stages[i, V, BASIS + BACK_EMF] = stages[i, M, BASIS + BACK_EMF] = 0.0
+
+
+@inner
+def _carry_held(states, c, stages, tangents):
+    """Add what the derivatives of the held torque do over a step."""
+    driven = M if c.lag > 0.0 else V
+    for r in range(states):
+        push = 0.0
+        for i in range(4):
+            push += stages[i, driven, GAIN] * stages[i, r, WEIGHT + driven]
+        for j in range(tangents.shape[1]):
+            tangents[r, j] += push * tangents[HELD, j]
 
 
 @inlined

@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import DRIVE
+from butterfly.model.terms import DRIVE, LOOP_GAINS
 
 State = tuple[float, float, float, float]
 """Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
@@ -44,6 +44,7 @@ class Constants(NamedTuple):
     load_stribeck: float
     lifting_stribeck: float
     lowering_stribeck: float
+    geared: float  # 1 with any of the last six
 
     @classmethod
     def of(cls, p: LumpedParameters) -> Constants:
@@ -63,7 +64,8 @@ class Constants(NamedTuple):
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-COLUMNS = {name: number for number, name in enumerate((*Constants._fields, "p4", "delay", *DRIVE))}
+THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_GAINS)
+COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 
 DRIVES = len(Constants._fields)
@@ -91,7 +93,7 @@ _ROUNDING = 1e-14
 _VANISHED = 6.0  # Stribeck velocities, at which exp(-36) is lost in rounding
 
 
-@compiled
+@inlined
 def rates(state, drive, sign, c):
     """Return the rates of velocity, motor torque and bristles, sliding in the direction sign."""
     x, v, motor, bend = state
@@ -127,9 +129,10 @@ def pull(x, c):
 @inner
 def friction_level(v, sign, motor, load, c):
     """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
-    level = c.coulomb + abs(c.motor_friction * motor - c.load_friction * load)
-    excess = stribeck_level(sign, motor, load, c)
-    return level if excess == 0.0 else level + excess * excess_at(v, c)
+    if c.geared != 0.0:
+        level = c.coulomb + abs(c.motor_friction * motor - c.load_friction * load)
+        return level + stribeck_level(sign, motor, load, c) * excess_at(v, c)
+    return c.coulomb if c.stribeck == 0.0 else c.coulomb + c.stribeck * excess_at(v, c)
 
 
 @inner
@@ -175,13 +178,6 @@ def slopes(sign, motor, load, c):
 
 
 @inner
-def carries_friction(c):
-    """Tell whether friction grows with the torque of motor or load."""
-    growth = max(c.motor_friction, c.load_friction, c.motor_stribeck, c.load_stribeck)
-    return max(growth, c.lifting_stribeck, c.lowering_stribeck) > 0.0
-
-
-@inner
 def holds_to(sign, load, c):
     """Torque of the motor in N m up to which friction holds a joint against sliding to ``sign``.
 
@@ -195,7 +191,7 @@ def holds_to(sign, load, c):
         if rise <= 0.0:
             return sign * math.inf
         motor += sign * lacking / rise
-        if lacking <= _ROUNDING * abs(motor) or not carries_friction(c):
+        if lacking <= _ROUNDING * abs(motor) or c.geared == 0.0:
             break
     return motor
 

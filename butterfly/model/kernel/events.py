@@ -27,9 +27,9 @@ from butterfly.model.kernel.equation import (
 )
 from butterfly.model.kernel.steps import BEGIN, SIGN, STAGE, drive_at, drive_slope
 
-LATE, BEFORE = 4, 5
-"""Rows of the derivatives after those of the states: of the instant at which a state is left, and
-of the motor's torque before a rest."""
+LATE, BEFORE, HELD = 4, 5, 6
+"""Rows of the derivatives after those of the states: of the instant at which a state is left, of
+the motor's torque before a rest, and of the torque that a servo's loop holds (0 without one)."""
 
 _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
@@ -113,7 +113,7 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
     keep = math.exp(-(1.0 - begin) * h / c.lag)
     for j in range(column.size):
         k, late, before = column[j], tangents[LATE, j], tangents[M, j]
-        target = slope * late
+        target = slope * late + tangents[HELD, j]
         if k >= DRIVES:
             q = k - DRIVES
             target += drive_at((own[q, 0], own[q, 1], own[q, 2]), middle)

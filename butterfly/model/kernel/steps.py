@@ -20,13 +20,13 @@ from butterfly.model.kernel.equation import (
     V,
     X,
     Z,
-    carries_friction,
     excess_at,
     holds_to,
     least_steps,
     pull,
     rates,
 )
+from butterfly.model.kernel.loop import at, torque
 
 STEP, REVERSAL, REST, LOOSE = 0.0, 1.0, 2.0, 3.0
 KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
@@ -60,6 +60,21 @@ def integrate(time, drives, state, c):
     return angle, velocity
 
 
+@compiled
+def integrate_loop(time, state, c, without_drive, loop):
+    """Return (n,) angles and velocities of a joint in its servo's loop."""
+    n = time.size
+    angle, velocity = np.empty(n), np.empty(n)
+    angle[0], velocity[0] = state[X], state[V]
+    memory, held = np.zeros(2), 0.0
+    for k in range(n - 1):
+        held = torque(k, state, loop, memory, held, None)
+        now = at(k, loop, c, without_drive)
+        state = interval(state, (held, held, held), time[k + 1] - time[k], now)
+        angle[k + 1], velocity[k + 1] = state[X], state[V]
+    return angle, velocity
+
+
 @inner
 def interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
@@ -76,7 +91,7 @@ def interval(state, drives, h, c):
 @inner
 def advance(state, drives, h, c, tape, column):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
-    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and not carries_friction(c)
+    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
     if (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0:
         after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
         if tape is not None:

@@ -24,6 +24,7 @@ MISSING = {
     "stribeck": {"stribeck": 6e-4, "stribeck_velocity": 0.4},
     "p3_offset": {"p3_offset": 1e-3},
     "load": {"load": 5e-4},
+    "load_friction": {"load_friction": 0.05},
     "bias": {"bias": 1e-3},
 }
 

@@ -1,0 +1,211 @@
+"""The loop of a servo inside the simulation: what its firmware commands, and the derivatives.
+
+The firmware looks at the joint at its own clock and holds what it commands until it looks again:
+saturation, dead band and switching off happen at instants that no parameter moves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.compiled import compiled, inner
+from butterfly.model.kernel.equation import COLUMNS, V, X
+
+PID, CASCADE, SPEED, RECORDED = 0.0, 1.0, 2.0, 3.0
+"""How the output is made: of the angle's error, of a speed that this asks for, of the speed's; or
+it is the set-point itself."""
+
+INTEGRAL, OUTPUT = 0, 1
+"""What the firmware remembers: of the error over time, and its last output."""
+
+BY_SETPOINT, BY_ANGLE, BY_VELOCITY, BY_INTEGRAL, BY_LAST, BY_P, BY_I, BY_D = range(8)
+SLOPE, BY_SPEED, DELIVERED, BY_DEAD_ZONE, BY_COMPRESSION = range(8, 13)
+GATE, RISE_BY_SETPOINT, RISE_BY_ANGLE, RISE_BY_VELOCITY, RISE_BY_P = range(13, 18)
+TORQUE = 18
+WIDTH = 19
+"""Columns of what is kept of each interval: derivatives of the output, what becomes of it on its
+way to the joint, derivatives of what the integral gains, and the torque that is held."""
+
+_P4, _DELAY, _DEAD_ZONE, _COMPRESSION = (
+    COLUMNS[name] for name in ("p4", "delay", "dead_zone", "compression")
+)
+_LOOP_P, _LOOP_I, _LOOP_D = (COLUMNS[name] for name in ("loop_kp", "loop_ki", "loop_kd"))
+
+
+class Loop(NamedTuple):
+    """All numbers of a loop: in units of its output, per rad, rad s and rad/s."""
+
+    structure: float
+    kp: float  # as simulated,
+    ki: float
+    kd: float
+    told_kp: float  # and as told
+    told_ki: float
+    told_kd: float
+    limit: float  # of the output
+    speed_limit: float  # in rad/s, of a cascade
+    dead_band: float  # of the error
+    slew: float  # most change of the output from update to update
+    period: float  # in s, of the updates
+    every: int  # intervals of the grid in one
+    lead: float  # in s, by which the held output stands for one of a faster clock
+    emf: float  # V per rad/s,
+    drop: float  # and V, the most that the current's limit allows over the resistance
+    zero: float  # the encoder's, in rad
+    p4: float
+    dead_zone: float
+    compression: float
+    setpoint: Samples  # (n - 1,) mean over each interval, delayed
+    late: Samples  # (n - 1,) its derivative by the delay
+    supply: Samples  # (n - 1,) by which the output is multiplied
+    on: Samples  # (n - 1,) whether the joint is driven
+
+
+@inner
+def at(k, loop, c, without_drive):
+    """Return the constants of interval k."""
+    return c if loop.on[k] > 0.0 else without_drive
+
+
+@inner
+def torque(k, state, loop, memory, held, kept):
+    """Return the torque of the drive in N m during interval k, before which it was ``held``.
+
+    Keeps in ``kept``, unless that is None, what the derivatives need.
+    """
+    if loop.on[k] == 0.0:
+        memory[INTEGRAL] = memory[OUTPUT] = 0.0
+        return 0.0
+    if k % loop.every != 0:
+        return held
+    ahead, v, z = state[X] + loop.lead * state[V] + loop.zero, state[V], memory[INTEGRAL]
+    error = loop.setpoint[k]
+    if loop.structure != RECORDED:
+        error -= v if loop.structure == SPEED else ahead
+    seen = 1.0 if abs(error) > loop.dead_band else 0.0
+    error -= max(-loop.dead_band, min(loop.dead_band, error))
+    rise, steep, damping, of_p = error, loop.kp, loop.kd, 1.0
+    if loop.structure == CASCADE:
+        wanted = max(-loop.speed_limit, min(loop.speed_limit, loop.kp * error))
+        of_p = 1.0 if wanted == loop.kp * error else 0.0
+        rise, steep, damping = wanted - v, loop.kd, 0.0
+    raw = steep * rise + loop.ki * z - damping * v
+    output = max(-loop.limit, min(loop.limit, raw))
+    free = 1.0 if output == raw else 0.0
+    gate = loop.period if free > 0.0 or rise * raw <= 0.0 else 0.0
+    last = memory[OUTPUT]
+    slow = max(last - loop.slew, min(last + loop.slew, output))
+    of_last, free = (0.0, free) if slow == output else (1.0, 0.0)
+    memory[OUTPUT], memory[INTEGRAL] = slow, z + gate * rise
+    supplied = slow * loop.supply[k]
+    command = max(loop.emf * v - loop.drop, min(loop.emf * v + loop.drop, supplied))
+    past = command - max(-loop.dead_zone, min(loop.dead_zone, command))
+    weaker = 1.0 / (1.0 + loop.compression * abs(past))
+    delivered = past * weaker
+    if kept is not None:
+        slope = weaker * weaker if past != 0.0 or loop.dead_zone == 0.0 else 0.0
+        limited = 0.0 if command == supplied else 1.0
+        kept[k, SLOPE] = (1.0 - limited) * slope * loop.supply[k]
+        kept[k, BY_SPEED], kept[k, DELIVERED] = limited * slope * loop.emf, delivered
+        kept[k, BY_DEAD_ZONE] = -np.sign(past) * weaker * weaker
+        kept[k, BY_COMPRESSION] = -past * abs(past) * weaker * weaker
+        _rise(k, seen, of_p, error, loop, kept)
+        kept[k, GATE] = gate
+        for of_output, of_rise in (
+            (BY_SETPOINT, RISE_BY_SETPOINT),
+            (BY_ANGLE, RISE_BY_ANGLE),
+            (BY_VELOCITY, RISE_BY_VELOCITY),
+            (BY_P, RISE_BY_P),
+        ):
+            kept[k, of_output] = free * steep * kept[k, of_rise]
+        kept[k, BY_VELOCITY] -= free * damping
+        kept[k, BY_INTEGRAL], kept[k, BY_LAST] = free * loop.ki, of_last
+        kept[k, BY_I] = free * loop.told_ki * z
+        if loop.structure == CASCADE:
+            kept[k, BY_D] = free * loop.told_kd * rise
+        else:
+            kept[k, BY_P], kept[k, BY_D] = free * loop.told_kp * rise, -free * loop.told_kd * v
+    return loop.p4 * delivered
+
+
+@inner
+def _rise(k, seen, of_p, error, loop, kept):
+    """Keep the derivatives of what the integral gains of interval k."""
+    by_setpoint, by_angle, by_velocity, by_p = seen, -seen, -seen * loop.lead, 0.0
+    if loop.structure >= SPEED:
+        by_angle, by_velocity = 0.0, -seen if loop.structure == SPEED else 0.0
+    if loop.structure == CASCADE:
+        share = of_p * loop.kp
+        by_setpoint, by_angle, by_velocity = share * by_setpoint, share * by_angle, -1.0
+        by_velocity -= share * seen * loop.lead
+        by_p = of_p * loop.told_kp * error
+    kept[k, RISE_BY_SETPOINT], kept[k, RISE_BY_ANGLE] = by_setpoint, by_angle
+    kept[k, RISE_BY_VELOCITY], kept[k, RISE_BY_P] = by_velocity, by_p
+
+
+@inner
+def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, held):
+    """Write the (k,) derivatives of the ``held`` torque of interval k, at whose start states are.
+
+    ``remembered`` is (2, k): those of what the firmware remembers.
+    """
+    if loop.on[k] == 0.0:
+        for j in range(column.size):
+            held[j] = remembered[INTEGRAL, j] = remembered[OUTPUT, j] = 0.0
+        return
+    if k % loop.every != 0:
+        return
+    for j in range(column.size):
+        number, x, v = column[j], tangents[X, j], tangents[V, j]
+        setpoint = 0.0
+        if number == _DELAY:
+            setpoint = loop.late[k] / loop.p4
+        elif number < 0 and initial[X, j] < 0.0 and loop.structure < SPEED:
+            setpoint = -1.0  # the encoder's zero
+        output = kept[k, BY_SETPOINT] * setpoint + kept[k, BY_ANGLE] * x + kept[k, BY_VELOCITY] * v
+        output += kept[k, BY_INTEGRAL] * remembered[INTEGRAL, j]
+        output += kept[k, BY_LAST] * remembered[OUTPUT, j]
+        rise = kept[k, RISE_BY_SETPOINT] * setpoint
+        rise += kept[k, RISE_BY_ANGLE] * x + kept[k, RISE_BY_VELOCITY] * v
+        direct = 0.0
+        if number == _LOOP_P:
+            output += kept[k, BY_P]
+            rise += kept[k, RISE_BY_P]
+        elif number == _LOOP_I:
+            output += kept[k, BY_I]
+        elif number == _LOOP_D:
+            output += kept[k, BY_D]
+        elif number == _P4:
+            direct = kept[k, DELIVERED]
+        elif number == _DEAD_ZONE:
+            direct = kept[k, BY_DEAD_ZONE]
+        elif number == _COMPRESSION:
+            direct = kept[k, BY_COMPRESSION]
+        remembered[INTEGRAL, j] += kept[k, GATE] * rise
+        remembered[OUTPUT, j] = output
+        held[j] = direct + loop.p4 * (kept[k, SLOPE] * output + kept[k, BY_SPEED] * v)
+
+
+@compiled
+def outputs(angle, velocity, loop):
+    """Return (n,) outputs of the firmware at samples of the joint, times the supply."""
+    memory, found = np.zeros(2), np.empty(angle.size)
+    held = 0.0
+    for k in range(angle.size):
+        held = found[k] = torque(k, (angle[k], velocity[k], 0.0, 0.0), loop, memory, held, None)
+    return found
+
+
+@compiled
+def slewed(setpoint, late, most):
+    """Return (n,) set-points that change by no more from one to the next, and their derivatives."""
+    reached, by_delay = setpoint.copy(), late.copy()
+    for k in range(1, setpoint.size):
+        step = setpoint[k] - reached[k - 1]
+        if abs(step) > most:
+            reached[k] = reached[k - 1] + np.sign(step) * most
+            by_delay[k] = by_delay[k - 1]
+    return reached, by_delay

@@ -1,0 +1,253 @@
+"""The loops of servos: a table of laws by which firmware follows a set-point.
+
+A law makes an output of set-point r, angle th and velocity, with gains in the units that its
+makers use; the table holds what one unit of each gain is worth.
+
+    pid      output = kp e + ki int e dt - kd thd,               e = r - th
+    cascade  output = kd f + ki int f dt,     f = clip(kp e, speed limit) - thd
+    speed    output = kp f + ki int f dt,                        f = r - thd
+
+The output is clipped, and its integral waits meanwhile where it would only grow. The firmware looks
+at the joint at its clock, and holds its output in between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import Any
+
+from butterfly.errors import InputError, nearest
+from butterfly.model.prior import Known, known_of
+
+_SLOWEST = 5e-4  # s, between two updates of a simulated loop whose own clock is faster
+
+
+class Output(StrEnum):
+    """What a law makes, and what the drive is then told."""
+
+    DUTY = "duty"
+    VOLTAGE = "voltage"
+    CURRENT = "current"
+    TORQUE = "torque"
+
+
+class LawStructure(StrEnum):
+    """How a law makes it."""
+
+    PID = "pid"
+    CASCADE = "cascade"
+    SPEED = "speed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """A row of the table: what firmware does with its gains."""
+
+    structure: LawStructure
+    output: Output
+    kp: float = 1.0  # worth of one unit of each gain
+    ki: float = 1.0
+    kd: float = 1.0
+    limit: float = math.inf  # of the output
+    clock: float = 1e-3  # s
+    source: str = ""
+
+
+_COUNTS = 4096 / (2 * math.pi)  # of an encoder, per rad
+_TURN = 1 / (2 * math.pi)  # of the joint, per rad
+_RATE = 60 / (2 * math.pi * 0.229)  # units of velocity of a Dynamixel, per rad/s
+_FULL = 885  # what a Dynamixel calls all of its supply
+
+# fmt: off
+_MAKERS = {
+    "dynamixel-x": Law(
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
+        kp=_COUNTS / (128 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
+        source="ROBOTIS e-Manual, X series, Position PID Gain(80, 82, 84); sums at 1 kHz assumed"),
+    "dynamixel-xl330": Law(
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
+        kp=_COUNTS / (256 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
+        source="as dynamixel-x, with the divisor 256 that Rhoban/bam measured of its P gain"),
+    "dynamixel-x-velocity": Law(
+        structure=LawStructure.SPEED, output=Output.DUTY, limit=1.0,
+        kp=_RATE / (128 * _FULL), ki=_RATE / (65.536 * _FULL),
+        source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
+    "feetech-sts": Law(
+        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
+        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; D's worth nobody publishes, here "
+               "s/rad"),
+    "odrive": Law(
+        structure=LawStructure.CASCADE, output=Output.TORQUE, ki=_TURN, kd=_TURN, clock=1 / 8000,
+        source="odriverobotics/ODrive f9b5419, Controller::update; kp pos_gain, kd vel_gain, "
+               "ki vel_integrator_gain"),
+    "odrive-velocity": Law(
+        structure=LawStructure.SPEED, output=Output.TORQUE, kp=_TURN, ki=_TURN, clock=1 / 8000,
+        source="the same without pos_gain; kp vel_gain, ki vel_integrator_gain"),
+    "moteus": Law(
+        structure=LawStructure.PID, output=Output.TORQUE, kp=_TURN, ki=_TURN, kd=_TURN,
+        clock=1 / 30000, source="mjbots/moteus db1a762, PID::Apply"),
+}
+# fmt: on
+
+LAWS = _MAKERS | {
+    f"{structure}-{output}": Law(
+        structure=structure, output=output, limit=1.0 if output is Output.DUTY else math.inf
+    )
+    for structure in LawStructure
+    for output in Output
+}
+"""The laws by name: those of makers, and those of SI units, by structure and output."""
+
+_GAINS = ("kp", "ki", "kd")
+_NONE = Known(value=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoLoop:
+    """The loop that drives a joint.
+
+    Parameters
+    ----------
+    law
+        Of `LAWS`.
+    kp, ki, kd
+        Gains in the units of the law; with an uncertainty (``.inf``: a first guess) they are
+        identified, as factors on what is told here.
+    limit
+        Of the output: duty as a share of 1, V, A or N m; the law's own if not given.
+    speed_limit
+        In rad/s (m/s of a slide): of a cascade; of the set-point that a PID law follows.
+    dead_band
+        Of the error, in rad (rad/s of a law of speed), that is taken from it.
+    slew
+        Most change of the output in a second.
+    clock
+        In s, from one look at the joint to the next; the law's own if not given.
+    supply
+        Of a duty, in V, where no column says it. Without any the drive is told the duty itself.
+    current_limit, resistance, back_emf_constant, torque_constant
+        In A, Ohm, V s/rad and N m/A, all of the joint: what limits the current of a law of duty or
+        voltage, and, with ``supply``, the output of a law of current or torque.
+    """
+
+    law: str
+    kp: Known = _NONE
+    ki: Known = _NONE
+    kd: Known = _NONE
+    limit: float | None = None
+    speed_limit: float = math.inf
+    dead_band: float = 0.0
+    slew: float = math.inf
+    clock: float | None = None
+    supply: float | None = None
+    current_limit: float = math.inf
+    resistance: float = 0.0
+    back_emf_constant: float = 0.0
+    torque_constant: float = 1.0
+
+    @classmethod
+    def of(
+        cls, given: Mapping[str, Any], source: object = "loop", *, whole: bool = True
+    ) -> ServoLoop:
+        """Read what a manifest says of a loop; InputError of what it cannot be.
+
+        One that is not ``whole`` leaves gains to single logs.
+        """
+        if not isinstance(given, Mapping) or "law" not in given:
+            raise InputError(str(source), "loop", given, "a mapping such as {law: pid-duty, kp: 2}")
+        known = {field.name for field in fields(cls)}
+        values = dict(given)
+        for name, value in given.items():
+            if name not in known:
+                expected = nearest(name, known)
+                raise InputError(str(source), f"loop.{name}", "an unknown name", expected)
+            if name in _GAINS:
+                values[name] = known_of(value, source, f"loop.{name}")
+        loop = cls(**values)
+        loop._require_possible(str(source))
+        needed = "kd" if loop.rule.structure is LawStructure.CASCADE else "kp"
+        if whole and not getattr(loop, needed).value:
+            raise InputError(str(source), f"loop.{needed}", "nothing", "the gain of the loop")
+        return loop
+
+    def _require_possible(self, source: str) -> None:
+        """Raise InputError for a law that is none, and for what is below 0."""
+        if self.law not in LAWS:
+            raise InputError(source, "loop.law", self.law, nearest(str(self.law), LAWS))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "law" or value is None or isinstance(value, Known):
+                continue
+            if not (isinstance(value, int | float) and value >= 0):
+                raise InputError(source, f"loop.{field.name}", value, "a number, 0 or more")
+        if self.clock == 0:
+            raise InputError(source, "loop.clock", 0, "more than 0 s")
+        if math.isfinite(self.current_limit) and not self.resistance:
+            expected = "resistance, and back_emf_constant, by which a current is limited"
+            raise InputError(source, "loop.current_limit", self.current_limit, expected)
+
+    @property
+    def rule(self) -> Law:
+        """The row of the table."""
+        return LAWS[self.law]
+
+    @property
+    def of_speed(self) -> bool:
+        """Whether its set-point is a velocity."""
+        return self.rule.structure is LawStructure.SPEED
+
+    @property
+    def period(self) -> float:
+        """Clock of the firmware in s."""
+        return self.rule.clock if self.clock is None else self.clock
+
+    @property
+    def uncertain(self) -> dict[str, Known]:
+        """What is known of gains that are to be identified, as factors on what is told."""
+        found = {}
+        for name in _GAINS:
+            gain = getattr(self, name)
+            if gain.uncertainty:
+                found[f"loop_{name}"] = Known(value=1.0, uncertainty=gain.uncertainty / gain.value)
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was told, for manifests."""
+        told = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            name: {"value": each.value, "uncertainty": each.uncertainty}
+            if isinstance(each, Known) and each.uncertainty
+            else (each.value if isinstance(each, Known) else each)
+            for name, each in told.items()
+            if each != type(self).__dataclass_fields__[name].default
+        }
+
+    @property
+    def told(self) -> tuple[float, float, float]:
+        """Gains kp, ki and kd in SI units."""
+        kp, ki, kd = (getattr(self.rule, name) * getattr(self, name).value for name in _GAINS)
+        return kp, ki, kd
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """What the command may differ by from a share of the speed, and this share."""
+        amperes = {Output.CURRENT: 1.0, Output.TORQUE: self.torque_constant}
+        if self.rule.output not in amperes:
+            if not math.isfinite(self.current_limit):
+                return 0.0, math.inf
+            return self.back_emf_constant, self.current_limit * self.resistance
+        if not self.resistance or self.supply is None:
+            return 0.0, math.inf
+        worth = amperes[self.rule.output] / self.resistance
+        return -self.back_emf_constant * worth, self.supply * worth
+
+    def updates(self, longest: float) -> tuple[float, int]:
+        """Return the step of a simulation's grid in s, and how many steps are one update."""
+        period = self.period
+        if period < _SLOWEST:
+            period *= max(1, int(_SLOWEST / period))
+        every = max(1, math.ceil(period / longest))
+        return period / every, every

@@ -1,0 +1,157 @@
+"""Servos in their loops, against differences, another integrator and their laws in formulas."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from butterfly.errors import InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators.output_error import OutputError
+from butterfly.identification.servo_drive import driven
+from butterfly.identification.simulation import Simulation
+from butterfly.logs.log import InputKind, Log
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Known, Prior
+from butterfly.model.servo import LAWS, Output, ServoLoop
+
+TIME = np.arange(0.0, 1.2, 0.004) + np.random.default_rng(0).uniform(0, 5e-4, 300)
+GOAL = 0.8 * np.sin(2 * TIME + TIME**2) + np.where(TIME > 0.5, 0.4, 0.0)
+ENABLED = np.where((TIME > 0.8) & (TIME < 0.95), 0.0, 1.0)
+JOINT = LumpedParameters(
+    p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.02, stribeck=0.01, motor_friction=0.15,
+    load_friction=0.1, delay=0.0045, dead_zone=0.02, compression=0.02, back_emf=0.01,
+)  # fmt: skip
+OF_OUTPUT = {Output.CURRENT: 0.4, Output.TORQUE: 1.0}
+LOOPS = {
+    "dynamixel-xl330": {"kp": 400, "ki": 2000, "kd": 40},
+    "dynamixel-x": {"kp": 300, "dead_band": 0.01},
+    "dynamixel-x-velocity": {"kp": 800, "ki": 600},
+    "feetech-sts": {"kp": 16, "speed_limit": 1.5},
+    "odrive": {"kp": 20, "kd": 0.5, "ki": 2.0, "speed_limit": 6.0, "limit": 0.4},
+    "odrive-velocity": {"kp": 0.5, "ki": 2, "limit": 0.4},
+    "moteus": {"kp": 8, "kd": 0.3, "ki": 10, "limit": 0.5},
+    "pid-current": {"kp": 4, "kd": 0.1, "limit": 2, "slew": 19, "resistance": 3}
+    | {"back_emf_constant": 0.3},
+    "pid-voltage": {"kp": 20, "current_limit": 1, "resistance": 3, "back_emf_constant": 0.3}
+    | {"clock": 0.012},
+}
+
+
+def _log(law, **more):
+    servo = ServoLoop.of({"law": law, "supply": 7.0, **LOOPS[law]})
+    told = {"input_kind": "setpoint", "servo": servo, "enabled": ENABLED} | more
+    return driven(Log(TIME, input=GOAL, angle=0.3 * np.sin(2 * TIME), **told))
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.003])
+@pytest.mark.parametrize("law", LOOPS)
+def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
+    log = _log(law)
+    own = OF_OUTPUT.get(LAWS[law].output, 0.09)
+    joint = replace(JOINT, p4=own, time_constant=0.0 if LOOPS[law].get("clock") else lag)
+    simulation = Simulation(log, joint)
+    names = ["p1", "p2", "p3", "p4", "coulomb", "stribeck", "delay", "back_emf"]
+    names += ["motor_friction", "load_friction", "dead_zone", "compression", "loop_kp", "loop_ki"]
+    names += ["loop_kd", "zero", "velocity", *(["time_constant"] if joint.time_constant else [])]
+    _, rows, mixture = simulation.linearised(names, joint, 0.1, 0.2)
+    found = rows @ mixture
+
+    def errors(name, step):
+        point = {"zero": 0.1, "velocity": 0.2} | {name: step + getattr(joint, name, 0.0)}
+        point |= {n: v + step for n, v in (("zero", 0.1), ("velocity", 0.2)) if n == name}
+        moved = {n: v for n, v in point.items() if n not in {"zero", "velocity"}}
+        at = replace(joint, **moved)
+        return simulation.linearised(["p1"], at, point["zero"], point["velocity"])[0]
+
+    for column, name in zip(found.T, names, strict=True):
+        least = np.inf
+        for share in (1e-5, 1e-6, 1e-7):
+            h = share * (abs(getattr(joint, name, 1.0)) or 1.0)
+            difference = (errors(name, h) - errors(name, -h)) / (2 * h)
+            size = np.linalg.norm(difference)
+            if size == 0.0:
+                assert np.linalg.norm(column) == 0.0
+                least = 0.0
+            else:
+                least = min(least, np.linalg.norm(difference - column) / size)
+        assert least < 1e-5, name
+
+
+@pytest.mark.parametrize("law", ["pid-torque", "cascade-torque"])
+def test_a_fast_loop_moves_the_joint_as_its_continuous_law_does(law):
+    gains = {"kp": 6.0, "kd": 0.2, "ki": 3.0}
+    servo = ServoLoop.of({"law": law, "clock": 1e-4, **gains})
+    joint = LumpedParameters(p1=0.01, p2=0.02, p3=0.3, p4=1.0)
+    log = driven(Log(TIME, input=0.5 * np.sin(5 * TIME), angle=0 * TIME, input_kind="setpoint",
+                     intersample="first_order_hold", servo=servo))  # fmt: skip
+
+    def rates(t, state):
+        x, v, z = state
+        e = 0.5 * np.sin(5 * t) - x
+        rise = e if law == "pid-torque" else gains["kp"] * e - v
+        steep = gains["kp"] if law == "pid-torque" else gains["kd"]
+        torque = steep * rise + gains["ki"] * z - (gains["kd"] * v if law == "pid-torque" else 0.0)
+        return v, (torque - joint.p2 * v - joint.p3 * np.sin(x)) / joint.p1, rise
+
+    wanted = solve_ivp(rates, (TIME[0], TIME[-1]), (0, 0, 0), t_eval=TIME, rtol=1e-9, atol=1e-11)
+    errors = {}
+    for clock in (1e-3, 5e-4):
+        own = replace(log, servo=replace(servo, clock=clock))
+        found = Simulation(own, joint).run(joint, 0.0).at(TIME)
+        errors[clock] = np.abs(found - wanted.y[0]).max()
+    assert errors[5e-4] < 1e-3
+    assert errors[5e-4] == pytest.approx(errors[1e-3] / 2, rel=0.1)  # of the hold's half period
+
+
+def test_the_drive_is_rebuilt_as_the_law_says_and_0_while_off():
+    supply = np.linspace(7.4, 6.9, TIME.size)
+    log = _log("dynamixel-xl330", supply=supply, servo=ServoLoop.of({"law": "dynamixel-xl330",
+                                                                     "kp": 800}))  # fmt: skip
+    duty = np.clip((GOAL - 0.3 * np.sin(2 * TIME)) * 4096 / (2 * np.pi) * 800 / (256 * 885), -1, 1)
+    np.testing.assert_allclose(log.input, supply * duty * ENABLED, atol=1e-12)
+    assert log.input_kind is InputKind.VOLTAGE
+    assert np.all(log.setpoint == GOAL)
+
+
+def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it():
+    servo = ServoLoop.of({"law": "pid-voltage", "kp": 20.0, "limit": 6.0})
+    truth = LumpedParameters(p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.01)
+    log = Log(TIME, input=GOAL, angle=0 * TIME, input_kind="setpoint", servo=servo)
+    angle = Simulation(driven(log), truth).run(truth, 0.0).at(TIME)
+    told = ServoLoop.of(
+        {"law": "pid-voltage", "kp": {"value": 16.0, "uncertainty": 8}, "limit": 6.0}
+    )
+    logs = [replace(log, angle=angle, servo=told, zero=Known(value=0.0))]
+    data = DataSet.of(logs, known=Prior.of({"p3": 0.3}))
+    assert data.input_kind is InputKind.VOLTAGE
+    found = OutputError(terms=())(data)
+    values = dict(zip(found.names, found.values.tolist(), strict=True))
+    assert values["loop_kp"] == pytest.approx(1.25, rel=0.01)
+    for name in ("p1", "p2", "p4"):
+        assert values[name] == pytest.approx(getattr(truth, name), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("told", "field"),
+    [
+        ({"kp": 1}, "loop"),
+        ({"law": "dynamixel", "kp": 1}, "loop.law"),
+        ({"law": "pid-duty", "gain": 1}, "loop.gain"),
+        ({"law": "pid-duty"}, "loop.kp"),
+        ({"law": "odrive", "kp": 20}, "loop.kd"),
+        ({"law": "pid-duty", "kp": 1, "clock": 0}, "loop.clock"),
+        ({"law": "pid-duty", "kp": 1, "limit": -1}, "loop.limit"),
+        ({"law": "pid-duty", "kp": 1, "current_limit": 1}, "loop.current_limit"),
+    ],
+)
+def test_a_slip_in_a_loop_is_named(told, field):
+    with pytest.raises(InputError) as refusal:
+        ServoLoop.of(told)
+    assert refusal.value.field == field
+
+
+def test_a_set_point_without_a_loop_is_refused():
+    with pytest.raises(InputError, match="loop"):
+        Log(TIME, input=GOAL, angle=GOAL, input_kind="setpoint")
