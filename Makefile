@@ -45,7 +45,7 @@ bench: $(VENV)/.development
 	$(INSTALL) --editable '.[sysid]'
 	BUTTERFLY_BENCH_WRITE=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
-# CPU time and peak memory of each command on the real logs, into docs/performance.md.
+# Peak memory of each command on the real logs, into docs/performance.md.
 memory: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.memory
 

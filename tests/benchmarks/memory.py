@@ -1,4 +1,4 @@
-"""Peak memory and CPU time of each command on the 41 real logs, into docs/performance.md.
+"""Peak memory of each command on the 41 real logs, into docs/performance.md.
 
 `make memory`; without the real logs, by `BUTTERFLY_LOGS`, there is nothing to measure. On Linux.
 """
@@ -43,7 +43,7 @@ def used(*words):
 
 def main():
     """Measure all commands, and write the table."""
-    rows = ["| command | CPU time | peak memory |", "| --- | --- | --- |"]
+    rows = ["| command | peak memory |", "| --- | --- |"]
     with tempfile.TemporaryDirectory() as folder:
         places = {"saved": "saved.json", "page": "page.html", "run": "run"}
         places = {name: f"{folder}/{file}" for name, file in places.items()}
@@ -52,8 +52,8 @@ def main():
             seconds, megabytes = used(*(word.format(**places) for word in words))
             kept = (word for word in words if word[0] != "{" and word not in TO_THE_END)
             shown = " ".join(kept)
-            rows.append(f"| `butterfly {shown}` | {seconds:.1f} s | {megabytes:.0f} MB |")
-            print(rows[-1], flush=True)
+            rows.append(f"| `butterfly {shown}` | {megabytes:.0f} MB |")
+            print(f"{rows[-1]} {seconds:.1f} s of CPU", flush=True)
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     table = "\n".join(rows)
     PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
