@@ -167,7 +167,7 @@ class Manifest(StrictModel):
     """What the input column commands: ``voltage``, ``torque``, ``current`` or ``duty``;
     ``setpoint`` what a servo is to follow by its ``loop``; ``none`` where nothing drives the joint,
     which swings freely."""
-    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.FILLS] = Field(
+    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.ADDS] = Field(
         default_factory=dict
     )
     """The servo's own: its ``law`` and gains (see `butterfly.model.servo`)."""
