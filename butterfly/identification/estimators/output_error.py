@@ -387,7 +387,7 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
         evaluations=end.evaluations + 2,
     )
     told = end.at.moved(found.point - end.point).cost
-    if not LOST * problem.equations(found.point).cost <= told:
+    if not LOST * problem.equations(found.point, slopes=False).cost <= told:
         return None
     return found, tuple(likelihood.findings(scatter, names))
 
