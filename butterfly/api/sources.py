@@ -82,8 +82,8 @@ def read(
 
         - ``name``: of the data set.
         - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage``, ``torque``, ``current``,
-          ``duty``, ``setpoint`` of a servo, or ``none`` where nothing drives) and ``intersample`` (``zero_order_hold`` or
-          ``first_order_hold``): where no manifest says it.
+          ``duty``, ``setpoint`` of a servo, or ``none`` where nothing drives) and ``intersample``
+          (``zero_order_hold`` or ``first_order_hold``): where no manifest says it.
         - ``columns``: what holds ``time``, ``input`` and ``angle``, by name or number;
           ``joint`` (``hinge`` or ``slide``); ``gravity`` in m/s^2 across its axis; ``sign`` (-1
           where a positive command turns towards negative angles); ``zero``, what the encoder reads

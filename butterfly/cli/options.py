@@ -86,7 +86,7 @@ class DataOptions:
         what a servo is to follow.
     loop
         That servo's law and gains (law=dynamixel-x,kp=400), and what else is known of it
-        (supply=7.4): see docs/file-formats.md. kp=400+-inf is a first guess, and identified.
+        (supply=7.4): see docs/file-formats.md. kp=400+-4000 is a guess, and identified.
     arm
         Pivot to added mass.
     known
