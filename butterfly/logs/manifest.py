@@ -58,9 +58,7 @@ def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
 
 
 def _require_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    if values is not None and not isinstance(values, Mapping):
-        raise ValueError("a mapping such as {law: dynamixel-x, kp: 400}")
-    if "law" in (values or ()):
+    if isinstance(values, Mapping) and "law" in values:
         ServoLoop.of(values, whole=False)
     return values
 

@@ -162,7 +162,7 @@ logs:
         ("torque", "setpoint", "loop.law: got nothing, under a setpoint; expected the servo's law"),
         ("arm", "loop: {law: pid}\narm", "loop.law: got pid; expected"),
         ("arm", "loop: {law: pid-duty, gain: 2}\narm", "loop.gain: got an unknown name"),
-        ("omega", "loop: 3, omega", "logs.0.loop: got 3; expected a mapping"),
+        ("omega", "loop: 3, omega", "logs.0.loop: got 3; expected"),
         (VALID, "just text", "content: got str; expected a mapping"),
     ],
 )
