@@ -138,7 +138,12 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
 @pytest.mark.parametrize(
     ("told", "field"),
     [
-        ({"kp": 1}, "loop"),
+        ({"kp": 1}, "loop.law"),
+        ({}, "loop.law"),
+        ({"law": "pid-duty", "kp": -1}, "loop.kp"),
+        ({"law": "pid-duty", "kp": 1, "ki": (0, 1)}, "loop.ki"),
+        ({"law": "pid-duty", "kp": 1, "limit": True}, "loop.limit"),
+        ({"law": "pid-duty", "kp": "1", "limit": "much"}, "loop.limit"),
         ({"law": "dynamixel", "kp": 1}, "loop.law"),
         ({"law": "pid-duty", "gain": 1}, "loop.gain"),
         ({"law": "pid-duty"}, "loop.kp"),
