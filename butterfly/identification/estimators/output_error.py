@@ -370,7 +370,7 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
-    there = problem.equations(point, apart=apart)
+    there = problem.equations(point + apart)
     if not there.is_finite:
         return None
     logs, spread = _rows(there).moved(-apart), spread_of(names, point)
@@ -387,7 +387,7 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
         evaluations=end.evaluations + 2,
     )
     told = end.at.moved(found.point - end.point).cost
-    if not LOST * problem.equations(found.point).cost <= told:
+    if not LOST * problem.equations(found.point, slopes=False).cost <= told:
         return None
     return found, tuple(likelihood.findings(scatter, names))
 
