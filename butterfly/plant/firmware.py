@@ -43,7 +43,7 @@ class Firmware:
 def is_on(torque_off: Spans, time: Samples) -> Samples:
     """Return where, of (n,) instants in s, a servo is not off."""
     off = [(time >= begin) & (time < end) for begin, end in torque_off]
-    return 1.0 - np.any(off, axis=0)
+    return np.asarray(1.0 - np.any(off, axis=0))
 
 
 class Servo:

@@ -134,7 +134,7 @@ def test_mujoco_and_the_grey_box_follow_a_servo_that_is_off_for_a_while(closed):
     data = DataSet.of([log if closed else replace(driven(log), servo=None)])
     (way,) = compare_three(data, given_estimate(asdict(p) | {"zero": ZERO}, "test"), [0])
     assert way.difference < 1e-3
-    assert way.fits["MuJoCo"] > (99.9 if closed else 95)
+    assert way.fits["MuJoCo"] > (99.9 if closed else 90)
 
 
 @pytest.mark.slow
