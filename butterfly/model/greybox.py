@@ -120,7 +120,7 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and rad/s.
     """
     if not columns.column.size:
-        angle, velocity = simulate(parameters, time, inputs[0], *start)
+        angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
         values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
         return values, np.empty((values.size, 0))

@@ -116,7 +116,7 @@ class ServoLoop:
     law
         Of `LAWS`.
     kp, ki, kd
-        Gains in the units of the law; with an uncertainty (``.inf``: a first guess) they are
+        Gains in the units of the law; with an uncertainty (a large one of a guess) they are
         identified, as factors on what is told here.
     limit
         Of the output: duty as a share of 1, V, A or N m; the law's own if not given.
@@ -158,9 +158,10 @@ class ServoLoop:
 
         One that is not ``whole`` leaves gains to single logs.
         """
-        if not isinstance(given, Mapping) or "law" not in given:
-            raise InputError(str(source), "loop", given, "a mapping such as {law: pid-duty, kp: 2}")
-        known = {field.name for field in fields(cls)}
+        if "law" not in given:
+            expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
+            raise InputError(str(source), "loop.law", "nothing", expected)
+        known = [field.name for field in fields(cls)]
         values = dict(given)
         for name, value in given.items():
             if name not in known:
@@ -168,23 +169,29 @@ class ServoLoop:
                 raise InputError(str(source), f"loop.{name}", "an unknown name", expected)
             if name in _GAINS:
                 values[name] = known_of(value, source, f"loop.{name}")
+            elif name != "law" and isinstance(value, str):  # of a command line
+                values[name] = known_of(value, source, f"loop.{name}").value
         loop = cls(**values)
         loop._require_possible(str(source))
         needed = "kd" if loop.rule.structure is LawStructure.CASCADE else "kp"
         if whole and not getattr(loop, needed).value:
-            raise InputError(str(source), f"loop.{needed}", "nothing", "the gain of the loop")
+            expected = "this gain, of the data set's loop or of the log's own"
+            raise InputError(str(source), f"loop.{needed}", "nothing", expected)
         return loop
 
     def _require_possible(self, source: str) -> None:
         """Raise InputError for a law that is none, and for what is below 0."""
-        if self.law not in LAWS:
+        if str(self.law) not in LAWS:
             raise InputError(source, "loop.law", self.law, nearest(str(self.law), LAWS))
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "law" or value is None or isinstance(value, Known):
+            if field.name == "law" or value is None:
                 continue
-            if not (isinstance(value, int | float) and value >= 0):
+            least = value.value if isinstance(value, Known) else value
+            if isinstance(least, bool) or not (isinstance(least, int | float) and least >= 0):
                 raise InputError(source, f"loop.{field.name}", value, "a number, 0 or more")
+            if isinstance(value, Known) and value.uncertainty and not least:
+                raise InputError(source, f"loop.{field.name}", value, "a guess above 0")
         if self.clock == 0:
             raise InputError(source, "loop.clock", 0, "more than 0 s")
         if math.isfinite(self.current_limit) and not self.resistance:
@@ -216,16 +223,11 @@ class ServoLoop:
                 found[f"loop_{name}"] = Known(value=1.0, uncertainty=gain.uncertainty / gain.value)
         return found
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what was told, for manifests."""
-        told = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {
-            name: {"value": each.value, "uncertainty": each.uncertainty}
-            if isinstance(each, Known) and each.uncertainty
-            else (each.value if isinstance(each, Known) else each)
-            for name, each in told.items()
-            if each != type(self).__dataclass_fields__[name].default
-        }
+    def __str__(self) -> str:
+        told = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
+        usual = {each.name: each.default for each in fields(self)}
+        said = (f"{name} {each}" for name, each in told.items() if each != usual[name])
+        return ", ".join([self.law, *said])
 
     @property
     def told(self) -> tuple[float, float, float]:

@@ -144,22 +144,13 @@ class FreeRunResiduals:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
-    def equations(
-        self,
-        scaled: Samples,
-        most: float = np.inf,
-        *,
-        apart: Samples | None = None,
-        slopes: bool = True,
-    ) -> Equations:
+    def equations(self, scaled: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean.
 
-        Logs whose costs sum up to more than ``most`` are the last to be simulated; without
-        ``slopes`` there are no derivatives.
+        About (n,) values, or (k, n) of k logs. Logs whose costs sum up to more than ``most`` are
+        the last to be simulated; without ``slopes`` there are no derivatives.
         """
-        values = np.broadcast_to(scaled, (len(self.motion), scaled.size)) * self.scale
-        if apart is not None:
-            values = values + apart * self.scale
+        values = np.broadcast_to(scaled, (len(self.motion), len(self.keys))) * self.scale
         segmented = [each for each in self.simulations if isinstance(each, Segments)]
         begins = [each.begins for each in segmented]
         simulated = partial(self._of_log, slopes=slopes)

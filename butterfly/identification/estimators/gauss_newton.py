@@ -97,12 +97,10 @@ class LogEquations:
 
     def compressed(self, cells: int) -> tuple[Samples, Samples]:
         """Return (cells, p, n) rows and (cells, p) residuals of stretches, one after the other."""
-        if cells not in {1, CELLS} or self.residuals.size <= CELLS * self.rows.shape[1]:
-            rows, residuals = self._factors(cells)
-        else:
-            rows, residuals = self._usual
-            if cells == 1:
-                rows, residuals = compressed([(rows.reshape(-1, rows.shape[2]), residuals.ravel())])
+        many = self.residuals.size > CELLS * self.rows.shape[1]
+        rows, residuals = self._usual if many and cells in {1, CELLS} else self._factors(cells)
+        if cells == 1 < len(rows):
+            rows, residuals = compressed([(rows.reshape(-1, rows.shape[2]), residuals.ravel())])
         return rows @ self.mixture, residuals
 
     @cached_property
@@ -184,8 +182,7 @@ class Equations:
         residuals = np.zeros((len(factors), cells, most))
         for k, (own, left) in enumerate(factors):
             rows[k, :, : left.shape[1]], residuals[k, :, : left.shape[1]] = own, left
-        rows, residuals = (each.reshape(-1, *each.shape[2:]) for each in (rows, residuals))
-        return rows, residuals
+        return rows.reshape(-1, *rows.shape[2:]), residuals.reshape(-1, most)
 
     @property
     def bread(self) -> Samples:

@@ -84,8 +84,7 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
-    numbers, _ = steady_sines(data)
-    points = [point for k in numbers if (point := data.points[k]) is not None]
+    points = data.take(steady_sines(data)[0]).sines
     found = closed_form.of_points(points, usable(closed_form.method, data.known))
     return replace(Start.at(found, data), parameters=_moving(found, data))
 

@@ -418,7 +418,7 @@ def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Fi
     step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
     point = end.point + step
     apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
-    there = problem.equations(point, apart=apart)
+    there = problem.equations(point + apart)
     if not there.is_finite:
         return None
     logs, spread = _rows(there).moved(-apart), spread_of(names, point)
