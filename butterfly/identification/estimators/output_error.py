@@ -188,8 +188,7 @@ class OutputError(Estimator):
             if choice is not None:
                 told = replace(self, terms=choice.terms)
                 found = told._fit(logs, begun, later, known)  # noqa: SLF001 - its own
-                said = found.estimate.with_findings(*choice.findings)
-                return found._replace(estimate=said)
+                return found._replace(estimate=found.estimate.with_findings(*choice.findings))
         wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
         problem, end, said = lowest_end(
