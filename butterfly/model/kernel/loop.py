@@ -6,6 +6,7 @@ saturation, dead band and switching off happen at instants that no parameter mov
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,14 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import COLUMNS, V, X
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.servo import LawStructure, ServoLoop
 
 PID, CASCADE, SPEED, RECORDED = 0.0, 1.0, 2.0, 3.0
 """How the output is made: of the angle's error, of a speed that this asks for, of the speed's; or
 it is the set-point itself."""
+
+_STRUCTURES = {LawStructure.PID: PID, LawStructure.CASCADE: CASCADE, LawStructure.SPEED: SPEED}
 
 INTEGRAL, OUTPUT = 0, 1
 """What the firmware remembers: of the error over time, and its last output."""
@@ -62,6 +67,53 @@ class Loop(NamedTuple):
     late: Samples  # (n - 1,) its derivative by the delay
     supply: Samples  # (n - 1,) by which the output is multiplied
     on: Samples  # (n - 1,) whether the joint is driven
+
+    @classmethod
+    def of(
+        cls,
+        servo: ServoLoop | None,
+        parameters: LumpedParameters | None,
+        *,
+        period: float,
+        columns: tuple[Samples, Samples, Samples | float, Samples | None],
+        every: int = 1,
+        zero: float = 0.0,
+    ) -> Loop:
+        """Take them from a servo and the parameters of its joint; of no servo the drive is told.
+
+        The ``columns`` are set-point, its derivative, supply and what is on. Without ``parameters``
+        the torque is what the firmware puts out.
+        """
+        setpoint, late, supply, enabled = columns
+        p = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0) if parameters is None else parameters
+        structure, gains, told = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        reach, limit = (0.0, math.inf), math.inf
+        if servo is not None:
+            structure, told, reach = _STRUCTURES[servo.rule.structure], servo.told, servo.reach
+            gains = told[0] * p.loop_kp, told[1] * p.loop_ki, told[2] * p.loop_kd
+            limit = servo.rule.limit if servo.limit is None else float(servo.limit)
+        return cls(
+            structure,
+            *gains,
+            *told,
+            limit=limit,
+            speed_limit=math.inf if servo is None else float(servo.speed_limit),
+            dead_band=0.0 if servo is None else float(servo.dead_band),
+            slew=math.inf if servo is None else float(servo.slew) * period,
+            period=period,
+            every=every,
+            lead=0.0 if servo is None else max(period - servo.period, 0.0) / 2,
+            emf=float(reach[0]),
+            drop=float(reach[1]),
+            zero=zero,
+            p4=p.p4,
+            dead_zone=p.dead_zone,
+            compression=p.compression,
+            setpoint=setpoint,
+            late=late,
+            supply=np.full(setpoint.size, 1.0) * supply,
+            on=np.ones(setpoint.size) if enabled is None else np.rint(enabled),
+        )
 
 
 @inner
