@@ -295,11 +295,11 @@ class OutputError(Estimator):
     ) -> tuple[Start, TermChoice | None]:
         """Return a first guess of servos, whose friction decides where they stop, and their terms.
 
-        Over segments of one period, driven by the rebuilt drive alone, no stop is far off. Terms
+        Over segments of one period, or as many time constants of the speed, driven by the rebuilt drive alone, no stop is far off. Terms
         are chosen there unless they are told.
         """
-        masses = {log.added_mass for log in logs}
-        slowest = min(resonance_frequency(guess.parameters.with_added_mass(m)) for m in masses)
+        loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
+        fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
         gear = {*GEAR} & {*(OF_SERVO if self.terms is None else self.terms)}
         begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
         start = replace(guess, parameters=replace(guess.parameters, **begun))
@@ -310,7 +310,7 @@ class OutputError(Estimator):
             self,
             terms=terms,
             fixed=tuple({"delay", *self.fixed, *LOOP_GAINS}),
-            horizon=2 * math.pi / slowest,
+            horizon=2 * math.pi / fastest,
         )
         problem = short.problem([log.opened for log in logs], start, known)
         end, choice = problem.descend(problem.initial), None
