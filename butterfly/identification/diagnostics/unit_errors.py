@@ -46,6 +46,7 @@ class UnitError(StrEnum):
     MASS = "mass"
     GRAMS = "grams"
     LATE = "late"
+    SETPOINT = "setpoint"
 
 
 class Unit(NamedTuple):
@@ -111,6 +112,11 @@ def unit_error_text(finding: Finding) -> str:
             return (
                 "Input and angle look swapped: the other way round the logs agree with a joint. "
                 "The manifest's key columns, or --columns, says which is which."
+            )
+        case UnitError.SETPOINT:
+            return (
+                "The input looks like a set-point that the joint follows. Say input: setpoint and "
+                "the servo's loop, such as loop: {law: dynamixel-x, kp: 400}, in the manifest."
             )
         case UnitError.OMEGA:
             at = f" ({more[0]})" if more else ""
