@@ -6,6 +6,7 @@ from pathlib import Path
 
 from butterfly.cli.output import ExitCode
 from butterfly.experiment.methods import ESTIMATORS
+from butterfly.model.servo import LAWS, ServoLoop
 from butterfly.model.terms import TERMS, FrictionTerms, offered
 from butterfly.result import HEAD
 
@@ -22,6 +23,22 @@ def test_the_friction_terms_stand_in_the_docs_with_meaning_and_unit():
     for field in fields(FrictionTerms):
         row = TERMS[field.name]
         assert f"| `{row.name}` | {row.meaning} | {row.unit} |" in rows
+
+
+def test_the_laws_of_servos_stand_in_the_docs_with_their_sources():
+    rows = _rows("file-formats.md")
+    others = "\n".join(row for row in rows if "STRUCTURE-OUTPUT" in row)
+    for name, law in LAWS.items():
+        if law.source:
+            numbers = f"{law.limit:g} | {law.clock:.3g}"
+            told = f"| `{name}` | `{law.structure}` | {law.output} | {numbers} | {law.source} |"
+            assert told in rows
+        else:
+            assert name == f"{law.structure}-{law.output}"
+            assert f"`{law.structure}`" in others
+            assert f"`{law.output}`" in others
+    keys = {key for row in rows for key in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert {field.name for field in fields(ServoLoop)} - {"law"} <= keys
 
 
 def test_the_terms_that_each_estimator_offers_stand_in_the_docs():

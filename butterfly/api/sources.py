@@ -81,15 +81,16 @@ def read(
         Fields of a manifest, by name; a manifest may say some of them itself. None says nothing.
 
         - ``name``: of the data set.
-        - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage``, ``torque``, or
-          ``none`` where nothing drives) and ``intersample`` (``zero_order_hold`` or
-          ``first_order_hold``): where no manifest says it.
+        - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage``, ``torque``, ``current``,
+          ``duty``, ``setpoint`` of a servo, or ``none`` where nothing drives) and ``intersample``
+          (``zero_order_hold`` or ``first_order_hold``): where no manifest says it.
         - ``columns``: what holds ``time``, ``input`` and ``angle``, by name or number;
           ``joint`` (``hinge`` or ``slide``); ``gravity`` in m/s^2 across its axis; ``sign`` (-1
           where a positive command turns towards negative angles); ``zero``, what the encoder reads
           in rad where the hand hangs: in place of what manifests say.
         - ``units`` of the columns, such as ``{"time": "ms", "angle": "deg"}``; ``known``, what is
           known of the robot, such as ``{"p4": (1.0, 0.02)}`` (value and standard uncertainty);
+          ``loop``, a servo's law and gains, such as ``{"law": "dynamixel-x", "kp": 400}``;
           ``repair`` (``backward``, ``non_finite``, ``unwrap``); ``holdout``, names or glob patterns
           of logs that are only predicted: besides what manifests say.
         - ``piece``: first and last instant in s, by its own clock, of what is meant of a log; None

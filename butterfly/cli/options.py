@@ -76,13 +76,17 @@ class DataOptions:
     Parameters
     ----------
     columns
-        What holds time, input and angle (time=X, input=Y, angle=Z): columns or variables, by name
-        or number.
+        What holds time, input and angle (time=X, input=Y, angle=Z), of a servo also supply and
+        enabled: columns or variables, by name or number.
     units
         Units (time=ms, angle=deg): also counts/4096, or a factor; a minus turns the sign. Of arm,
         mass and omega, too.
     input
-        What the logs' input commands, if no manifest says; voltage if nothing does.
+        What the logs' input commands, if no manifest says; voltage if nothing does. A setpoint is
+        what a servo is to follow.
+    loop
+        That servo's law and gains (law=dynamixel-x,kp=400), and what else is known of it
+        (supply=7.4): see docs/file-formats.md. kp=400+-4000 is a guess, and identified.
     arm
         Pivot to added mass.
     known
@@ -110,7 +114,8 @@ class DataOptions:
 
     columns: Pairs = None
     units: Pairs = None
-    input: Literal["voltage", "torque", "none"] | None = None
+    input: Literal["voltage", "torque", "current", "duty", "setpoint", "none"] | None = None
+    loop: Pairs = None
     arm: Annotated[float | None, Parameter(metavar="m")] = None
     known: Pairs = None
     zero: Annotated[str | None, _Detail, Parameter(metavar="rad", allow_leading_hyphen=True)] = None
@@ -132,7 +137,7 @@ class DataOptions:
         said = {each.name: getattr(self, each.name) for each in fields(self)}
         said |= {
             name: parse_pairs(said[name], f"--{name}")
-            for name in ("columns", "units", "known")
+            for name in ("columns", "units", "known", "loop")
             if said[name] is not None
         }
         said["repair"] = said["repair"] or None

@@ -32,7 +32,7 @@ from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
-from butterfly.logs.thinning import thinned
+from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import OF_ANGLE
@@ -156,6 +156,11 @@ class DataSet:
     def joint(self) -> JointKind:
         """How the joint moves."""
         return self.logs[0].added_mass.joint
+
+    @cached_property
+    def glance(self) -> tuple[Log, ...]:
+        """The logs, with as many samples as a first look needs."""
+        return tuple(thinned(log, GLANCE) for log in self.logs)
 
     @cached_property
     def offsets(self) -> tuple[EncoderOffset, ...]:

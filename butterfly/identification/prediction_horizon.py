@@ -52,8 +52,8 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     if not (loaded.p1 > 0 and loaded.p3 > 0):
         return math.inf
     angle = log.angle - zero
-    if np.cos(angle).min() >= 0:  # gravity pulls back wherever the hand is
-        return math.inf
+    if max(angle.max(), -angle.min()) <= math.pi / 2 or np.cos(angle).min() >= 0:
+        return math.inf  # gravity pulls back wherever the hand is
     grid = uniform_grid(log.time, LONGEST_STEP)
     falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
     damping = max(loaded.p2, 0.0) / loaded.p1

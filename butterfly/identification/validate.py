@@ -69,7 +69,9 @@ def cross_validate(
             raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
         estimates[name] = found
         for number, stretch in samples.items():
-            squares[number] += _squares(predictor.run(number, found), stretch)
+            setting = predictor.setting(number, found)
+            run = setting.run(predictor.simulation(number, setting))
+            squares[number] += _squares(run, stretch)
         horizon = min(horizon, predictor.horizon(found))
     fits = np.array([fit_of(*each) if each.any() else np.nan for each in np.sqrt(squares)])
     return CrossValidation(division=division, fits=fits, estimates=estimates, horizon=horizon)

@@ -58,9 +58,7 @@ def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
 
 
 def _require_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    if not isinstance(values, Mapping):
-        raise ValueError("a mapping such as {law: dynamixel-x, kp: 400}")
-    if "law" in values:
+    if isinstance(values, Mapping) and "law" in values:
         ServoLoop.of(values, whole=False)
     return values
 
@@ -103,7 +101,7 @@ class LogEntry(StrictModel):
     """``none``: nothing drove the joint in this log, which needs no input column."""
     zero: Uncertain | None = None
     """What the encoder reads in rad where the hand hangs, if known of this log by itself."""
-    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop)] = Field(default_factory=dict)
+    loop: Annotated[dict[str, Any] | None, BeforeValidator(_require_loop)] = None
     """Of the servo, where it differs from the data set's: gains, supply."""
     begin: Annotated[float | None, Field(alias="from")] = None
     """First instant in s of the piece that is meant, by the file's own clock."""
@@ -167,7 +165,7 @@ class Manifest(StrictModel):
     """What the input column commands: ``voltage``, ``torque``, ``current`` or ``duty``;
     ``setpoint`` what a servo is to follow by its ``loop``; ``none`` where nothing drives the joint,
     which swings freely."""
-    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.FILLS] = Field(
+    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.ADDS] = Field(
         default_factory=dict
     )
     """The servo's own: its ``law`` and gains (see `butterfly.model.servo`)."""
@@ -205,11 +203,16 @@ class Manifest(StrictModel):
     """The files."""
 
     @model_validator(mode="after")
-    def _arms_and_zeros_of_masses(self) -> Manifest:
+    def _arms_loops_and_zeros(self) -> Manifest:
         if self.joint is JointKind.HINGE and self.arm is None:
             for entry in self.logs:
                 if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
+        for entry in self.logs:
+            driven = entry.input or self.input
+            if driven is InputKind.SETPOINT and "law" not in self.loop_of(entry):
+                expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
+                raise InputError(entry.file, "loop.law", "nothing, under a setpoint", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
         for each in self.zeros:
             if rounded(each.added_mass) not in carried:
@@ -252,6 +255,10 @@ class Manifest(StrictModel):
         own = entry.model_copy(update={"begin": begin, "end": end, "split": None})
         return self.model_copy(update={"logs": [own]})
 
+    def loop_of(self, entry: LogEntry) -> dict[str, Any]:
+        """Return what is said of the servo in a log."""
+        return self.loop | (entry.loop or {})
+
     def zero_of(self, entry: LogEntry) -> Known | None:
         """Return what is known of the encoder's zero in a log."""
         mass = rounded(known_of(entry.added_mass).value)
@@ -291,7 +298,7 @@ class Manifest(StrictModel):
             "added_mass": self.added_mass(entry),
             "excitation": self.excitation(entry),
             "zero": self.zero_of(entry),
-            "servo": ServoLoop.of(told, entry.file) if (told := self.loop | entry.loop) else None,
+            "servo": ServoLoop.of(told, entry.file) if (told := self.loop_of(entry)) else None,
         }
 
 

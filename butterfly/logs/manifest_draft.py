@@ -18,7 +18,8 @@ from butterfly.model.prior import known_of
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _QUESTIONS = {
-    "input": "what does the input command, voltage or torque? The files do not say.",
+    "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
+    "servo (which needs its loop)? The files do not say.",
     "intersample": "how does the input go between two samples, held (zero_order_hold) or in a line "
     "(first_order_hold)? The files do not say.",
     "columns": "which columns hold time, input and angle, by name or number? None is called so. "

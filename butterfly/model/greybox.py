@@ -119,6 +119,11 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     already delayed, and as far as `Columns.drives` asks for them its derivatives by delay and the
     terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and rad/s.
     """
+    if not columns.column.size:
+        angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
+        ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
+        values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
+        return values, np.empty((values.size, 0))
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
     drives, constants = parameters.p4 * inputs[0], Constants.of(parameters)

@@ -4,6 +4,7 @@ A law makes an output of set-point r, angle th and velocity, with gains in the u
 makers use; the table holds what one unit of each gain is worth.
 
     pid      output = kp e + ki int e dt - kd thd,               e = r - th
+             (or + kd de/dt, where the law says so)
     cascade  output = kd f + ki int f dt,     f = clip(kp e, speed limit) - thd
     speed    output = kp f + ki int f dt,                        f = r - thd
 
@@ -51,6 +52,7 @@ class Law:
     kp: float = 1.0  # worth of one unit of each gain
     ki: float = 1.0
     kd: float = 1.0
+    on_error: bool = False  # whether kd acts on the rate of the error, not of the joint
     limit: float = math.inf  # of the output
     clock: float = 1e-3  # s
     source: str = ""
@@ -64,11 +66,11 @@ _FULL = 885  # what a Dynamixel calls all of its supply
 # fmt: off
 _MAKERS = {
     "dynamixel-x": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0, on_error=True,
         kp=_COUNTS / (128 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
         source="ROBOTIS e-Manual, X series, Position PID Gain(80, 82, 84); sums at 1 kHz assumed"),
     "dynamixel-xl330": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0, on_error=True,
         kp=_COUNTS / (256 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
         source="as dynamixel-x, with the divisor 256 that Rhoban/bam measured of its P gain"),
     "dynamixel-x-velocity": Law(
@@ -76,7 +78,7 @@ _MAKERS = {
         kp=_RATE / (128 * _FULL), ki=_RATE / (65.536 * _FULL),
         source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
     "feetech-sts": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
+        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166, on_error=True,
         source="Rhoban/bam, feetech/actuator.py, by oscilloscope; D's worth nobody publishes, here "
                "s/rad"),
     "odrive": Law(
@@ -114,14 +116,14 @@ class ServoLoop:
     law
         Of `LAWS`.
     kp, ki, kd
-        Gains in the units of the law; with an uncertainty (``.inf``: a first guess) they are
+        Gains in the units of the law; with an uncertainty (a large one of a guess) they are
         identified, as factors on what is told here.
     limit
         Of the output: duty as a share of 1, V, A or N m; the law's own if not given.
     speed_limit
         In rad/s (m/s of a slide): of a cascade; of the set-point that a PID law follows.
     dead_band
-        Of the error, in rad (rad/s of a law of speed), that is taken from it.
+        Of the error, in rad (rad/s of a law of speed), within which it counts as none.
     slew
         Most change of the output in a second.
     clock
@@ -156,9 +158,10 @@ class ServoLoop:
 
         One that is not ``whole`` leaves gains to single logs.
         """
-        if not isinstance(given, Mapping) or "law" not in given:
-            raise InputError(str(source), "loop", given, "a mapping such as {law: pid-duty, kp: 2}")
-        known = {field.name for field in fields(cls)}
+        if "law" not in given:
+            expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
+            raise InputError(str(source), "loop.law", "nothing", expected)
+        known = [field.name for field in fields(cls)]
         values = dict(given)
         for name, value in given.items():
             if name not in known:
@@ -166,23 +169,29 @@ class ServoLoop:
                 raise InputError(str(source), f"loop.{name}", "an unknown name", expected)
             if name in _GAINS:
                 values[name] = known_of(value, source, f"loop.{name}")
+            elif name != "law" and isinstance(value, str):  # of a command line
+                values[name] = known_of(value, source, f"loop.{name}").value
         loop = cls(**values)
         loop._require_possible(str(source))
         needed = "kd" if loop.rule.structure is LawStructure.CASCADE else "kp"
         if whole and not getattr(loop, needed).value:
-            raise InputError(str(source), f"loop.{needed}", "nothing", "the gain of the loop")
+            expected = "this gain, of the data set's loop or of the log's own"
+            raise InputError(str(source), f"loop.{needed}", "nothing", expected)
         return loop
 
     def _require_possible(self, source: str) -> None:
         """Raise InputError for a law that is none, and for what is below 0."""
-        if self.law not in LAWS:
+        if str(self.law) not in LAWS:
             raise InputError(source, "loop.law", self.law, nearest(str(self.law), LAWS))
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "law" or value is None or isinstance(value, Known):
+            if field.name == "law" or value is None:
                 continue
-            if not (isinstance(value, int | float) and value >= 0):
+            least = value.value if isinstance(value, Known) else value
+            if isinstance(least, bool) or not (isinstance(least, int | float) and least >= 0):
                 raise InputError(source, f"loop.{field.name}", value, "a number, 0 or more")
+            if isinstance(value, Known) and value.uncertainty and not least:
+                raise InputError(source, f"loop.{field.name}", value, "a guess above 0")
         if self.clock == 0:
             raise InputError(source, "loop.clock", 0, "more than 0 s")
         if math.isfinite(self.current_limit) and not self.resistance:
@@ -214,16 +223,11 @@ class ServoLoop:
                 found[f"loop_{name}"] = Known(value=1.0, uncertainty=gain.uncertainty / gain.value)
         return found
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what was told, for manifests."""
-        told = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {
-            name: {"value": each.value, "uncertainty": each.uncertainty}
-            if isinstance(each, Known) and each.uncertainty
-            else (each.value if isinstance(each, Known) else each)
-            for name, each in told.items()
-            if each != type(self).__dataclass_fields__[name].default
-        }
+    def __str__(self) -> str:
+        told = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
+        usual = {each.name: each.default for each in fields(self)}
+        said = (f"{name} {each}" for name, each in told.items() if each != usual[name])
+        return ", ".join([self.law, *said])
 
     @property
     def told(self) -> tuple[float, float, float]:

@@ -132,6 +132,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("longest interval", f"{1e3 * health.longest_gap:.2f} ms"),
         ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
+        *_servo_rows(log),
         (log.measures, f"{measured.min():.5g} … {measured.max():.5g} {way}"),
         (
             "amplitude",
@@ -141,6 +142,17 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ("file", ", ".join(log.reading.layout) or "as usual"),
         *((f"{name} from", each.text) for name, each in health.columns.items()),
     ]
+
+
+def _servo_rows(log: Log) -> list[tuple[str, str]]:
+    """Tabulate the loop of a servo, its supply, and for how long it was off."""
+    rows = [] if log.servo is None else [("servo", f"{log.servo}")]
+    if log.supply is not None:
+        rows.append(("supply", f"{log.supply.min():.5g} … {log.supply.max():.5g} V"))
+    if log.enabled is not None:
+        off = 100 * float(np.mean(np.rint(log.enabled) == 0))
+        rows.append(("drive off", f"{off:.3g} % of the samples"))
+    return rows
 
 
 def inspection_page(log: Log, health: Health) -> Page:

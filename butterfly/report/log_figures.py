@@ -35,7 +35,7 @@ def recorded_figure(log: Log) -> Figure:
     """Draw a log against time, a panel for each column and one for the sampling intervals."""
     way = log.added_mass.joint.way
     titles = {"input": "input in its own unit", "angle": f"angle in {way}"}
-    titles["velocity"] = f"velocity in {way}/s"
+    titles |= {"velocity": f"velocity in {way}/s", "supply": "supply in V", "enabled": "enabled"}
     curves = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2
     curves["interval in ms"] = (middles, 1e3 * np.diff(log.time))

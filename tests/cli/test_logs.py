@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
+import butterfly as bf
 from butterfly.logs import thesis_logs
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
@@ -139,7 +140,7 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     out = done(butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap"))
     assert "added_mass" in out
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
-    for key, what in (("input", "voltage or torque"), ("logs", "added_mass")):
+    for key, what in (("input", "voltage, torque, current, duty"), ("logs", "added_mass")):
         assert re.search(rf"^# To settle: .*{what}.*\n{key}:", text, re.MULTILINE)
         assert f"- {key}: what" in out
     assert "Taken for voltage." in out
@@ -239,3 +240,22 @@ def test_what_cannot_be_fetched_is_one_line_that_names_it(butterfly, published):
     result = butterfly("fetch", "--from", published)
     assert_one_line_error(result, published / "log.mat", "SHA-256")
     assert_one_line_error(butterfly("fetch", "--from", "nowhere"), "--from", "nowhere")
+
+
+def test_a_servo_is_told_by_options(butterfly, tmp_path):
+    time = np.arange(0.0, 2.0, 0.01)
+    columns = [time, np.sin(3 * time), np.sin(3 * time - 0.1), 7 + 0 * time, time < 1.5]
+    names = "t,goal,angle,volts,on"
+    log = tmp_path / "servo.csv"
+    np.savetxt(log, np.column_stack(columns), delimiter=",", header=names, comments="")
+    held = "--columns", "time=t,input=goal,angle=angle,supply=volts,enabled=on"
+    told = "inspect", log, "--input", "setpoint", *held
+    out = " ".join(done(butterfly(*told, "--loop", "law=dynamixel-x,kp=400+-40")).split())
+    assert "servo dynamixel-x, kp 400 ± 40" in out
+    assert "supply 7 … 7 V drive off 25 % of the samples" in out
+    for slip in ((), ("--loop", "kp=400"), ("--loop", "law=dynamixel-x")):
+        assert_one_line_error(butterfly(*told, *slip), "loop", "expected")
+    assert_one_line_error(butterfly(*told, "--loop", "400"), "--loop", "NAME=VALUE")
+    data = bf.read(log, input_kind="setpoint", loop={"law": "dynamixel-x", "kp": 400},
+                   columns={"time": "t", "input": "goal", "angle": "angle"})  # fmt: skip
+    assert data.logs[0].servo.kp.value == 400

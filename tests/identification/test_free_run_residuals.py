@@ -114,3 +114,11 @@ def test_a_friction_at_its_bound_can_leave_it():
         np.testing.assert_allclose(
             jacobian[:, k], change, atol=1e-3 * np.abs(change).max(), err_msg=name
         )
+
+
+def test_residuals_without_derivatives_are_the_same_for_each_log_s_own_values(problem, equations):
+    alike = np.tile(problem.initial, (len(problem.motion), 1))
+    bare = problem.equations(alike, slopes=False).logs
+    for own, whole in zip(bare, equations.logs, strict=True):
+        np.testing.assert_allclose(own.residuals, whole.residuals, rtol=0, atol=1e-12)
+        assert not own.jacobian.any()

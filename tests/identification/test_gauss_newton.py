@@ -162,3 +162,17 @@ def test_a_descent_ends_where_it_is_when_its_time_is_over(seconds):
     assert found.converged is (seconds > 0)
     assert np.allclose(found.point * scale, certified, rtol=1e-5) is (seconds > 0)
     assert (found.evaluations, search.simulations) == (1, 0) or seconds
+
+
+def test_factors_of_the_whole_are_those_of_its_cells_which_are_made_once(monkeypatch):
+    random = np.random.default_rng(0)
+    both = _equations(random.standard_normal(60), random.standard_normal((60, 3)), [1, 2, 3])
+    made = []
+    factors = LogEquations._factors  # noqa: SLF001 - what costs
+    monkeypatch.setattr(LogEquations, "_factors", lambda *of: made.append(of) or factors(*of))
+    for cells in (1, 10, 1):
+        rows, residuals = both.compressed(cells)
+        assert len(rows) == cells
+        np.testing.assert_allclose(np.einsum("kpm,kpn->mn", rows, rows), both.curvature)
+        np.testing.assert_allclose(np.einsum("kpm,kp->m", rows, residuals), both.gradient)
+    assert len(made) == 1

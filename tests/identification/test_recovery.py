@@ -9,10 +9,12 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
+from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SLOW, SWINGS, steady, wild
+from tests.identification.simulated import ROBOT, SLOW, SWINGS, simulated, steady, wild
 
 PRESENT = {
     "coulomb": {"coulomb": 1.2e-3},
@@ -146,3 +148,21 @@ def test_cogging_of_one_period_a_turn_is_dropped_and_said_since_it_is_what_p3_is
         (said,) = [each for each in found.findings if each.kind is FindingKind.INSEPARABLE]
         assert said.parameters == ("cogging",)
         assert found.parameters.p3 == pytest.approx(robot.p3 - robot.cogging, rel=2e-3)
+
+
+def test_with_one_load_friction_by_it_is_coulomb_friction_and_another_mass_is_asked_for():
+    """A winch: a pull that is the same everywhere."""
+    robot = replace(ROBOT, p3=0.0, bias=2e-3, load_friction=0.2)
+    masses = [replace(mass, gravity=0.0) for mass in MASSES[:2]]
+    logs = [simulated(robot, mass, lambda t: 0.03 * np.sin(4 * t) - 4e-3, 8.0) for mass in masses]
+    start = replace(robot, p1=0.0031, load_friction=0.0)
+    fit = replace(SIMULATED, terms=("bias", "load_friction"))
+    zeros = dict.fromkeys(masses, 0.0)
+    found = fit.of_logs(logs, [Start(start, zeros)], Prior.of({"p3": 0.0}))
+    assert "load_friction" not in found.names
+    coulomb = robot.coulomb + robot.load_friction * robot.bias
+    assert found.parameters.coulomb == pytest.approx(coulomb, rel=1e-3)
+    (said,) = [each for each in found.findings if each.kind is FindingKind.INSEPARABLE]
+    assert "With one load, load friction and Coulomb friction are one number: add a run" in (
+        finding_text(said, {})
+    )

@@ -55,7 +55,9 @@ def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
     names = ["p1", "p2", "p3", "p4", "coulomb", "stribeck", "delay", "back_emf"]
     names += ["motor_friction", "load_friction", "dead_zone", "compression", "loop_kp", "loop_ki"]
     names += ["loop_kd", "zero", "velocity", *(["time_constant"] if joint.time_constant else [])]
-    _, rows, mixture = simulation.linearised(names, joint, 0.1, 0.2)
+    values, rows, mixture = simulation.linearised(names, joint, 0.1, 0.2)
+    alone, *_ = simulation.linearised([], joint, 0.1, 0.2)
+    np.testing.assert_allclose(alone, values, rtol=0, atol=1e-12)
     found = rows @ mixture
 
     def errors(name, step):
@@ -136,7 +138,12 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
 @pytest.mark.parametrize(
     ("told", "field"),
     [
-        ({"kp": 1}, "loop"),
+        ({"kp": 1}, "loop.law"),
+        ({}, "loop.law"),
+        ({"law": "pid-duty", "kp": -1}, "loop.kp"),
+        ({"law": "pid-duty", "kp": 1, "ki": (0, 1)}, "loop.ki"),
+        ({"law": "pid-duty", "kp": 1, "limit": True}, "loop.limit"),
+        ({"law": "pid-duty", "kp": "1", "limit": "much"}, "loop.limit"),
         ({"law": "dynamixel", "kp": 1}, "loop.law"),
         ({"law": "pid-duty", "gain": 1}, "loop.gain"),
         ({"law": "pid-duty"}, "loop.kp"),

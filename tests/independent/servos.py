@@ -211,7 +211,7 @@ def _drawn(rng, law, number, seed):
         "delay": firmware.delay,
         "back_emf": servo.back_emf,
         "stribeck": servo.excess,
-        "stribeck_velocity": servo.excess_velocity,
+        **({"stribeck_velocity": servo.excess_velocity} if servo.excess else {}),
         "motor_friction": servo.motor_friction,
         "load_friction": servo.load_friction,
     }

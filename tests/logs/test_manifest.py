@@ -15,6 +15,7 @@ from butterfly.logs.manifest import (
     LogEntry,
     Manifest,
     Recordings,
+    checked_options,
     manifest_text,
     read_manifest,
     write_manifest,
@@ -158,6 +159,10 @@ logs:
         ("arm: 0.1", "arm: .nan", "arm: got nan; expected a finite number"),
         ("arm: 0.1", "arm: 0.1\nroot: ${NO_SUCH_VARIABLE}", "root: got ${NO_SUCH_VARIABLE}"),
         ("arm: 0.1", "arm: 0.1\nroot: nowhere", "root: got"),
+        ("torque", "setpoint", "loop.law: got nothing, under a setpoint; expected the servo's law"),
+        ("arm", "loop: {law: pid}\narm", "loop.law: got pid; expected"),
+        ("arm", "loop: {law: pid-duty, gain: 2}\narm", "loop.gain: got an unknown name"),
+        ("omega", "loop: 3, omega", "logs.0.loop: got 3; expected"),
         (VALID, "just text", "content: got str; expected a mapping"),
     ],
 )
@@ -186,6 +191,7 @@ ENTRIES = st.builds(
     begin=st.none() | st.floats(0, 5),
     end=st.none() | st.floats(6, 9),
     part=st.none() | st.integers(1, 9),
+    loop=st.none() | st.just({"kp": 4.0}),
 )
 MANIFESTS = st.builds(
     Manifest,
@@ -193,6 +199,7 @@ MANIFESTS = st.builds(
     description=TEXTS,
     root=PLAIN.filter(lambda text: "$" not in text),
     input=st.sampled_from(InputKind),
+    loop=st.just({"law": "pid-duty", "kp": 2.0}),
     intersample=st.sampled_from(Intersample),
     sign=st.sampled_from([1, -1]),
     arm=SIZES,
@@ -226,3 +233,17 @@ def test_a_path_that_no_file_can_have_is_refused_with_its_field(tmp_path, field,
     path.write_text(f'name: a\ninput: voltage\nroot: "{root}"\nlogs: [{{file: "{file}"}}]\n')
     with pytest.raises(InputError, match=rf"bench\.yaml.*{field}: got .*; expected a path"):
         read_manifest(path)
+
+
+def test_a_loop_is_that_of_the_option_the_data_set_and_the_log(tmp_path):
+    path = tmp_path / "m.yaml"
+    path.write_text(VALID.replace("torque", "setpoint") + "  - {file: b.mat, loop: {kp: 5}}\n")
+    options = checked_options({"loop": {"law": "dynamixel-x", "kp": "400", "limit": "0.9"}})
+    manifest = read_manifest(path, given=options)
+    first, second = (manifest.properties(entry)["servo"] for entry in manifest.logs)
+    assert (first.law, first.kp.value, first.limit) == ("dynamixel-x", 400.0, 0.9)
+    assert (second.kp.value, second.limit) == (5.0, 0.9)
+    path.write_text(VALID.replace("torque", "setpoint\nloop: {law: odrive}"))
+    told = read_manifest(path, given=checked_options({"loop": {"kp": "3"}}))
+    with pytest.raises(InputError, match=r"a\.mat: loop\.kd: got nothing; expected this gain"):
+        told.properties(told.logs[0])

@@ -39,7 +39,6 @@ from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
-from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR
 from butterfly.model.terms import IDEAL, FrictionTerms
@@ -256,8 +255,7 @@ class _Search:
     @cached_property
     def _thin(self) -> DataSet:
         """The data set with as many samples as the equations need."""
-        logs = tuple(thinned(log, GLANCE) for log in self.data.logs)
-        return replace(self.data, logs=logs)
+        return replace(self.data, logs=self.data.glance)
 
     def _tried(self) -> Iterator[_Mistake]:
         """Try what may have been mistaken."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,15 @@ from butterfly.signals.frequency_response import first_counted
 
 TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 """Terms that are tried where none are told."""
+
+OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression")
+"""Terms that are tried besides of a servo, which has a gear and can be switched off."""
+
+
+def tried(logs: Iterable[Log]) -> tuple[str, ...]:
+    """Return the terms that are tried of some logs where none are told."""
+    return (*TRIED, *OF_SERVO) if any(log.setpoint is not None for log in logs) else TRIED
+
 
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
@@ -135,23 +144,21 @@ class FreeRunResiduals:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
-    def equations(
-        self, scaled: Samples, most: float = np.inf, *, apart: Samples | None = None
-    ) -> Equations:
+    def equations(self, scaled: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean.
 
-        Logs whose costs sum up to more than ``most`` are the last to be simulated.
+        About (n,) values, or (k, n) of k logs. Logs whose costs sum up to more than ``most`` are
+        the last to be simulated; without ``slopes`` there are no derivatives.
         """
-        values = np.broadcast_to(scaled, (len(self.motion), scaled.size)) * self.scale
-        if apart is not None:
-            values = values + apart * self.scale
+        values = np.broadcast_to(scaled, (len(self.motion), len(self.keys))) * self.scale
         segmented = [each for each in self.simulations if isinstance(each, Segments)]
         begins = [each.begins for each in segmented]
+        simulated = partial(self._of_log, slopes=slopes)
         if self.workers == 1:
-            found = self._within(most, map(self._of_log, range(len(values)), values))
+            found = self._within(most, map(simulated, range(len(values)), values))
         else:
             with threads(self.workers) as pool:
-                found = self._within(most, pool.map(self._of_log, range(len(values)), values))
+                found = self._within(most, pool.map(simulated, range(len(values)), values))
                 pool.shutdown(cancel_futures=True)
         if len(found) < len(values):  # whichever were simulated, they begin where they did
             for each, own in zip(segmented, begins, strict=True):
@@ -221,8 +228,8 @@ class FreeRunResiduals:
 
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out."""
-        optional = {name for name in (*TRIED, *RARER) if name not in always}
         logs = [each.log for each in self.simulations]
+        optional = {name for name in (*tried(logs), *RARER) if name not in always}
         masses = [log.added_mass for log in logs]
         cells = independent_cells_of(len(logs), len(self.keys))
         conditions = Conditions.of(logs, cells)
@@ -315,7 +322,7 @@ class FreeRunResiduals:
         )
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
-    def _of_log(self, index: int, values: Samples) -> LogEquations:
+    def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
         simulation = self.simulations[index]
         columns = columns_of(self.keys, simulation.log)
         own = {self.keys[k][0]: float(values[k]) for k in columns}
@@ -324,12 +331,12 @@ class FreeRunResiduals:
         if not parameters.p1 + simulation.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
         zero = own["zero"] if "zero" in own else reading_of(simulation.log, self.zeros)
-        errors, rows, mixture = simulation.linearised(
-            list(own), parameters, zero, own.get("velocity")
-        )
+        names = list(own) if slopes else []
+        errors, rows, mixture = simulation.linearised(names, parameters, zero, own.get("velocity"))
         unit = 1 / (self.motion[index] * errors.size**0.5)
         scaled = np.zeros((mixture.shape[0], len(self.keys)))
-        scaled[:, columns] = unit * mixture * self.scale[columns]
+        moving = columns[: len(names)]
+        scaled[:, moving] = unit * mixture * self.scale[moving]
         return LogEquations(residuals=unit * errors, rows=rows, mixture=scaled)
 
 

@@ -20,6 +20,7 @@ from scipy.special import ndtri
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import CELLS
 from butterfly.identification.equations import compressed
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
@@ -94,12 +95,22 @@ class LogEquations:
         root = np.sqrt(weights)
         return replace(self, residuals=self.residuals * root, rows=self.rows * root[:, None])
 
-    def blocks(self, count: int) -> list[LogEquations]:
-        """Return the equations of some stretches of the log, one after the other."""
-        pairs = zip(
-            np.array_split(self.residuals, count), np.array_split(self.rows, count), strict=True
-        )
-        return [replace(self, residuals=residuals, rows=rows) for residuals, rows in pairs]
+    def compressed(self, cells: int) -> tuple[Samples, Samples]:
+        """Return (cells, p, n) rows and (cells, p) residuals of stretches, one after the other."""
+        many = self.residuals.size > CELLS * self.rows.shape[1]
+        rows, residuals = self._usual if many and cells in {1, CELLS} else self._factors(cells)
+        if cells == 1 < len(rows):
+            rows, residuals = compressed([(rows.reshape(-1, rows.shape[2]), residuals.ravel())])
+        return rows @ self.mixture, residuals
+
+    @cached_property
+    def _usual(self) -> tuple[Samples, Samples]:
+        """Factors of the usual cells, of which those of the whole are made too."""
+        return self._factors(CELLS)
+
+    def _factors(self, cells: int) -> tuple[Samples, Samples]:
+        parts = (np.array_split(each, cells) for each in (self.rows, self.residuals))
+        return compressed(zip(*parts, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,15 +176,13 @@ class Equations:
 
     def compressed(self, cells: int) -> tuple[Samples, Samples]:
         """Return (k, p, n) rows and (k, p) residuals of each log's cells, as the loss weighs."""
-        parts = [part for log in self._weighted for part in log.blocks(cells)]
-        factors = [compressed([(part.rows, part.residuals)]) for part in parts]
-        most = max(residuals.size for _, residuals in factors)
-        rows = np.zeros((len(parts), most, parts[0].mixture.shape[1]))
-        residuals = np.zeros((len(parts), most))
-        for k, (part, (own, left)) in enumerate(zip(parts, factors, strict=True)):
-            rows[k, : left.size] = own[0] @ part.mixture
-            residuals[k, : left.size] = left[0]
-        return rows, residuals
+        factors = [log.compressed(cells) for log in self._weighted]
+        most = max(left.shape[1] for _, left in factors)
+        rows = np.zeros((len(factors), cells, most, self.logs[0].mixture.shape[1]))
+        residuals = np.zeros((len(factors), cells, most))
+        for k, (own, left) in enumerate(factors):
+            rows[k, :, : left.shape[1]], residuals[k, :, : left.shape[1]] = own, left
+        return rows.reshape(-1, *rows.shape[2:]), residuals.reshape(-1, most)
 
     @property
     def bread(self) -> Samples:

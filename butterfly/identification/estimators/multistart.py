@@ -18,10 +18,10 @@ from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Equations, Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.inference.term_choice import candidates
 from butterfly.identification.levels import MATTERS, SPREADS
-from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
@@ -84,7 +84,8 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
-    found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
+    points = data.take(steady_sines(data)[0]).sines
+    found = closed_form.of_points(points, usable(closed_form.method, data.known))
     return replace(Start.at(found, data), parameters=_moving(found, data))
 
 
@@ -99,8 +100,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted)
-    logs = [thinned(log, GLANCE) for log in data.logs]
-    estimate = closed_form.of_logs(logs, zeros, usable(closed_form.method, data.known))
+    estimate = closed_form.of_logs(data.glance, zeros, usable(closed_form.method, data.known))
     found = _moving(estimate, data)
     if not open_:
         return Start(found, zeros)

@@ -32,7 +32,7 @@ from butterfly.model.terms import COMPANIONS
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""
 
-RARER = ("spring", "mass_inertia", "dead_zone", "compression")
+RARER = ("spring", "mass_inertia", "dead_zone", "compression", "motor_friction", "load_friction")
 """Terms that are tried one after the other beside those, by the rule of contrasts."""
 
 NEGLIGIBLE = 1e-6
@@ -87,7 +87,7 @@ class TermChoice:
         )
 
 
-def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
+def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
     What grows with the added mass shows with three of them: by two the scale of all is set. What
