@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.model.kernel.loop import Loop, slewed, torque
+from butterfly.model.kernel.loop import MEMORY, Loop, slewed, torque
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.plant.joints import Joint
@@ -23,7 +23,7 @@ class Firmware:
 
     def __init__(self, loop: Loop) -> None:
         self.loop = loop
-        self._memory, self._torque, self._is_on = np.zeros(2), 0.0, math.nan
+        self._memory, self._torque, self._is_on = np.zeros(MEMORY), 0.0, math.nan
 
     @property
     def command(self) -> float:
