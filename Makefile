@@ -12,7 +12,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short coverage kinds fuzz readers record record-check wheel clean
+.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers record record-check wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -40,10 +40,14 @@ lint: $(VENV)/.development
 types: $(VENV)/.development
 	$(BIN)/mypy
 
-# Writes the table of docs/performance.md. With mujoco.sysid to compare with:
-# .venv/bin/pip install -e '.[sysid]' before.
+# Writes the table of docs/performance.md, mujoco.sysid beside it.
 bench: $(VENV)/.development
+	$(INSTALL) --editable '.[sysid]'
 	BUTTERFLY_BENCH_WRITE=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
+
+# Peak memory of each command on the real logs, into docs/performance.md.
+memory: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.memory
 
 # A part of it, the bars of time doubled, for machines that others share.
 bench-short: $(VENV)/.development

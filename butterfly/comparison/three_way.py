@@ -11,12 +11,13 @@ from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
+from butterfly.identification.simulation import SimulatedMotion, Simulation
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.robot import Robot
-from butterfly.plant.rollout import replay_input
+from butterfly.plant.rollout import replay_input, replay_loop
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import response_point
 
@@ -64,8 +65,15 @@ def compare_three(
         # of a joint that nothing drives any gain will do
         driven = replace(parameters, p4=parameters.p4 or 1.0)
         robot, added = Robot.of_loaded(driven, log.added_mass, mass)
-        joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
-        mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive)
+        own = Simulation(log, parameters)
+        angle, velocity = own.start(zero, setting.velocity)
+        joint = MujocoJoint(robot, added, angle=angle, velocity=velocity)
+        loop = own.loop(driven, zero)
+        if loop is None:
+            mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive)
+        else:
+            states = replay_loop(joint, log, own.grid, loop)
+            mujoco = zero + SimulatedMotion(((own.grid, *states),)).at(log.time)
         greybox = predictor.run_with(number, setting).simulated
         found.append(
             ThreeWay(

@@ -16,7 +16,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import GROWING, PARAMETERS, TERMS
+from butterfly.model.terms import PARAMETERS, SHARES, TERMS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +90,6 @@ class ScaleParameter:
         assert self.name is not None  # noqa: S101 - asked of a reference only
         carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
         pairs = zip(solved.names, solved.values.tolist(), strict=True)
-        grown = [own + carried.get(n, 0.0) if n in GROWING else 0.0 for n, own in pairs]
+        grown = [SHARES.get(n, 0.0) * own + carried.get(n, 0.0) for n, own in pairs]
         own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
         return -np.array(grown) / own

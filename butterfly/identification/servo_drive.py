@@ -21,11 +21,6 @@ from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.signals import hold, polynomials
 from butterfly.signals.spectrum import resample, uniform_grid
 
-_STRUCTURES = {
-    LawStructure.PID: kernel.PID,
-    LawStructure.CASCADE: kernel.CASCADE,
-    LawStructure.SPEED: kernel.SPEED,
-}
 _DRIVES = {
     Output.DUTY: InputKind.DUTY,
     Output.VOLTAGE: InputKind.VOLTAGE,
@@ -61,7 +56,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     if servo is not None and slews and math.isfinite(servo.speed_limit):
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
     enabled = None if log.enabled is None else _on_grid(log, log.enabled, grid)
-    return _told(
+    return Loop.of(
         servo,
         parameters,
         zero=zero,
@@ -85,58 +80,6 @@ def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples 
     return log.supply if grid is None else _on_grid(log, log.supply, grid)
 
 
-def _told(
-    servo: ServoLoop | None,
-    parameters: LumpedParameters | None,
-    *,
-    zero: float,
-    period: float,
-    every: int,
-    columns: tuple[Samples, Samples, Samples | float, Samples | None],
-) -> Loop:
-    """Return the numbers of the kernel; of no servo the drive is as recorded.
-
-    Without ``parameters`` the torque is what the firmware puts out.
-    """
-    setpoint, late, supply, enabled = columns
-    kp, ki, kd = (1.0, 0.0, 0.0) if servo is None else servo.told
-    by_p, by_i, by_d = (
-        (1.0, 1.0, 1.0)
-        if parameters is None
-        else (parameters.loop_kp, parameters.loop_ki, parameters.loop_kd)
-    )
-    emf, drop = (0.0, math.inf) if servo is None else servo.reach
-    limit = math.inf
-    if servo is not None:
-        limit = servo.rule.limit if servo.limit is None else float(servo.limit)
-    return Loop(
-        structure=kernel.RECORDED if servo is None else _STRUCTURES[servo.rule.structure],
-        kp=kp * (1.0 if servo is None else by_p),
-        ki=ki * by_i,
-        kd=kd * by_d,
-        told_kp=0.0 if servo is None else kp,
-        told_ki=ki,
-        told_kd=kd,
-        limit=limit,
-        speed_limit=math.inf if servo is None else float(servo.speed_limit),
-        dead_band=0.0 if servo is None else float(servo.dead_band),
-        slew=math.inf if servo is None else float(servo.slew) * period,
-        period=period,
-        every=every,
-        lead=0.0 if servo is None else max(period - servo.period, 0.0) / 2,
-        emf=float(emf),
-        drop=float(drop),
-        zero=zero,
-        p4=1.0 if parameters is None else parameters.p4,
-        dead_zone=0.0 if parameters is None else parameters.dead_zone,
-        compression=0.0 if parameters is None else parameters.compression,
-        setpoint=setpoint,
-        late=late,
-        supply=np.full(setpoint.size, 1.0) * supply,
-        on=np.ones(setpoint.size) if enabled is None else np.rint(enabled),
-    )
-
-
 def driven(log: Log) -> Log:
     """Return the log of a servo with its drive as input, rebuilt if it was not recorded.
 
@@ -155,12 +98,10 @@ def driven(log: Log) -> Log:
     setpoint = log.input
     if servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit):
         setpoint, _ = kernel.slewed(setpoint, nothing, servo.speed_limit * log.mean_step)
-    told = _told(
+    told = Loop.of(
         replace(servo, clock=log.mean_step),
         None,
-        zero=0.0,
         period=log.mean_step,
-        every=1,
         columns=(setpoint, nothing, _supply(log, servo, None), log.enabled),
     )
     drive = kernel.outputs(log.angle, _rate(log), told)

@@ -96,9 +96,8 @@ class Simulation:
         sample's angle as it is.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters)
-        loop = self._loop(parameters, inputs, zero)
-        angle, speed = simulate(loaded, self.grid, inputs[0], *self._start(zero, begin), loop)
+        inputs, loop = self._inputs(parameters), self.loop(parameters, zero)
+        angle, speed = simulate(loaded, self.grid, inputs[0], *self.start(zero, begin), loop)
         return SimulatedMotion(((self.grid, zero + angle, speed),), self.log.integrated)
 
     def linearised(
@@ -118,9 +117,9 @@ class Simulation:
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters, columns.drives)
-        start = self._start(zero, begin)
+        start = self.start(zero, begin)
         readings, measured, _ = self._averages
-        loop = self._loop(parameters, inputs, zero)
+        loop = self.loop(parameters, zero)
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns, loop)
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
@@ -165,7 +164,7 @@ class Simulation:
         _, stamps, weights = self._reader
         return stamps, weights
 
-    def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
+    def start(self, zero: float, begin: Begin) -> tuple[float, float]:
         """Return angle, from the hanging position, and velocity at the first sample."""
         if begin is None:
             begin = self.log.initial_state
@@ -182,10 +181,11 @@ class Simulation:
         )
         return Readings(into=into, weights=weights), measured, counts
 
-    def _loop(self, parameters: LumpedParameters, inputs: Samples, zero: float) -> Loop | None:
+    def loop(self, parameters: LumpedParameters, zero: float) -> Loop | None:
         """Return the loop of a servo that drives the joint; None where its input says all."""
         if not needs_loop(self.log):
             return None
+        inputs = self._inputs(parameters)
         return loop_on_grid(self.log, parameters, zero, self.grid, inputs, self._every)
 
     def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:

@@ -4,6 +4,7 @@ A law makes an output of set-point r, angle th and velocity, with gains in the u
 makers use; the table holds what one unit of each gain is worth.
 
     pid      output = kp e + ki int e dt - kd thd,               e = r - th
+             (or + kd de/dt, where the law says so)
     cascade  output = kd f + ki int f dt,     f = clip(kp e, speed limit) - thd
     speed    output = kp f + ki int f dt,                        f = r - thd
 
@@ -51,6 +52,7 @@ class Law:
     kp: float = 1.0  # worth of one unit of each gain
     ki: float = 1.0
     kd: float = 1.0
+    on_error: bool = False  # whether kd acts on the rate of the error, not of the joint
     limit: float = math.inf  # of the output
     clock: float = 1e-3  # s
     source: str = ""
@@ -64,11 +66,11 @@ _FULL = 885  # what a Dynamixel calls all of its supply
 # fmt: off
 _MAKERS = {
     "dynamixel-x": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0, on_error=True,
         kp=_COUNTS / (128 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
         source="ROBOTIS e-Manual, X series, Position PID Gain(80, 82, 84); sums at 1 kHz assumed"),
     "dynamixel-xl330": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=1.0,
+        structure=LawStructure.PID, output=Output.DUTY, limit=1.0, on_error=True,
         kp=_COUNTS / (256 * _FULL), ki=_COUNTS / (65.536 * _FULL), kd=_COUNTS / (16e3 * _FULL),
         source="as dynamixel-x, with the divisor 256 that Rhoban/bam measured of its P gain"),
     "dynamixel-x-velocity": Law(
@@ -76,7 +78,7 @@ _MAKERS = {
         kp=_RATE / (128 * _FULL), ki=_RATE / (65.536 * _FULL),
         source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
     "feetech-sts": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
+        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166, on_error=True,
         source="Rhoban/bam, feetech/actuator.py, by oscilloscope; D's worth nobody publishes, here "
                "s/rad"),
     "odrive": Law(
@@ -121,7 +123,7 @@ class ServoLoop:
     speed_limit
         In rad/s (m/s of a slide): of a cascade; of the set-point that a PID law follows.
     dead_band
-        Of the error, in rad (rad/s of a law of speed), that is taken from it.
+        Of the error, in rad (rad/s of a law of speed), within which it counts as none.
     slew
         Most change of the output in a second.
     clock

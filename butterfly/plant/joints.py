@@ -35,10 +35,15 @@ def steps_of(duration: float) -> int:
 
 
 class Joint(ABC):
-    """A simulated joint: a robot and what it carries, first at rest at ``angle`` rad."""
+    """A simulated joint: a robot and what it carries, first at ``angle`` rad, mostly at rest."""
 
     def __init__(
-        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+        self,
+        robot: Robot,
+        added: AddedMass = NO_ADDED_MASS,
+        *,
+        angle: float = 0.0,
+        velocity: float = 0.0,
     ) -> None:
         drive = self._drive = robot.drive if isinstance(robot.drive, VoltageDrive) else None
         self._back_emf_constant = drive.back_emf_constant if drive else math.nan
@@ -47,7 +52,7 @@ class Joint(ABC):
         self.input_kind = robot.input_kind
         self._loaded = robot.loaded(added)
         self._constants = Constants.of(self._loaded)
-        self._initial = float(angle)
+        self._initial = float(angle), float(velocity)
 
     @property
     @abstractmethod
@@ -61,7 +66,7 @@ class Joint(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Go back to rest at time 0."""
+        """Go back to how it began, at time 0."""
 
     @abstractmethod
     def advance(self, command: float, duration: float) -> None:
@@ -74,6 +79,11 @@ class Joint(ABC):
         Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
         the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
         """
+
+    def open_circuit(self, is_open: bool) -> None:
+        """Open the motor's circuit, which then has no back EMF, or close it."""
+        back_emf = 0.0 if is_open else self._loaded.back_emf
+        self._constants = self._constants._replace(back_emf=back_emf)
 
     def follow(self, commands: Samples, durations: Samples) -> Samples:
         """Hold each of (n,) commands for its duration in s; return the (n + 1,) angles between."""
@@ -104,9 +114,10 @@ class MujocoJoint(Joint):
         added: AddedMass = NO_ADDED_MASS,
         *,
         angle: float = 0.0,
+        velocity: float = 0.0,
         scene: bool = False,
     ) -> None:
-        super().__init__(robot, added, angle=angle)
+        super().__init__(robot, added, angle=angle, velocity=velocity)
         self.model = compile_model(robot, added, scene=scene)
         self.data = data = mujoco.MjData(self.model)
         self._options, self._length = self.model.opt, 0.0
@@ -132,11 +143,19 @@ class MujocoJoint(Joint):
         return self._velocity[0]
 
     def reset(self) -> None:
-        """Go back to rest."""
+        """Go back to how it began."""
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[0] = self._initial
+        self.data.qpos[0], self.data.qvel[0] = self._initial
         if self._armature is not None:
             self._armature.current = 0.0
+
+    def open_circuit(self, is_open: bool) -> None:
+        """Open the motor's circuit or close it; see `Joint`."""
+        super().open_circuit(is_open)
+        if self._armature is not None:
+            self._armature.back_emf_constant = 0.0 if is_open else self._back_emf_constant
+        else:
+            self.model.actuator_gear[0, 0] = 0.0 if is_open else 1.0
 
     def advance(self, command: float, duration: float) -> None:
         """Step MuJoCo through ``duration`` s in equal steps that lag and bristles allow."""
@@ -159,7 +178,7 @@ class MujocoJoint(Joint):
             if self._armature and self._drive:
                 motor = self._armature.current * self._drive.torque_constant
             else:
-                motor = self._loaded.p4 * command - self._loaded.back_emf * speed
+                motor = self._loaded.p4 * command - self._constants.back_emf * speed
             angle = self._position[0] + half * self._velocity[0]
             self.model.dof_frictionloss[0] = friction_at(angle, speed, motor, self._constants)
             self._step(command, 1)
@@ -211,7 +230,7 @@ class _Armature:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, drive: VoltageDrive) -> None:
-        self.current = 0.0
+        self.current, self.back_emf_constant = 0.0, drive.back_emf_constant
         self._model, self._data, self._drive = model, data, drive
         self._position, self._velocity, self._acceleration = map(
             _as_one, (data.qpos, data.qvel, data.qacc)
@@ -252,7 +271,7 @@ class _Armature:
         self._set(x, v, i, z)
         mujoco.mj_forwardSkip(self._model, self._data, _WHOLE, _NO_SENSORS)
         drive = self._drive
-        back_emf = drive.back_emf_constant * v.real
+        back_emf = self.back_emf_constant * v.real
         rate = (voltage - drive.resistance * i - back_emf) / drive.inductance
         return self._acceleration.item(), rate, self._data.act_dot.item() if self._bends else 0.0
 
@@ -266,9 +285,14 @@ class GreyBoxJoint(Joint):
     """The same robot by the grey-box equation, with set-valued friction and without play."""
 
     def __init__(
-        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+        self,
+        robot: Robot,
+        added: AddedMass = NO_ADDED_MASS,
+        *,
+        angle: float = 0.0,
+        velocity: float = 0.0,
     ) -> None:
-        super().__init__(robot, added, angle=angle)
+        super().__init__(robot, added, angle=angle, velocity=velocity)
         if robot.clutch:
             raise InputError("GreyBoxJoint", "clutch", robot.clutch, "none: MuJoCo alone has play")
         self.reset()
@@ -284,8 +308,8 @@ class GreyBoxJoint(Joint):
         return self._state[1]
 
     def reset(self) -> None:
-        """Go back to rest."""
-        self._state = (self._initial, 0.0, 0.0, 0.0)
+        """Go back to how it began."""
+        self._state = (*self._initial, 0.0, 0.0)
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in the equal steps of `steps_of`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -12,6 +12,9 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.parameters import AddedMass
+from butterfly.model.servo import ServoLoop
+from butterfly.model.terms import DRIVE, IDEAL
+from butterfly.plant.firmware import Servo, Spans, is_on
 from butterfly.plant.joints import GreyBoxJoint, Joint, MujocoJoint
 from butterfly.plant.motor import (
     LARGEST_COMMAND,
@@ -29,7 +32,8 @@ from butterfly.signals.excitations import Excitation, initial_angle
 class SimulatedMotor:
     """A motor whose joint is simulated, with a command path and an encoder, its noise from ``rng``.
 
-    A delayed command takes effect at its own instant, not at the next cycle.
+    A delayed command takes effect at its own instant, not at the next cycle. The command of a
+    ``servo`` is its set-point.
     """
 
     def __init__(
@@ -39,8 +43,9 @@ class SimulatedMotor:
         path: CommandPath = CommandPath(),
         encoder: Encoder = Encoder(),
         rng: np.random.Generator | None = None,
+        servo: Servo | None = None,
     ) -> None:
-        self._joint = joint
+        self._joint, self._servo = joint, servo
         self._path, self._is_open = path, path == CommandPath()
         self._encoder = encoder
         self._rng = rng or np.random.default_rng(0)
@@ -50,11 +55,13 @@ class SimulatedMotor:
     @property
     def input_kind(self) -> InputKind:
         """What the command means."""
-        return self._joint.input_kind
+        return self._joint.input_kind if self._servo is None else InputKind.SETPOINT
 
     def start(self) -> None:
         """Put the joint to rest at time 0."""
         self._joint.reset()
+        if self._servo is not None:
+            self._servo.start()
         self._pending.clear()
         self._time = self._applied = 0.0
 
@@ -65,6 +72,8 @@ class SimulatedMotor:
 
     def command(self, value: float) -> float:
         """Set the command; see `Motor`."""
+        if self._servo is not None:
+            self._servo.hear(self._time)
         if self._is_open and abs(value) < LARGEST_COMMAND:
             self._applied = value
             return value
@@ -81,7 +90,8 @@ class SimulatedMotor:
         """Read the encoder; see `Motor`."""
         time, joint = self._time, self._joint
         angle = self._encoder.read_one(time, joint.angle, self._rng)
-        found = time, angle, joint.current(self._applied)
+        command = self._applied if self._servo is None else self._servo.command
+        found = time, angle, joint.current(command)
         return tuple.__new__(Reading, found)  # as `Reading` does, in half the time
 
     def wait(self, duration: float) -> None:
@@ -90,11 +100,17 @@ class SimulatedMotor:
         while self._pending and self._pending[0][0] < end:
             instant, value = self._pending.popleft()
             if instant > self._time:
-                self._joint.advance(self._applied, instant - self._time)
+                self._advance(instant - self._time)
                 self._time = instant
             self._applied = value
-        self._joint.advance(self._applied, end - self._time)
+        self._advance(end - self._time)
         self._time = end
+
+    def _advance(self, duration: float) -> None:
+        if self._servo is None:
+            self._joint.advance(self._applied, duration)
+        else:
+            self._servo.advance(self._joint, self._applied, duration)
 
 
 class Simulator(StrEnum):
@@ -117,11 +133,15 @@ class Rig:
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
     faults: Faults = Faults()
+    servo: ServoLoop | None = None
+    """Its loop, whose set-points are the commands; what the path does to them is to the drive."""
+    torque_off: Spans = ()
+    """Pairs of instants in s, from one to before the other of which the servo is off."""
 
     @property
     def runs_in_mujoco(self) -> bool:
         """Whether MuJoCo does whole runs: all its steps have one length then, and need no help."""
-        if self.simulator is Simulator.GREY_BOX:
+        if self.simulator is Simulator.GREY_BOX or self.servo is not None:
             return False
         return self.clock.jitter == 0 and self.path.delay == 0 and not self.robot.assistance
 
@@ -135,7 +155,12 @@ class Rig:
 
     def loop(self, joint: Joint, rng: np.random.Generator) -> ControlLoop:
         """Return a control loop about a joint; all that is random is drawn from ``rng``."""
-        motor = SimulatedMotor(joint, path=self.path, encoder=self.encoder, rng=rng)
+        path, servo = self.path, None
+        if self.servo is not None:  # behind whose firmware are the flaws of the drive
+            own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
+            servo = Servo(self.servo, own, self.torque_off)
+            path = replace(path, **vars(IDEAL))
+        motor = SimulatedMotor(joint, path=path, encoder=self.encoder, rng=rng, servo=servo)
         return ControlLoop(motor, clock=self.clock, rng=rng)
 
     def run(
@@ -149,16 +174,21 @@ class Rig:
     ) -> Log:
         """Record ``duration`` s under a control law, from rest at the angle ``start`` in rad."""
         with self.loop(self.joint(added, start), rng) as loop:
-            log = loop.run(law, duration, **self._about(added))
-        return self.faults.apply(log, rng)
+            return self._kept(loop.run(law, duration, **self._about(added)), rng)
 
     def play(
-        self, added: AddedMass, excitation: Excitation, duration: float, rng: np.random.Generator
+        self,
+        added: AddedMass,
+        excitation: Excitation,
+        duration: float,
+        rng: np.random.Generator,
+        joint: Joint | None = None,
     ) -> Log:
-        """Record ``duration`` s of an excitation, cycle by cycle."""
-        with self.loop(self.joint(added, initial_angle(excitation)), rng) as loop:
+        """Record ``duration`` s of an excitation, cycle by cycle, with a fresh joint if given."""
+        joint = joint or self.joint(added, initial_angle(excitation))
+        with self.loop(joint, rng) as loop:
             log = loop.play(excitation.sample, duration, **self._about(added, excitation))
-        return self.faults.apply(log, rng)
+        return self._kept(log, rng)
 
     def record(
         self,
@@ -172,8 +202,15 @@ class Rig:
         angle = self.encoder.read(time, true, rng)
         about = self._about(*run)
         log = recorded(time, commands, angle, input_kind=self.robot.input_kind, **about)
+        return self._kept(log, rng)
+
+    def _kept(self, log: Log, rng: np.random.Generator) -> Log:
+        """Return the log of a run as it is written."""
+        if self.torque_off:
+            log = replace(log, enabled=is_on(self.torque_off, log.time))
         return self.faults.apply(log, rng)
 
     def _about(self, added: AddedMass, excitation: Excitation | None = None) -> dict[str, Any]:
         sine = excitation if isinstance(excitation, Sine) else None
-        return {"added_mass": added, "excitation": sine, "source": _SOURCES[self.simulator]}
+        about = {"added_mass": added, "excitation": sine, "servo": self.servo}
+        return about | {"source": _SOURCES[self.simulator]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,8 +19,10 @@ from mujoco.rollout import Rollout
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
+from butterfly.model.kernel.loop import Loop
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
+from butterfly.plant.firmware import Firmware
 from butterfly.plant.joints import Joint, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.rig import Rig
@@ -80,6 +83,8 @@ def _simulated(
 def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
     """Simulate a run, on any clock and through any path: the log of `Rig.play`."""
     (added, excitation), rng = job
+    if rig.servo is not None:
+        return rig.play(added, excitation, duration, rng, joint)
     cycles = rig.clock.cycles(duration, rng)
     time = stamps_of(cycles)
     if rig.clock.jitter == 0 and isinstance(excitation, Multisine):
@@ -141,6 +146,30 @@ def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms =
     inputs = drive.delivered(log.input)
     means = hold.mean(log.time, inputs, instants - delay, log.intersample)
     angles: Samples = joint.follow(means, np.diff(instants))[numbers]
-    if not np.isfinite(angles).all():
-        raise InputError(log.source, "angle", "a joint that diverged", "another model or input")
+    _require_motion(angles, log)
     return angles
+
+
+def replay_loop(
+    joint: Joint, log: Log, grid: Samples, loop: Loop, longest: float = _REPLAY_STEP
+) -> tuple[Samples, Samples]:
+    """Return the (n,) true angles and velocities of a joint in a log's loop on a grid in s.
+
+    Between its instants are equal steps of at most ``longest`` s.
+    """
+    joint.reset()
+    firmware = Firmware(loop)
+    states = np.empty((grid.size, 2))
+    for k, duration in enumerate(np.diff(grid)):
+        states[k] = joint.angle, joint.velocity
+        firmware.update(joint, k)
+        count = math.ceil(duration / longest * (1 - 1e-9))
+        joint.follow(np.full(count, firmware.command), np.full(count, duration / count))
+    states[-1] = joint.angle, joint.velocity
+    _require_motion(states, log)
+    return states[:, 0], states[:, 1]
+
+
+def _require_motion(states: Samples, log: Log) -> None:
+    if not np.isfinite(states).all():
+        raise InputError(log.source, "angle", "a joint that diverged", "another model or input")

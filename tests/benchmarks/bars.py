@@ -77,7 +77,6 @@ BARS = {
 """What is measured, in the order of the page."""
 
 MISSED = {
-    f"{_PEER}: from the logs on",
     "output error: fit of 12 parameters",
     "select by output error, 5 terms",
 }

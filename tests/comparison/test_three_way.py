@@ -9,11 +9,16 @@ from butterfly.comparison.three_way import compare_three
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.parameters_by_hand import given_estimate
+from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
+from butterfly.model.servo import ServoLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import replay_input
+from butterfly.plant.sensors import Clock
+from butterfly.signals.excitations import Table
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, steady
 from tests.independent.integrator import Joint, motion
@@ -111,6 +116,25 @@ def test_a_log_without_a_sine_has_no_gain(data, estimate):
     (way,) = compare_three(free, replace(estimate, local={None: {"zero": ZERO}}), [0])
     assert way.gains == {}
     assert way.fits["MuJoCo"] > 97
+
+
+SERVO = ServoLoop.of({"law": "dynamixel-xl330", "kp": 500, "supply": 7.0})
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_mujoco_and_the_grey_box_follow_a_servo_that_is_off_for_a_while(closed):
+    """Its back EMF, which is gone then, and friction on the motor's torque are in both."""
+    p = LumpedParameters(p1=0.0066, p2=0.05, p3=0.3, p4=0.09, coulomb=0.01, back_emf=0.03,
+                         motor_friction=0.1)  # fmt: skip
+    rig = Rig(robot=Robot.of_lumped(p), simulator=Simulator.GREY_BOX, clock=Clock(step=0.01),
+              servo=SERVO, torque_off=((0.8, 1.1),))  # fmt: skip
+    steps = Table(time=(0.0, 0.1, 0.5), values=(0.0, 0.6, -0.4))
+    log = rig.play(AddedMass(), steps, 1.5, np.random.default_rng(0))
+    log = replace(log, angle=log.angle + ZERO, input=log.input + ZERO)
+    data = DataSet.of([log if closed else replace(driven(log), servo=None)])
+    (way,) = compare_three(data, given_estimate(asdict(p) | {"zero": ZERO}, "test"), [0])
+    assert way.difference < 1e-3
+    assert way.fits["MuJoCo"] > (99.9 if closed else 90)
 
 
 @pytest.mark.slow

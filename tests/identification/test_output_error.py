@@ -1,14 +1,17 @@
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.design import judged_candidate
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
 from butterfly.identification.estimators.multistart import Start
 from butterfly.logs.log import Sine
+from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
 from tests.identification.simulated import RICH, noisy, simulated
 
@@ -119,3 +122,19 @@ def test_of_few_logs_or_of_logs_that_agree_no_scatter_is_said(logs, scattering):
     few = OutputError(terms=("bias",)).of_logs(differing[::7], [start])
     for found in (few, _fit(logs, terms=("drag", "load", "bias", "p3_offset", "stribeck"))):
         assert FindingKind.SCATTER not in {each.kind for each in found.findings}
+
+
+def test_friction_of_a_gear_is_found_unasked_and_a_next_experiment_tells_more_of_it():
+    plain = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5, coulomb=8e-4)
+    robot = replace(plain, load_friction=0.15)
+    logs = [
+        simulated(robot, mass, lambda t, w=w: 0.02 * np.sin(w * t) + 0.01 * np.sin(7 * t), 10.0)
+        for mass, w in product(MASSES, (2.0, 3.5))
+    ]
+    found = OutputError(workers=1)(DataSet.of(noisy(logs, 1e-3, np.random.default_rng(0))))
+    assert "load_friction" in found.names
+    assert found.parameters.load_friction == pytest.approx(0.15, rel=0.05)
+    at = found.names.index("load_friction")
+    assert found.lower[at] <= 0.15 <= found.upper[at] < 0.2
+    slow = Sine(omega=1.5, amplitude=0.04)
+    assert judged_candidate(found, MASSES[1], slow, misfit=1e-3, limit=1.0).errors[at] < 1

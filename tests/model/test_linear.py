@@ -36,6 +36,7 @@ WHOLE = replace(
 OTHERS = {
     "bristles": replace(SLIDING, delay=0.0, **BRISTLES),
     "friction that creeps at rest": replace(PENDULUM, coulomb=1e-4, drag=1e-4),
+    "a gear": replace(PENDULUM, motor_friction=0.1, load_friction=0.05, **LAG),
 }
 OMEGA = np.array([0.5, 3.0, 4.5, 9.0, 40.0])
 robots = st.builds(

@@ -65,9 +65,13 @@ def test_impossible_values_are_refused_by_name(bad):
     coulomb=positive,
     aside=st.floats(-1, 1),
     share=st.floats(1.1, 100),
+    motor=st.sampled_from([{}, {"back_emf": 1.0}, {"back_emf": 1.0, "time_constant": 0.01}]),
 )
-def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb, aside, share):
-    wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb, p3_offset=aside)
+def test_a_hand_found_for_lumped_parameters_has_them(
+    *, p1, p2, p3, p4, coulomb, aside, share, motor
+):
+    own = {name: value * (p2 if name == "back_emf" else 1) for name, value in motor.items()}
+    wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb, p3_offset=aside, **own)
     least = (math.hypot(p3, aside) / 9.81) ** 2 / p1
     found = Robot.of_lumped(wanted, mass=max(share * least, 1e-3)).lumped
     assert vars(found) == pytest.approx(vars(wanted), rel=1e-9, abs=1e-12)

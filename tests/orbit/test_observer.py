@@ -16,6 +16,8 @@ PRESENT = {
     "coulomb": {"coulomb": 8e-4},
     "stribeck": {"stribeck": 3e-3, "stribeck_velocity": 1.0},
     "drag": {"drag": 4e-4},
+    "motor_friction": {"motor_friction": 0.2},
+    "load_friction": {"load_friction": 0.1},
     "cogging": {"cogging": 3e-3, "cogging_periods": 3.0},
     "spring": {"spring": 5e-3},
     "dead_zone": {"dead_zone": 3e-4},

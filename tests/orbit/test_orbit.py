@@ -98,6 +98,18 @@ def test_the_command_is_the_law_103_with_all_friction_and_the_drive_made_up_for(
         assert p.delivered(found) == pytest.approx(plain)
 
 
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+def test_the_command_overcomes_the_friction_that_it_makes_in_a_gear_itself(speed):
+    p = replace(THESIS, coulomb=4e-4, motor_friction=0.2, load_friction=0.1)
+    law, without = (EnergyShaping(Orbit.of_amplitude(each, SIXTY), 0.3) for each in (p, THESIS))
+    for k in range(200):
+        reading = Reading(1e-3 * k, speed * 1e-3 * (k - 150), 0.0)
+        found, wanted = law(reading), without(reading)
+    motor, load = p.p4 * found, -p.p3 * math.sin(reading.angle)
+    friction = p.coulomb + abs(0.2 * motor - 0.1 * load)
+    assert motor - math.copysign(friction, speed) == pytest.approx(p.p4 * wanted, rel=1e-6)
+
+
 def test_state_amplitude_and_energy_name_the_same_orbit():
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
     speed = math.sqrt(2 * orbit.energy / THESIS.p1)

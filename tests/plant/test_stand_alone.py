@@ -14,6 +14,7 @@ from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint
+from butterfly.plant.mjcf import mjcf
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.plant.rollout import replay_input
 from butterfly.plant.stand_alone import AIM, command_of, models, stand_alone
@@ -182,6 +183,16 @@ def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(command, said
 @pytest.mark.parametrize("delay", [-8e-6, 0.0, 8e-6])
 def test_a_delay_too_short_to_be_seen_is_none(delay):
     assert stand_alone(Robot.of_lumped(PLAIN), delay=delay).left_out == ()
+
+
+def test_friction_of_a_gear_is_left_out_and_named():
+    geared = Robot.of_lumped(replace(PLAIN, motor_friction=0.1, load_stribeck=0.2))
+    (sentence,) = stand_alone(geared).left_out
+    assert sentence.endswith("in each step, for motor_friction, load_stribeck")
+    with pytest.raises(InputError, match="MuJoCo alone has no friction that grows with torque"):
+        mjcf(geared)
+    with pytest.raises(InputError, match="bristles with friction that grows with torque"):
+        replace(geared.friction, coulomb=1e-3, bristle_stiffness=5.0)
 
 
 def test_friction_too_strong_for_any_step_is_said():

@@ -52,6 +52,15 @@ from butterfly.signals.frequency_response import first_counted
 TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 """Terms that are tried where none are told."""
 
+OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression")
+"""Terms that are tried besides of a servo, which has a gear and can be switched off."""
+
+
+def tried(logs: Iterable[Log]) -> tuple[str, ...]:
+    """Return the terms that are tried of some logs where none are told."""
+    return (*TRIED, *OF_SERVO) if any(log.setpoint is not None for log in logs) else TRIED
+
+
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
@@ -219,8 +228,8 @@ class FreeRunResiduals:
 
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out."""
-        optional = {name for name in (*TRIED, *RARER) if name not in always}
         logs = [each.log for each in self.simulations]
+        optional = {name for name in (*tried(logs), *RARER) if name not in always}
         masses = [log.added_mass for log in logs]
         cells = independent_cells_of(len(logs), len(self.keys))
         conditions = Conditions.of(logs, cells)

@@ -25,7 +25,12 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.free_run_residuals import LOCAL, TRIED, FreeRunResiduals
+from butterfly.identification.estimators.free_run_residuals import (
+    LOCAL,
+    OF_SERVO,
+    FreeRunResiduals,
+    tried,
+)
 from butterfly.identification.estimators.gauss_newton import (
     Equations,
     LogEquations,
@@ -51,11 +56,14 @@ from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import COMPANIONS, GEAR, LOOP_GAINS, OF_ANGLE, PARAMETERS, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
+
+_GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,6 +189,13 @@ class OutputError(Estimator):
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
+        if any(log.closed for log in logs):
+            start, choice = self._by_segments(logs, begun[0], reference.fixed)
+            begun = [start, *begun]
+            if choice is not None:
+                told = replace(self, terms=choice.terms)
+                found = told._fit(logs, begun, later, known)  # noqa: SLF001 - its own
+                return found._replace(estimate=found.estimate.with_findings(*choice.findings))
         wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
         problem, end, said = lowest_end(
@@ -194,7 +209,7 @@ class OutputError(Estimator):
             point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
             choice = here.choose_terms(point, at, always)
             problem, end, rivals = here.fitted(choice)
-            absent = {*TRIED} - {name for name, _ in problem.keys}
+            absent = {*tried(logs)} - {name for name, _ in problem.keys}
             lacking = wide.without(absent).lacking(problem, end.point)
             if lacking is None:
                 if plain and contrasts_of(problem.solved(end), problem.conditions):
@@ -269,7 +284,7 @@ class OutputError(Estimator):
         start, zeros, horizon = first.parameters, first.zeros, self.horizon
         if horizon is None:
             horizon = horizon_of(logs, start, zeros)
-        every = known.fitted((*PARAMETERS, *self._names((log.added_mass for log in logs), known)))
+        every = known.fitted((*PARAMETERS, *self._names(logs, known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return FreeRunResiduals.of(
             logs,
@@ -285,11 +300,43 @@ class OutputError(Estimator):
             known=known,
         )
 
-    def _names(self, masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
-        """Return the terms that are fitted, or tried."""
+    def _by_segments(
+        self, logs: Sequence[Log], guess: Start, known: Prior
+    ) -> tuple[Start, TermChoice | None]:
+        """Return a first guess of servos, whose friction decides where they stop, and their terms.
+
+        Over segments of one period, driven by the rebuilt drive alone, no stop is far off. Terms
+        are chosen there unless they are told.
+        """
+        masses = {log.added_mass for log in logs}
+        slowest = min(resonance_frequency(guess.parameters.with_added_mass(m)) for m in masses)
+        gear = {*GEAR} & {*(OF_SERVO if self.terms is None else self.terms)}
+        begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
+        start = replace(guess, parameters=replace(guess.parameters, **begun))
         terms = self.terms
         if terms is None:
-            terms = candidates((*TRIED, *RARER), masses, known)
+            terms = candidates(tried(logs), [log.added_mass for log in logs], known)
+        short = replace(
+            self,
+            terms=terms,
+            fixed=tuple({"delay", *self.fixed, *LOOP_GAINS}),
+            horizon=2 * math.pi / slowest,
+        )
+        problem = short.problem([log.opened for log in logs], start, known)
+        end, choice = problem.descend(problem.initial), None
+        if self.terms is None:
+            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
+            problem, end, _ = problem.fitted(choice)
+        found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        own = {name: value for (name, whose), value in found if whose is None}
+        zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
+        return Start(replace(guess.parameters, **own), zeros), choice
+
+    def _names(self, logs: Iterable[Log], known: Prior) -> tuple[str, ...]:
+        """Return the terms that are fitted, or tried."""
+        terms, masses = self.terms, [log.added_mass for log in logs]
+        if terms is None:
+            terms = candidates(dict.fromkeys((*tried(logs), *RARER)), masses, known)
         else:
             terms = requested_terms(terms, known.uncertain)
         leaders = {*terms, *known.uncertain} & COMPANIONS.keys()

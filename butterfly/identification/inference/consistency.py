@@ -16,7 +16,7 @@ from butterfly.identification.inference.identifiability import SINGULAR_CONDITIO
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import GROWING
+from butterfly.model.terms import SHARES
 
 _OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -130,7 +130,7 @@ def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]
     lost = any(any(load) and name not in names for name, load in loads.items())
     if not fixed or lost or len({mass.inertia_and_moment for mass in masses}) <= 1:
         return []
-    grown = np.tile(np.where([n in GROWING for n in names], cells.values, 0.0), (len(masses), 1))
+    grown = np.tile(cells.values * [SHARES.get(n, 0.0) for n in names], (len(masses), 1))
     for name in set(loads) & set(names):
         grown[:, names.index(name)] += loads[name]
     column = -np.einsum("kmn,kn->km", rows, grown)

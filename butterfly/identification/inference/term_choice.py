@@ -87,7 +87,7 @@ class TermChoice:
         )
 
 
-def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
+def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
     What grows with the added mass shows with three of them: by two the scale of all is set. What

@@ -33,7 +33,7 @@ from butterfly.model.kernel.events import (
     reverse,
     states_of,
 )
-from butterfly.model.kernel.loop import TORQUE, WIDTH, at, differentiate_torque, torque
+from butterfly.model.kernel.loop import MEMORY, TORQUE, WIDTH, at, differentiate_torque, torque
 from butterfly.model.kernel.steps import (
     BEGIN,
     COUNT,
@@ -72,7 +72,7 @@ def differentiate(
     ``loop`` of a servo, unless it is None, drives the joint in place of ``drives``, and in the
     constants ``without_drive`` where it is off.
     """
-    memory, held, now = np.zeros(2), 0.0, c
+    memory, held, now = np.zeros(MEMORY), 0.0, c
     kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
     remembered = np.zeros((2, column.size))
     tape = np.zeros((_ROWS, TAPE_WIDTH))

@@ -6,6 +6,7 @@ saturation, dead band and switching off happen at instants that no parameter mov
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,21 +14,28 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import COLUMNS, V, X
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.servo import LawStructure, ServoLoop
 
 PID, CASCADE, SPEED, RECORDED = 0.0, 1.0, 2.0, 3.0
 """How the output is made: of the angle's error, of a speed that this asks for, of the speed's; or
 it is the set-point itself."""
 
-INTEGRAL, OUTPUT = 0, 1
-"""What the firmware remembers: of the error over time, and its last output."""
+_STRUCTURES = {LawStructure.PID: PID, LawStructure.CASCADE: CASCADE, LawStructure.SPEED: SPEED}
+
+INTEGRAL, OUTPUT, BEFORE, LOOKED = range(4)
+MEMORY = 4
+"""What the firmware remembers: of the error over time, its last output, the set-point before, and
+whether there was one."""
 
 BY_SETPOINT, BY_ANGLE, BY_VELOCITY, BY_INTEGRAL, BY_LAST, BY_P, BY_I, BY_D = range(8)
 SLOPE, BY_SPEED, DELIVERED, BY_DEAD_ZONE, BY_COMPRESSION = range(8, 13)
 GATE, RISE_BY_SETPOINT, RISE_BY_ANGLE, RISE_BY_VELOCITY, RISE_BY_P = range(13, 18)
-TORQUE = 18
-WIDTH = 19
+TORQUE, BY_PACE = 18, 19
+WIDTH = 20
 """Columns of what is kept of each interval: derivatives of the output, what becomes of it on its
-way to the joint, derivatives of what the integral gains, and the torque that is held."""
+way to the joint, derivatives of what the integral gains, the torque that is held, and the output's
+derivative by how far the set-point moved."""
 
 _P4, _DELAY, _DEAD_ZONE, _COMPRESSION = (
     COLUMNS[name] for name in ("p4", "delay", "dead_zone", "compression")
@@ -54,6 +62,7 @@ class Loop(NamedTuple):
     lead: float  # in s, by which the held output stands for one of a faster clock
     emf: float  # V per rad/s,
     drop: float  # and V, the most that the current's limit allows over the resistance
+    on_error: float  # whether kd acts on the error's rate, or on that of the joint alone
     zero: float  # the encoder's, in rad
     p4: float
     dead_zone: float
@@ -62,6 +71,54 @@ class Loop(NamedTuple):
     late: Samples  # (n - 1,) its derivative by the delay
     supply: Samples  # (n - 1,) by which the output is multiplied
     on: Samples  # (n - 1,) whether the joint is driven
+
+    @classmethod
+    def of(
+        cls,
+        servo: ServoLoop | None,
+        parameters: LumpedParameters | None,
+        *,
+        period: float,
+        columns: tuple[Samples, Samples, Samples | float, Samples | None],
+        every: int = 1,
+        zero: float = 0.0,
+    ) -> Loop:
+        """Take them from a servo and the parameters of its joint; of no servo the drive is told.
+
+        The ``columns`` are set-point, its derivative, supply and what is on. Without ``parameters``
+        the torque is what the firmware puts out.
+        """
+        setpoint, late, supply, enabled = columns
+        p = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0) if parameters is None else parameters
+        structure, gains, told = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        reach, limit = (0.0, math.inf), math.inf
+        if servo is not None:
+            structure, told, reach = _STRUCTURES[servo.rule.structure], servo.told, servo.reach
+            gains = told[0] * p.loop_kp, told[1] * p.loop_ki, told[2] * p.loop_kd
+            limit = servo.rule.limit if servo.limit is None else float(servo.limit)
+        return cls(
+            structure,
+            *gains,
+            *told,
+            limit=limit,
+            speed_limit=math.inf if servo is None else float(servo.speed_limit),
+            dead_band=0.0 if servo is None else float(servo.dead_band),
+            slew=math.inf if servo is None else float(servo.slew) * period,
+            period=period,
+            every=every,
+            lead=0.0 if servo is None else max(period - servo.period, 0.0) / 2,
+            emf=float(reach[0]),
+            drop=float(reach[1]),
+            on_error=float(servo is not None and servo.rule.on_error),
+            zero=zero,
+            p4=p.p4,
+            dead_zone=p.dead_zone,
+            compression=p.compression,
+            setpoint=setpoint,
+            late=late,
+            supply=np.full(setpoint.size, 1.0) * supply,
+            on=np.ones(setpoint.size) if enabled is None else np.rint(enabled),
+        )
 
 
 @inner
@@ -77,7 +134,7 @@ def torque(k, state, loop, memory, held, kept):
     Keeps in ``kept``, unless that is None, what the derivatives need.
     """
     if loop.on[k] == 0.0:
-        memory[INTEGRAL] = memory[OUTPUT] = 0.0
+        memory[INTEGRAL] = memory[OUTPUT] = memory[LOOKED] = 0.0
         return 0.0
     if k % loop.every != 0:
         return held
@@ -86,13 +143,15 @@ def torque(k, state, loop, memory, held, kept):
     if loop.structure != RECORDED:
         error -= v if loop.structure == SPEED else ahead
     seen = 1.0 if abs(error) > loop.dead_band else 0.0
-    error -= max(-loop.dead_band, min(loop.dead_band, error))
+    error *= seen
+    pace = loop.on_error * memory[LOOKED] * (loop.setpoint[k] - memory[BEFORE]) / loop.period
+    first, memory[BEFORE], memory[LOOKED] = memory[LOOKED] == 0.0, loop.setpoint[k], 1.0
     rise, steep, damping, of_p = error, loop.kp, loop.kd, 1.0
     if loop.structure == CASCADE:
         wanted = max(-loop.speed_limit, min(loop.speed_limit, loop.kp * error))
         of_p = 1.0 if wanted == loop.kp * error else 0.0
         rise, steep, damping = wanted - v, loop.kd, 0.0
-    raw = steep * rise + loop.ki * z - damping * v
+    raw = steep * rise + loop.ki * z + damping * (pace - v)
     output = max(-loop.limit, min(loop.limit, raw))
     free = 1.0 if output == raw else 0.0
     gate = loop.period if free > 0.0 or rise * raw <= 0.0 else 0.0
@@ -127,7 +186,12 @@ def torque(k, state, loop, memory, held, kept):
         if loop.structure == CASCADE:
             kept[k, BY_D] = free * loop.told_kd * rise
         else:
-            kept[k, BY_P], kept[k, BY_D] = free * loop.told_kp * rise, -free * loop.told_kd * v
+            kept[k, BY_P], kept[k, BY_D] = (
+                free * loop.told_kp * rise,
+                free * loop.told_kd * (pace - v),
+            )
+            steady = 0.0 if first else free * damping
+            kept[k, BY_PACE] = steady * loop.on_error / loop.period
     return loop.p4 * delivered
 
 
@@ -165,7 +229,9 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
             setpoint = loop.late[k] / loop.p4
         elif number < 0 and initial[X, j] < 0.0 and loop.structure < SPEED:
             setpoint = -1.0  # the encoder's zero
-        output = kept[k, BY_SETPOINT] * setpoint + kept[k, BY_ANGLE] * x + kept[k, BY_VELOCITY] * v
+        pace = loop.late[k] - loop.late[max(k - loop.every, 0)] if number == _DELAY else 0.0
+        output = kept[k, BY_PACE] * pace / loop.p4
+        output += kept[k, BY_SETPOINT] * setpoint + kept[k, BY_ANGLE] * x + kept[k, BY_VELOCITY] * v
         output += kept[k, BY_INTEGRAL] * remembered[INTEGRAL, j]
         output += kept[k, BY_LAST] * remembered[OUTPUT, j]
         rise = kept[k, RISE_BY_SETPOINT] * setpoint
@@ -192,7 +258,7 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
 @compiled
 def outputs(angle, velocity, loop):
     """Return (n,) outputs of the firmware at samples of the joint, times the supply."""
-    memory, found = np.zeros(2), np.empty(angle.size)
+    memory, found = np.zeros(MEMORY), np.empty(angle.size)
     held = 0.0
     for k in range(angle.size):
         held = found[k] = torque(k, (angle[k], velocity[k], 0.0, 0.0), loop, memory, held, None)

@@ -26,7 +26,7 @@ from butterfly.model.kernel.equation import (
     pull,
     rates,
 )
-from butterfly.model.kernel.loop import at, torque
+from butterfly.model.kernel.loop import MEMORY, at, torque
 
 STEP, REVERSAL, REST, LOOSE = 0.0, 1.0, 2.0, 3.0
 KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
@@ -66,7 +66,7 @@ def integrate_loop(time, state, c, without_drive, loop):
     n = time.size
     angle, velocity = np.empty(n), np.empty(n)
     angle[0], velocity[0] = state[X], state[V]
-    memory, held = np.zeros(2), 0.0
+    memory, held = np.zeros(MEMORY), 0.0
     for k in range(n - 1):
         held = torque(k, state, loop, memory, held, None)
         now = at(k, loop, c, without_drive)

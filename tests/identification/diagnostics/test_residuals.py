@@ -180,6 +180,18 @@ def test_the_residual_torque_is_that_of_the_missing_term(term):
         assert error < 0.3 * np.sqrt(np.mean(expected**2)), log.label
 
 
+def test_the_friction_of_a_gear_leaves_no_residual_torque():
+    data, robot = _lacking("load_friction", steps=65536, noise=0.0)
+    found = FIT(data)
+    values = np.array([getattr(ROBOT, name) for name in found.names])
+    whole = replace(found, values=values, local={None: {"zero": 0.0}})
+    whole = replace(whole, fixed={"load_friction": robot.load_friction})
+    setting = data.simulations.setting(0, whole)
+    torque = ResidualTorque.of(data.logs[0], setting.parameters, setting.zero)
+    lost = robot.load_friction * robot.p3 * np.sin(torque.angle)
+    assert np.std(torque.torque) < 0.3 * np.sqrt(np.mean(lost**2))
+
+
 def test_the_real_logs_are_outside_and_nothing_that_the_model_has_is_named(real):
     misfit = real.residuals
     assert misfit.outside == len(misfit.logs) == 41
