@@ -20,6 +20,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.followed_input import follows
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT, is_possible
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.diagnostics.unit_errors import (
@@ -74,13 +75,15 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
     misfits = 1 - data.simulations.fits(estimate) / 100
     found: list[Finding] = []
     if estimate.level is Level.WARNING or not (misfits < CLEARLY * _noise(data)).all():
-        found = _Search(data, estimator, estimate).named()
+        search = _Search(data, estimator, estimate)
+        found = search.named() or search.set_point()
     return found or unit_errors_of_masses(data.masses)
 
 
 def find_unit_errors_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the mistakes but for which there would be an estimate."""
-    return _Search(data, estimator).named()
+    search = _Search(data, estimator)
+    return search.named() or search.set_point()
 
 
 def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
@@ -220,6 +223,21 @@ class _Search:
                 held.append((each, found))
         ways = sum(each.place is not None and not each.alone for each, _ in held)
         return [self._finding(each, found, ways) for each, found in held]
+
+    @np.errstate(all="ignore")
+    def set_point(self) -> list[Finding]:
+        """Say so if the joint follows what was told as its drive, which does not explain it."""
+        if any(log.closed or log.integrated for log in self.data.logs):
+            return []
+        if self.estimate is not None:
+            fits = self.data.simulations.fits(self.estimate, self.data.counted)
+            if np.median(fits) > 100 * (1 - PRECISE):
+                return []
+        try:
+            followed = follows(_windows_of(self._thin))
+        except _FAILURES:
+            return []
+        return [unit_error(UnitError.SETPOINT, 1.0)] if followed else []
 
     @cached_property
     def _here(self) -> _Fit | None:

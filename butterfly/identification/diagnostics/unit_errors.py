@@ -46,6 +46,7 @@ class UnitError(StrEnum):
     MASS = "mass"
     GRAMS = "grams"
     LATE = "late"
+    SETPOINT = "setpoint"
 
 
 class Unit(NamedTuple):
@@ -80,6 +81,13 @@ TABLE = {
 }
 """What is mistaken for SI units; all else has a text of its own."""
 
+_OF_INPUT = {
+    UnitError.SWAPPED: "Input and angle look swapped: the other way round the logs agree with a "
+    "joint. The manifest's key columns, or --columns, says which is which.",
+    UnitError.SETPOINT: "The input looks like a set-point that the joint follows. Say input: "
+    "setpoint and the servo's loop, such as loop: {law: dynamixel-x, kp: 400}, in the manifest.",
+}
+
 COUNTS = tuple(
     sorted(
         {2**k for k in range(6, 25)}
@@ -107,11 +115,8 @@ def unit_error_text(finding: Finding) -> str:
     error, *more = finding.parameters
     number, where = finding.number or 0.0, listed(finding.logs)
     match UnitError(error):
-        case UnitError.SWAPPED:
-            return (
-                "Input and angle look swapped: the other way round the logs agree with a joint. "
-                "The manifest's key columns, or --columns, says which is which."
-            )
+        case UnitError.SWAPPED | UnitError.SETPOINT as kind:
+            return _OF_INPUT[kind]
         case UnitError.OMEGA:
             at = f" ({more[0]})" if more else ""
             return (

@@ -1,0 +1,55 @@
+"""Whether a joint follows its input, which is then a set-point that was told as a drive.
+
+Such a joint is driven by what is left to go. Averaged over test functions, in units of the input,
+
+    u = a th + p1' thdd + p2' thd + p3' sin th + p3_offset' cos th + friction' + bias',
+
+each log with primed values of its own, for its gain and mass: a is 0 of a drive, for gravity makes
+no linear spring, and 1 of a set-point, which no spring has by nature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.identification.blocks import CELLS, parts_of
+from butterfly.identification.estimators.weak_regression import Windows
+from butterfly.identification.levels import CLEARLY, PRECISE
+
+_OTHERS = ("p1", "p2", "p3", "p3_offset", "coulomb", "drag", "bias")
+
+
+def follows(windows: Sequence[Windows]) -> bool:
+    """Whether a is clearly not 0, and 1 as far as the logs tell, or within what counts as known."""
+    found = [each for each in map(_cells_of, windows) if each is not None]
+    if not found:
+        return False
+    logs = np.array(found)  # (n, cells, 2)
+    information, pull = logs.sum(axis=(0, 1))
+    share = pull / information
+    scores = logs @ [-share, 1.0]
+    scatter = np.sum(scores**2), np.sum(scores.sum(axis=1) ** 2)  # of cells, and of whole logs
+    error = np.sqrt(max(scatter)) / information
+    return bool(CLEARLY * error < share and abs(share - 1) < max(PRECISE, CLEARLY * error))
+
+
+def _cells_of(each: Windows) -> Samples | None:
+    """(cells, 2) what parts of a log know of a, and where they pull it; None of one undriven."""
+    signals = each.averaging.signals((*_OTHERS, "p4", "spring"))
+    moving = signals.moving
+    names = ("spring", "p4", *_OTHERS)
+    spring, drive, *others = (signals.mean[name][moving] for name in names)
+    if spring.size <= len(names) or not drive.any():
+        return None
+    columns = np.column_stack(others)
+    columns /= np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    basis = np.linalg.qr(columns)[0]
+    angle, inputs = (rest - basis @ (basis.T @ rest) for rest in (spring, -drive))
+    left = inputs - angle * (angle @ inputs) / (angle @ angle)
+    variance = float(left @ left) / (left.size - len(names) + 1)
+    parts = parts_of(left.size, CELLS)
+    sums = [(angle[part] @ angle[part], angle[part] @ inputs[part]) for part in parts]
+    return np.array(sums) / variance
