@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from butterfly.report.parameter_table import Separated
 
 _UNITS = {"fit.horizon": "s"} | dict.fromkeys(
-    ("fit", "fits", "velocity_fits", "held_out", "against.fit"), "%"
+    ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
 _SAVED = ("summary", "chosen", "against", "residuals")
 
@@ -75,6 +75,12 @@ class Identification(Result):
 
     held_out: dict[str, float] = field(default_factory=dict)
     """FIT in per cent of each that was held out."""
+
+    mean_errors: dict[str, float] = field(default_factory=dict)
+    """Mean absolute error in rad of each servo's log, held out or not, in its loop."""
+
+    drive_fits: dict[str, float] = field(default_factory=dict)
+    """FIT in per cent of each of these by its recorded or rebuilt drive alone."""
 
     logs: DataSet | None = None
     """The data set; None for a result that was loaded, whose logs are read again by `data`."""
@@ -118,6 +124,8 @@ class Identification(Result):
             fits=fits,
             velocity_fits=_fits(content.get("velocity_fits", {})),
             held_out=_fits(content.get("held_out", {})),
+            mean_errors=_fits(content.get("mean_errors", {})),
+            drive_fits=_fits(content.get("drive_fits", {})),
             saved={key: content[key] for key in _SAVED if key in content},
         )
         found.separated()
@@ -147,13 +155,15 @@ class Identification(Result):
                 "fits": self.fits,
                 "velocity_fits": self.velocity_fits,
                 "held_out": self.held_out,
+                "mean_errors": self.mean_errors,
+                "drive_fits": self.drive_fits,
                 "physical": physical_numbers(self.separated()),
                 "chosen": basis["chosen"],
                 **of_logs,
             },
             verdict=self.judged,
             summary=self.summary,
-            units=_UNITS | residual_units(estimate.joint),
+            units=_UNITS | residual_units(estimate.joint) | {"mean_errors": estimate.joint.way},
         )
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -183,6 +183,8 @@ def simulated(
         for name, parameters in against.items()
     ]
     held = () if data.test_logs is None else _runs(data.test_logs, estimate)
+    looped = [run for run in (*runs, *held) if run.log.closed]
+    opened = [each for part in (data, data.test_logs) if part for each in _opened(part, estimate)]
     manifest = data.whole_manifest
     return Identification(
         estimate=estimate,
@@ -191,6 +193,8 @@ def simulated(
         fits={run.log.name: run.fit for run in runs},
         velocity_fits={run.log.name: run.velocity_fit for run in runs},
         held_out={run.log.name: run.fit for run in held},
+        mean_errors={run.log.name: run.mean_error for run in looped},
+        drive_fits={run.log.name: run.fit for run in opened},
         logs=data,
         runs=runs,
         comparisons=tuple(others),
@@ -200,3 +204,13 @@ def simulated(
 def _runs(data: DataSet, estimate: Estimate, track: Track = untracked) -> tuple[FreeRun, ...]:
     numbers = track(range(len(data.logs)), "Simulating logs")
     return tuple(data.simulations.run(number, estimate) for number in numbers)
+
+
+def _opened(data: DataSet, estimate: Estimate) -> list[FreeRun]:
+    """Simulate the logs of servos by their drives alone."""
+    simulations = data.simulations
+    return [
+        FreeRun.of(log.opened, simulations.setting(number, estimate))
+        for number, log in enumerate(data.logs)
+        if log.closed
+    ]

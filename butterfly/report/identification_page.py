@@ -27,6 +27,7 @@ from butterfly.report.log_figures import (
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, Whisker, tabulated
 from butterfly.report.parameter_table import parameter_texts, physical_sentences, physical_table
 from butterfly.report.residual import residual_sentences, residual_table
+from butterfly.report.summary import LOOP_HEADERS, loop_rows
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
@@ -35,6 +36,11 @@ _RESPONSE = (
 _RESPONSE_UNASKED = (
     "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
     "of a sine, so there is nothing measured to set beside them."
+)
+_GOAL = " A servo is told its set-point (dotted), which it follows by its own loop."
+_LOOP = (
+    "In the loop the model is told the set-point, and the loop corrects it as it does the servo. "
+    "By the drive alone nothing does: what the loop hides is seen there."
 )
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
@@ -57,7 +63,8 @@ def identification_page(
         ),
         Section(
             title="Measured against simulated",
-            text="The model runs free: it is told the input, and of the motion the start alone.",
+            text="The model runs free: it is told the input, and of the motion the start alone."
+            + _GOAL * bool(identification.drive_fits),
             series={"time": time_series(runs, [log.band for log in residuals.logs])},
         ),
         Section(
@@ -81,6 +88,11 @@ def identification_page(
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
+        *tabulated(
+            "In the servo's loop, and by its drive alone",
+            PageTable(name="loop", headers=LOOP_HEADERS, rows=loop_rows(identification)),
+            _LOOP,
+        ),
         *tabulated("Resonances", _resonances_table(identification)),
         *tabulated("Against other parameters", _against_table(identification)),
         *tabulated("Held out", _held_out_table(identification)),
@@ -111,10 +123,15 @@ def _facts(identification: Identification) -> list[Fact]:
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
     times = identification.residuals.times
+    servo = []
+    if rows := loop_rows(identification):
+        (*_, error), (_, opened, *_), *_ = rows
+        servo = [Fact("FIT, by the drive alone", f"{opened} %", f"{error} mrad off in the loop")]
     residuals = [Fact("residuals", f"{times_text(times)} ×", "what the sensors explain")]
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
+        *servo,
         *(residuals if math.isfinite(times) else []),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),

@@ -53,13 +53,13 @@ def recorded_figure(log: Log) -> Figure:
 
 def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> Figure:
     """Draw measured and simulated motion, and their difference in its band, against time."""
-    time, angle, simulated, lower, upper, difference = _time_curves(run, band, most)
+    time, angle, simulated, lower, upper, difference, *goal = _time_curves(run, band, most)
     way = run.log.unit
     titles = (f"{run.log.measures} in {way}", f"measured −<br>simulated in {way}")
     figure = panels("time in s", titles, 500, shares=(0.62, 0.38))
     lines = {"mode": "lines", "hovertemplate": f"%{{x:.2f}} s: %{{y:.4f}} {way}"}
     add(figure, 1, time, angle, name="measured", line={"color": PALETTE[0], "width": 1.5}, **lines)
-    dashed = {"color": PALETTE[5], "width": 1.5, "dash": "dot"}
+    dashed = {"color": PALETTE[5], "width": 1.5, "dash": "dash" if goal else "dot"}
     add(figure, 1, time, simulated, name="simulated", line=dashed, **lines)
     edge = {"mode": "lines", "line": {"color": GREY, "width": 0}, "hoverinfo": "skip"}
     add(figure, 2, time, lower, showlegend=False, **edge)
@@ -67,27 +67,43 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
     add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=_SHADE, **edge)
     thin = {"color": PALETTE[0], "width": 1}
     add(figure, 2, time, difference, name="difference", showlegend=False, line=thin, **lines)
+    if goal:
+        dotted = {"color": GREY, "width": 1.2, "dash": "dot"}
+        add(figure, 1, time, *goal, name="set-point", line=dotted, **lines)
     return figure
 
 
 def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> Series:
     """Return `time_figure` of each run."""
     most = max(_MOST // len(runs), _LEAST)
-    curves = [[_time_curves(*each, most)] for each in zip(runs, bands, strict=True)]
-    return Series.of(time_figure(runs[0], bands[0], most=_LEAST), curves)
+    curves = [_time_curves(*each, most) for each in zip(runs, bands, strict=True)]
+    longest = max(map(len, curves))  # those of servos have a set-point besides
+    first = [len(each) for each in curves].index(longest)
+    nothing = [np.full_like(each[0], np.nan) for each in curves]
+    filled = [
+        (*each, *[gap] * (longest - len(each))) for each, gap in zip(curves, nothing, strict=True)
+    ]
+    return Series.of(
+        time_figure(runs[first], bands[first], most=_LEAST), [[each] for each in filled]
+    )
 
 
 def _time_curves(
     run: FreeRun, band: ErrorBand | None, most: int
 ) -> tuple[NDArray[np.floating[Any]], ...]:
-    """Return (n,) times in s, and what is measured, simulated, its limits and the difference."""
+    """Return (n,) times in s, what is measured, simulated, its limits and the difference.
+
+    If what a servo follows is of the same kind as what was measured, it comes last.
+    """
     log, difference = run.log, run.log.measured - run.simulated
     reach = np.full_like(difference, np.nan)
     if band is not None:
         reach = np.interp(log.time, band.time, band.reach, left=np.nan, right=np.nan)
     every = max(1, round(_STEP / log.mean_step))
     some = seen_samples([log.measured, difference], most, every=every)
-    columns = (log.measured, run.simulated, -reach, reach, difference)
+    columns = [log.measured, run.simulated, -reach, reach, difference]
+    if log.setpoint is not None and log.servo and log.servo.of_speed == log.integrated:
+        columns.append(log.setpoint)
     with np.errstate(over="ignore"):  # what ran away is not drawn
         return log.time[some], *(column[some].astype(np.float32) for column in columns)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from statistics import median
 
+import numpy as np
+
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
@@ -32,11 +34,18 @@ _MEASURED = {
 }
 
 
+LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
+"""Of the table of `loop_rows`."""
+
+
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
     fit, data, estimate = identification.fit, identification.data, identification.estimate
-    drives = {"voltage": "driven by voltage", "none": "swinging freely"}
-    drive = drives.get(data.input_kind, "driven by torque command")
+    told = {"torque": "driven by torque command", "none": "swinging freely"}
+    drive = told.get(data.input_kind, f"driven by {data.input_kind}")
+    laws = dict.fromkeys(log.servo.law for log in data.logs if log.closed and log.servo)
+    drive += f", in the loop of a servo ({', '.join(laws)})" if laws else ""
+    how = "in its loop from the set-point" if laws else "with the recorded input"
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
     known = ", ".join(f"{name} = {value}" for name, value in estimate.told.values.items())
@@ -47,10 +56,11 @@ def summary(identification: Identification) -> list[str]:
     return [
         *estimate_verdict(estimate).lines,
         f"{counted(len(data.logs), 'log')} with {carried}, {drive}, method: {estimate.method}.",
-        f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
+        f"Simulated {_stretch(fit, data)} {how} alone, the model follows "
         f"the measured {measured} with a median FIT of {fit_text(fit.median)} % (mean "
         f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %, of {worst}){besides}; 100 % is "
         "perfect, 0 % no better than a constant.",
+        *_drive_alone(identification),
         *held_out_sentences(identification.held_out),
         *_thinned(data),
         *([f"Known beforehand: {known}."] if known else []),
@@ -83,6 +93,8 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
         found.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
+    if servo := loop_rows(identification):
+        found.append(TextTable("Servo", LOOP_HEADERS, servo))
     if identification.comparisons:
         fits = [(f"{estimate.method}, this identification", fit)]
         for other in identification.comparisons:
@@ -92,6 +104,34 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
         title = f"FIT in %{fit.over} on the same logs"
         found.append(TextTable(title, ("parameters", "median", "mean", "worst"), lines))
     return found
+
+
+def loop_rows(identification: Identification) -> list[tuple[str, ...]]:
+    """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
+    rows = []
+    parts = {"": identification.fits, ", held out": identification.held_out}
+    for which, fits in parts.items():
+        names = [name for name in fits if name in identification.drive_fits]
+        if not names:
+            continue
+        error = 1e3 * np.mean([identification.mean_errors[name] for name in names])
+        ways = {"in the loop": fits, "by the drive alone": identification.drive_fits}
+        for (way, own), off in zip(ways.items(), (f"{error:.1f}", "–"), strict=True):
+            fit = FitSummary.of(np.array([own[name] for name in names]))
+            rows.append((way + which, *map(fit_text, (fit.median, fit.mean, fit.worst)), off))
+    return rows
+
+
+def _drive_alone(identification: Identification) -> list[str]:
+    """Say what servos' logs are off by in the loop, and how they are followed without it."""
+    rows = [row for row in loop_rows(identification) if "held out" not in row[0]]
+    if not rows:
+        return []
+    (_, closed, *_, error), (_, opened, *_) = rows
+    return [
+        f"FIT in the loop {closed} % (median), {error} m{identification.data.joint.way} off on "
+        f"average; by the drive alone {opened} %."
+    ]
 
 
 def _health(data: DataSet) -> str:

@@ -20,6 +20,7 @@ SAID = {
     "per_mass": ("bias", ("bias",)),
     "per_log": ("zero,velocity", ("zero", "velocity")),
     "loss": ("cauchy", Loss.CAUCHY),
+    "servo_loop": ("open", "open"),
     "window": (12.5, 12.5),
     "horizon": (1.5, 1.5),
     "half_width": (0.1, 0.1),
@@ -64,7 +65,7 @@ def _help(name, kind=Fit):
 def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
     assert _help("half_width").endswith("Of weak-form. Default: 0.25.")
     assert _help("loss").endswith("Of output-error. Default: linear.")
-    assert "stribeck_velocity, tilt (output-error)" in _help("terms")
+    assert "tilt, back_emf, loop_kp, loop_ki, loop_kd (output-error)" in _help("terms")
     assert _help("terms").endswith("Default: chosen from the data.")
     for name, kind in ESTIMATORS.items():
         assert f"{name}: {kind.summary}" in _help("method")

@@ -1,5 +1,6 @@
 """Servos in their loops, against differences, another integrator and their laws in formulas."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,13 +9,19 @@ from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
+from butterfly.identification.identification import Identification
+from butterfly.identification.identify import simulated
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.servo import LAWS, Output, ServoLoop
+from butterfly.report.format import fit_text
+from butterfly.report.identification_page import identification_page
+from butterfly.report.summary import loop_rows
 
 TIME = np.arange(0.0, 1.2, 0.004) + np.random.default_rng(0).uniform(0, 5e-4, 300)
 GOAL = 0.8 * np.sin(2 * TIME + TIME**2) + np.where(TIME > 0.5, 0.4, 0.0)
@@ -123,22 +130,80 @@ def test_the_drive_is_rebuilt_as_the_law_says_and_0_while_off():
     assert np.all(log.setpoint == GOAL)
 
 
-def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it():
+SIMPLE = LumpedParameters(p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.01)
+
+
+def _simulated(*goals, **told):
+    """The data set of a servo of kp 20 that followed some goals, its loop as told."""
     servo = ServoLoop.of({"law": "pid-voltage", "kp": 20.0, "limit": 6.0})
-    truth = LumpedParameters(p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.01)
-    log = Log(TIME, input=GOAL, angle=0 * TIME, input_kind="setpoint", servo=servo)
-    angle = Simulation(driven(log), truth).run(truth, 0.0).at(TIME)
-    told = ServoLoop.of(
-        {"law": "pid-voltage", "kp": {"value": 16.0, "uncertainty": 8}, "limit": 6.0}
-    )
-    logs = [replace(log, angle=angle, servo=told, zero=Known(value=0.0))]
-    data = DataSet.of(logs, known=Prior.of({"p3": 0.3}))
+    logs = []
+    for number, goal in enumerate(goals):
+        log = Log(TIME, input=goal, angle=0 * TIME, input_kind="setpoint", servo=servo)
+        angle = Simulation(driven(log), SIMPLE).run(SIMPLE, 0.0).at(TIME)
+        own = replace(servo, **told)
+        logs.append(replace(log, angle=angle, servo=own, zero=Known(value=0.0), name=f"{number}"))
+    return DataSet.of(logs, known=Prior.of({"p3": 0.3}))
+
+
+def _values(estimate):
+    return dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+
+
+def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it():
+    data = _simulated(GOAL, kp=Known(value=16.0, uncertainty=8.0))
     assert data.input_kind is InputKind.VOLTAGE
-    found = OutputError(terms=())(data)
-    values = dict(zip(found.names, found.values.tolist(), strict=True))
+    values = _values(OutputError(terms=())(data))
     assert values["loop_kp"] == pytest.approx(1.25, rel=0.01)
     for name in ("p1", "p2", "p4"):
-        assert values[name] == pytest.approx(getattr(truth, name), rel=0.01)
+        assert values[name] == pytest.approx(getattr(SIMPLE, name), rel=0.01)
+    with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, where a gain"):
+        OutputError(terms=(), servo_loop="open")(data)
+
+
+def test_a_fit_with_the_loop_open_follows_the_drive():
+    data = _simulated(GOAL, kp=Known(value=25.0))  # a drive that is 25 % too large
+    errors = {}
+    for way in ("closed", "open"):
+        found = OutputError(terms=(), servo_loop=way)(data)
+        for moved in (data.logs[0], data.logs[0].opened):
+            angle = Simulation(moved, found.parameters).run(found.parameters, 0.0).at(TIME)
+            errors[way, moved.closed] = np.std(angle - moved.angle)
+    assert errors["open", False] < 0.8 * errors["closed", False]
+    assert errors["closed", True] < 0.8 * errors["open", True]
+    with pytest.raises(InputError, match=r"servo_loop.*'closed'"):
+        OutputError(servo_loop="ajar")
+
+
+def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
+    data = _simulated(GOAL, 0.5 * GOAL).holding_out(["1"])
+    off = replace(SIMPLE, p2=0.04)
+    names = ("p1", "p2", "p4", "coulomb")
+    values = np.array([getattr(off, name) for name in names])
+    told = {"covariance": 1e-6 * np.eye(4), "lower": 0.9 * values, "upper": 1.1 * values}
+    estimate = Estimate(method="oe", names=names, values=values, fixed={"p3": 0.3}, **told)
+    found = simulated(data, estimate)
+    runs = {log.name: log for part in (data, data.test_logs) for log in part.logs}
+    for name, log in runs.items():
+        for moved, told in ((log, found.mean_errors), (log.opened, found.drive_fits)):
+            angle = Simulation(moved, off).run(off, 0.0).at(TIME)
+            error = np.abs(angle - log.angle)
+            share = 1 - np.sqrt(np.mean(error**2)) / np.std(log.angle)
+            expected = np.mean(error) if moved.closed else 100 * share
+            assert told[name] == pytest.approx(expected, rel=1e-6)
+    again = Identification.from_dict(json.loads(json.dumps(found.to_dict())))
+    assert (again.drive_fits, again.mean_errors) == (found.drive_fits, found.mean_errors)
+    rows = {row[0]: row[1:] for row in loop_rows(again)}
+    assert rows["in the loop"][3] == f"{1e3 * found.mean_errors['0']:.1f}"
+    assert rows["by the drive alone, held out"][0] == fit_text(found.drive_fits["1"])
+    (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]
+    assert f"{rows['in the loop'][3]} mrad off on average; by the drive alone" in line
+    assert "in the loop of a servo (pid-voltage)" in " ".join(found.summary)
+    page = identification_page(found)
+    assert [fact.label for fact in page.facts][2] == "FIT, by the drive alone"
+    drawn = page.series["time"]
+    assert [trace.get("name") for trace in drawn.data][-1] == "set-point"
+    assert len(drawn.curves[0][0]) == 1 + len(drawn.data)
+    assert "Servo" in [table.title for table in found.tables()]
 
 
 @pytest.mark.parametrize(

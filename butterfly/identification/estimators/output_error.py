@@ -98,6 +98,9 @@ class OutputError(Estimator):
         How residuals count: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
         Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
+    servo_loop
+        How a servo's logs are simulated for the fit: closed, in its loop from the set-point, or
+        open, by the recorded or rebuilt drive alone.
     workers
         Threads; 0 for one per core.
     """
@@ -111,6 +114,7 @@ class OutputError(Estimator):
     horizon: float | None = None
     loss: Loss = Loss.LINEAR
     cogging_periods: float = 1.0
+    servo_loop: Literal["closed", "open"] = "closed"
     workers: int = 0
 
     summary: ClassVar[str] = "joint fit of free-run simulations"
@@ -125,6 +129,7 @@ class OutputError(Estimator):
         if self.horizon is not None and self.horizon != math.inf:
             require_number(self.method, unit="s", horizon=self.horizon)
         require_periods(self.method, self.cogging_periods)
+        require_names(self.method, "servo_loop", (self.servo_loop,), ("closed", "open"))
         if self.workers < 0:
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
@@ -153,6 +158,8 @@ class OutputError(Estimator):
         Where the terms are told, and no Stribeck velocity is sought, later guesses are made only if
         the first does not lead to noise.
         """
+        if self.servo_loop == "open":
+            logs = [log.opened for log in logs]
         guesses = iter(first)
         begun = list(islice(guesses, 1) if self._has_one_end else guesses)
         if self.horizon is not None:
@@ -261,6 +268,9 @@ class OutputError(Estimator):
             if name in known.uncertain:
                 expected = "what is not known with an uncertainty"
                 raise InputError(self.method, "fixed", name, expected)
+        if self.servo_loop == "open" and any(name.startswith("loop_") for name in known.uncertain):
+            expected = "closed, where a gain is uncertain: the drive alone does not tell it"
+            raise InputError(self.method, "servo_loop", "open", expected)
         for field in ("per_mass", "per_log"):
             for name in getattr(self, field):
                 if name in known.parameters:
