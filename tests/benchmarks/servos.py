@@ -27,7 +27,7 @@ FRICTION = ("back_emf", "stribeck", "stribeck_velocity", "motor_friction", "load
 ASKED = (*PARAMETERS, *FRICTION, *GAINS)
 
 NAMED = {
-    "voltage": ("set-point",),
+    "voltage": ("input: setpoint",),
     "constant": ("gain",),
     "gear": ("gear",),
 }

@@ -208,7 +208,9 @@ def _drawn(rng, law, number, seed):
         "p3": servo.gravity,
         "p4": servo.gain,
         "coulomb": servo.coulomb,
-        "delay": firmware.delay,
+        # The wait for the next look, and what it takes to act, count as delay
+        "delay": firmware.delay + firmware.period / 2 + firmware.late,
+        "latency": firmware.late,
         "back_emf": servo.back_emf,
         "stribeck": servo.excess,
         **({"stribeck_velocity": servo.excess_velocity} if servo.excess else {}),
