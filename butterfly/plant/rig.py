@@ -26,7 +26,7 @@ from butterfly.plant.motor import (
 )
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
-from butterfly.signals.excitations import Excitation, initial_angle
+from butterfly.signals.excitations import Excitation, Table, initial_angle
 
 
 class SimulatedMotor:
@@ -134,6 +134,8 @@ class Rig:
     """Its loop, whose set-points are the commands; what the path does to them is to the drive."""
     torque_off: Spans = ()
     """Pairs of instants in s, from one to before the other of which the servo is off."""
+    supply: Table | None = None
+    """Its volts, where they are not those of its loop throughout."""
 
     @property
     def runs_in_mujoco(self) -> bool:
@@ -155,7 +157,7 @@ class Rig:
         path, servo = self.path, None
         if self.servo is not None:  # behind whose firmware are the flaws of the drive
             own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
-            servo = Servo(self.servo, own, self.torque_off)
+            servo = Servo(self.servo, own, self.torque_off, self.supply)
             path = replace(path, **vars(IDEAL))
         motor = SimulatedMotor(joint, path=path, encoder=self.encoder, rng=rng, servo=servo)
         return ControlLoop(motor, clock=self.clock, rng=rng)
@@ -205,6 +207,8 @@ class Rig:
         """Return the log of a run as it is written."""
         if self.torque_off:
             log = replace(log, enabled=is_on(self.torque_off, log.time))
+        if self.supply is not None:
+            log = replace(log, supply=self.supply.sample(log.time))
         return self.faults.apply(log, rng)
 
     def _about(self, added: AddedMass, excitation: Excitation | None = None) -> dict[str, Any]:
