@@ -78,7 +78,8 @@ class SimulatedMotor:
         path = self._path
         value = path.shape(value)
         delivered = path.delivered(value)
-        if path.delay > 0:
+        held = self._servo is not None and self._time == 0  # from before the first
+        if path.delay > 0 and not held:
             self._pending.append((self._time + path.delay, delivered))
         else:
             self._applied = delivered
@@ -157,7 +158,8 @@ class Rig:
         path, servo = self.path, None
         if self.servo is not None:  # behind whose firmware are the flaws of the drive
             own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
-            servo = Servo(self.servo, own, self.torque_off, self.supply)
+            off = tuple((a + path.delay, b + path.delay) for a, b in self.torque_off)
+            servo = Servo(self.servo, own, off, self.supply)
             path = replace(path, **vars(IDEAL))
         motor = SimulatedMotor(joint, path=path, encoder=self.encoder, rng=rng, servo=servo)
         return ControlLoop(motor, clock=self.clock, rng=rng)

@@ -28,6 +28,8 @@ LOOPS = {
 }
 """Every structure of a law, and every kind of limit."""
 
+SINE = Sine(omega=4.0, amplitude=0.5)
+TABLE = Table(time=(0.0, 0.2, 1.1), values=(0.4, -0.5, 0.3))
 REST = InitialState(0.0, 0.0)
 
 
@@ -38,9 +40,8 @@ def _rig(law, simulator=Simulator.MUJOCO, drive=MOTOR, more=None, **friction):
                torque_off=((1.0, 1.3),))  # fmt: skip
 
 
-def _log(rig, duration=2.5):
-    seed = [np.random.SeedSequence(0)]
-    (log,) = simulate_runs(rig, [(ADDED, Sine(omega=4.0, amplitude=0.5))], duration, seed)
+def _log(rig, duration=2.5, signal=SINE):
+    (log,) = simulate_runs(rig, [(ADDED, signal)], duration, [np.random.SeedSequence(0)])
     return log
 
 
@@ -116,13 +117,13 @@ def test_the_firmware_looks_at_its_own_clock_and_holds_in_between():
 
 
 def test_a_delay_is_one_of_the_set_point_and_flaws_of_the_drive_lie_behind_the_firmware():
-    path = CommandPath(delay=0.02, dead_zone=0.2, compression=0.1)
+    path = CommandPath(delay=0.013, dead_zone=0.2, compression=0.1)
     rig = replace(_rig("pid-voltage", Simulator.GREY_BOX), path=path)
-    log = _log(rig)
+    log = _log(rig, signal=TABLE)
     simulation, parameters = _identified(log, rig, path.delay)
     found = simulation.run(parameters, 0.0, REST).at(log.time)
     np.testing.assert_allclose(found, log.angle, atol=1e-9)
-    plain = _log(replace(rig, path=CommandPath()))
+    plain = _log(replace(rig, path=CommandPath()), signal=TABLE)
     assert np.abs(plain.angle - log.angle).max() > 0.01
 
 
