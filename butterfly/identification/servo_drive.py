@@ -55,7 +55,8 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     slews = servo is not None and servo.rule.structure is LawStructure.PID
     if servo is not None and slews and math.isfinite(servo.speed_limit):
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
-    enabled = None if log.enabled is None else _on_grid(log, log.enabled, grid)
+    late_grid = grid - parameters.delay  # off and on are told as set-points are
+    enabled = None if log.enabled is None else _on_grid(log, "enabled", late_grid)
     return Loop.of(
         servo,
         parameters,
@@ -66,9 +67,9 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     )
 
 
-def _on_grid(log: Log, column: Samples, grid: Samples) -> Samples:
+def _on_grid(log: Log, name: str, grid: Samples) -> Samples:
     """(n - 1,) means of a column that is held from stamp to stamp."""
-    return hold.mean(log.time, column, grid, log.intersample)
+    return hold.mean(*log.held(name), grid, log.intersample)
 
 
 def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | float:
@@ -77,7 +78,13 @@ def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples 
         return 1.0
     if log.supply is None:
         return servo.supply or 1.0
-    return log.supply if grid is None else _on_grid(log, log.supply, grid)
+    return log.supply if grid is None else _on_grid(log, "supply", grid)
+
+
+def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:
+    """Return what a servo tells its drive, V where the supply of a duty is known."""
+    kind, known = _DRIVES[servo.rule.output], supplied or servo.supply is not None
+    return InputKind.VOLTAGE if kind is InputKind.DUTY and known else kind
 
 
 def driven(log: Log) -> Log:
@@ -91,9 +98,7 @@ def driven(log: Log) -> Log:
         return replace(log, input=log.input * log.supply, input_kind=InputKind.VOLTAGE)
     if log.input_kind is not InputKind.SETPOINT or servo is None:
         return log
-    supplied = log.supply is not None or servo.supply is not None
-    kind = _DRIVES[servo.rule.output]
-    kind = InputKind.VOLTAGE if kind is InputKind.DUTY and supplied else kind
+    kind = drive_kind(servo, supplied=log.supply is not None)
     nothing = np.zeros(log.time.size)
     setpoint = log.input
     if servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit):

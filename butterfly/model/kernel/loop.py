@@ -129,7 +129,7 @@ def at(k, loop, c, without_drive):
 
 
 @inner
-def torque(k, state, loop, memory, held, kept):
+def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step by step
     """Return the torque of the drive in N m during interval k, before which it was ``held``.
 
     Keeps in ``kept``, unless that is None, what the derivatives need.
