@@ -20,9 +20,10 @@ from butterfly.experiment.methods import (
 from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.servo_drive import drive_kind
 from butterfly.identification.splits import Split
 from butterfly.logs.log import MIN_SAMPLES, InputKind, Sine
-from butterfly.logs.manifest import Uncertain
+from butterfly.logs.manifest import LoopFacts, Uncertain
 from butterfly.model.energy import Orbit
 from butterfly.model.linear import LARGEST_SWING, predicted_swing
 from butterfly.model.parameters import (
@@ -34,10 +35,12 @@ from butterfly.model.parameters import (
     VoltageDrive,
 )
 from butterfly.model.prior import Prior
+from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import IDEAL
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
 from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.plant.firmware import Spans
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
@@ -77,6 +80,20 @@ class PlantSpec(StrictModel):
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
     faults: Faults = Faults()
+    loop: LoopFacts | None = None
+    """Of a servo, as in a manifest: excitations and signals are then its set-points."""
+    torque_off: Spans = ()
+    """Pairs of instants in s, from one to before the other of which the servo is off."""
+
+    @property
+    def servo(self) -> ServoLoop | None:
+        """The servo's loop, if there is one."""
+        return None if self.loop is None else ServoLoop.of(self.loop)
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What the drive is told."""
+        return self.robot.input_kind if self.servo is None else drive_kind(self.servo)
 
     @property
     def robot(self) -> Robot:
@@ -99,6 +116,8 @@ class PlantSpec(StrictModel):
             encoder=self.encoder,
             path=self.path,
             faults=self.faults,
+            servo=self.servo,
+            torque_off=self.torque_off,
         )
 
     @model_validator(mode="after")
@@ -113,6 +132,14 @@ class PlantSpec(StrictModel):
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
         if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
             raise ValueError("no clutch: MuJoCo alone has play")
+        voltage = self.robot.input_kind is InputKind.VOLTAGE
+        if voltage and self.input_kind is not InputKind.VOLTAGE:
+            assert self.servo is not None  # noqa: S101 - or the kinds would be the same
+            expected = "one of voltage, or of duty and with a supply, as the drive is of voltage"
+            raise InputError("plant", "loop.law", self.servo.law, expected)
+        if self.torque_off and (self.servo is None or any(a >= b for a, b in self.torque_off)):
+            expected = "pairs of instants in s, the first before the second, of a plant with a loop"
+            raise InputError("plant", "torque_off", self.torque_off, expected)
         return self
 
 
@@ -261,6 +288,8 @@ class Experiment(StrictModel):
         believed = self.control is not None and self.control.believed is not None
         if not (self.excitations or self.signals or believed):
             raise ValueError("at least one of the keys excitations, signals and control.believed")
+        if self.control is not None and self.plant.loop is not None:
+            raise ValueError("control, which commands the drive, without plant.loop")
         Prior.of(self.known)
         self.plant.clock.count(self.duration)
         for number, added in enumerate(self.added_masses):
@@ -308,7 +337,12 @@ class Experiment(StrictModel):
         return np.random.SeedSequence(self.seed, spawn_key=(_ORBIT_STREAM,))
 
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:
-        """List the runs whose sine is predicted to swing beyond `LARGEST_SWING`, in rad."""
+        """List the runs whose sine is predicted to swing beyond `LARGEST_SWING`, in rad.
+
+        A servo follows its sine.
+        """
+        if self.plant.loop is not None:
+            return []
         lumped = self.plant.robot.lumped
         predicted = [
             (
@@ -322,5 +356,5 @@ class Experiment(StrictModel):
 
     @property
     def input_kind(self) -> InputKind:
-        """What the commands mean."""
-        return self.plant.robot.input_kind
+        """What the drive is told."""
+        return self.plant.input_kind

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from butterfly.experiment.schema import Experiment
+from butterfly.files import write_file
 from butterfly.identification.data import DataSet
-from butterfly.logs.log import Intersample, Log
+from butterfly.identification.servo_drive import driven
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, write_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
@@ -55,7 +57,7 @@ def planned_logs(experiment: Experiment) -> list[Log]:
     starts = [initial_angle(excitation) for _, excitation in runs]
     logs = simulate_runs(plain, runs, experiment.duration, experiment.seeds())
     return [
-        replace(log, angle=np.full(log.time.size, start), velocity=None, source=log.name)
+        driven(replace(log, angle=np.full(log.time.size, start), velocity=None, source=log.name))
         for log, start in zip(logs, starts, strict=True)
     ]
 
@@ -65,7 +67,11 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
     entries = []
     for log in logs:
         entries.append(_entry(log, file_of(log)))
-        write_mat(log, folder / entries[-1].file)
+        path = folder / entries[-1].file
+        if log.servo is None:
+            write_mat(log, path)
+        else:
+            write_file(path, parquet_bytes(log))
     path = folder / MANIFEST_NAME
     write_manifest(_manifest(experiment, entries), path)
     return path
@@ -79,8 +85,8 @@ def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
 
 
 def file_of(log: Log) -> str:
-    """Return the name of the file that `write_logs` writes a log to."""
-    return f"{log.name}.mat"
+    """Return the name of the file that `write_logs` writes a log to; a servo's has more columns."""
+    return f"{log.name}.{'mat' if log.servo is None else 'parquet'}"
 
 
 def _entry(log: Log, file: str) -> LogEntry:
@@ -96,10 +102,12 @@ def _entry(log: Log, file: str) -> LogEntry:
 
 
 def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
+    loop = experiment.plant.loop or {}
     return Manifest(
         name=experiment.name,
         description=experiment.description,
-        input=experiment.input_kind,
+        input=InputKind.SETPOINT if loop else experiment.input_kind,
+        loop=loop,
         intersample=Intersample.ZERO_ORDER_HOLD,
         arm=next((entry.arm for entry in entries if entry.arm), None),
         holdout=list(experiment.holdout),

@@ -80,6 +80,12 @@ def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples 
     return log.supply if grid is None else _on_grid(log, log.supply, grid)
 
 
+def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:
+    """Return what a servo tells its drive, V where the supply of a duty is known."""
+    kind, known = _DRIVES[servo.rule.output], supplied or servo.supply is not None
+    return InputKind.VOLTAGE if kind is InputKind.DUTY and known else kind
+
+
 def driven(log: Log) -> Log:
     """Return the log of a servo with its drive as input, rebuilt if it was not recorded.
 
@@ -91,9 +97,7 @@ def driven(log: Log) -> Log:
         return replace(log, input=log.input * log.supply, input_kind=InputKind.VOLTAGE)
     if log.input_kind is not InputKind.SETPOINT or servo is None:
         return log
-    supplied = log.supply is not None or servo.supply is not None
-    kind = _DRIVES[servo.rule.output]
-    kind = InputKind.VOLTAGE if kind is InputKind.DUTY and supplied else kind
+    kind = drive_kind(servo, supplied=log.supply is not None)
     nothing = np.zeros(log.time.size)
     setpoint = log.input
     if servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit):

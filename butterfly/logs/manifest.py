@@ -63,6 +63,9 @@ def _require_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
     return values
 
 
+LoopFacts = Annotated[dict[str, Any], BeforeValidator(_require_loop)]
+"""What is said of a servo's loop."""
+
 _Known = Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
 
 Uncertain = float | _Known

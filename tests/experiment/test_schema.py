@@ -63,6 +63,13 @@ SLIPS = [
     (_plant("friction", drag=-1.0), r"plant\.friction\.drag: got -1\.0; expected a finite non-neg"),
     (_plant("friction", dreg=1.0), r"plant\.friction\.dreg: got an unknown key; expected 'drag'"),
     (_plant("clutch", backlash=0.1, rotor_inertia=1.0), r"rotor_inertia: got 1\.0"),
+    (
+        _plant("loop", law="pid-torque", kp=1),
+        r"plant\.loop\.law: got pid-torque; expected one of v",
+    ),
+    (_plant("loop", law="pid-voltage"), r"plant\.loop\.kp: got nothing"),
+    (_plant("loop", law="pid"), r"loop\.law: got pid; expected"),
+    ({"plant": {"torque_off": [[1, 2]]}}, r"plant\.torque_off: got .*a loop"),
     (_masses(mass=-0.1), r"added_masses\.1\.mass: got -0\.1; expected a finite non-negative"),
     (_masses(joint="slide"), r"added_masses: got 50 g on a slide under 0 m/s²"),
     (_masses(gravity=3.7), r"under 3\.7 m/s²; expected masses on a hinge under 9\.81"),

@@ -6,7 +6,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.experiment.perform import perform
-from butterfly.experiment.simulate import simulate, write_logs
+from butterfly.experiment.simulate import planned_logs, simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet
@@ -98,6 +98,29 @@ def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
         assert np.ptp(log.angle) > 0.01
         assert 0.85 < np.unique(log.time).size / (2.0 / step + 1) < 0.95
         assert log.time.size > 1.05 * np.unique(log.time).size
+
+
+def test_a_servo_is_simulated_in_its_loop_written_with_it_and_identified_from_its_logs(tmp_path):
+    experiment = read_experiment("servo")
+    few = {"signals": experiment.signals[:1], "duration": 5.0}
+    performed = perform(experiment.model_copy(update=few))
+    (identification,) = performed.identifications.values()
+    for name in (*PRINCIPAL, "back_emf", "motor_friction", "load_friction"):
+        truth = getattr(experiment.plant.robot.lumped, name)
+        assert getattr(identification.estimate.parameters, name) == pytest.approx(truth, rel=0.01)
+    path = write_logs(experiment, performed.logs, tmp_path)
+    manifest = read_manifest(path)
+    assert manifest.input == "setpoint"
+    for log, entry in zip(performed.logs, manifest.logs, strict=True):
+        again = read_entry(manifest, entry)
+        assert again.servo == log.servo == experiment.plant.servo
+        assert set(again.columns()) == {"time", "input", "angle", "velocity", "enabled"}
+        assert set(again.enabled) == {0.0, 1.0}
+        for name, column in again.columns().items():
+            np.testing.assert_array_equal(column, log.columns()[name])
+    (planned, *_) = planned_logs(experiment.model_copy(update=few))
+    assert planned.closed
+    assert planned.input_kind == experiment.input_kind == identification.data.input_kind
 
 
 def test_other_inputs_than_sines_are_simulated_and_said_not_to_be_sines(short, tmp_path):
