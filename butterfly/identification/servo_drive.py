@@ -57,7 +57,8 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     slews = servo is not None and servo.rule.structure is LawStructure.PID
     if servo is not None and slews and math.isfinite(servo.speed_limit):
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
-    enabled = None if log.enabled is None else _on_grid(log, log.enabled, grid)
+    late_grid = grid - parameters.delay  # off and on are told as set-points are
+    enabled = None if log.enabled is None else _on_grid(log, "enabled", late_grid)
     return Loop.of(
         servo,
         parameters,
@@ -68,9 +69,9 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     )
 
 
-def _on_grid(log: Log, column: Samples, grid: Samples) -> Samples:
+def _on_grid(log: Log, name: str, grid: Samples) -> Samples:
     """(n - 1,) means of a column that is held from stamp to stamp."""
-    return hold.mean(log.time, column, grid, log.intersample)
+    return hold.mean(*log.held(name), grid, log.intersample)
 
 
 def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | float:
@@ -79,7 +80,7 @@ def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples 
         return 1.0
     if log.supply is None:
         return servo.supply or 1.0
-    return log.supply if grid is None else _on_grid(log, log.supply, grid)
+    return log.supply if grid is None else _on_grid(log, "supply", grid)
 
 
 def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:

@@ -402,12 +402,17 @@ class Log:
 
     @property
     def goal(self) -> tuple[Samples, Samples]:
-        """(n,) stamps in s and set-points, those before the first sample included."""
+        """(n,) stamps in s and set-points; before the first one a servo holds where it is told."""
         assert self.setpoint is not None  # noqa: S101 - of a servo
         if self.lead is None or self.lead.setpoint is None:
-            return self.time, self.setpoint
+            return self.held("setpoint")
         time = np.concatenate([self.lead.time, self.time])
         return time, np.concatenate([self.lead.setpoint, self.setpoint])
+
+    def held(self, name: str) -> tuple[Samples, Samples]:
+        """(n + 1,) stamps in s and values of a column, whose first one was there before."""
+        column = getattr(self, name)
+        return np.append(self.time[0] - LONGEST_LEAD, self.time), np.append(column[0], column)
 
     @property
     def closed(self) -> bool:

@@ -22,7 +22,7 @@ from butterfly.model.kernel.equation import COLUMNS, Constants
 from butterfly.model.kernel.loop import Loop
 from butterfly.model.kernel.steps import integrate, integrate_loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE, GEAR, LOOP_GAINS, TERMS
+from butterfly.model.terms import DRIVE, GEAR, LOOP_TERMS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
@@ -91,7 +91,7 @@ class Columns:
     @property
     def drives(self) -> int:
         """How many of p4, delay and `DRIVE`, in this order, are needed of the input."""
-        gains = COLUMNS[LOOP_GAINS[0]]
+        gains = COLUMNS[LOOP_TERMS[0]]
         last = int(self.column.max(initial=-1, where=self.column < gains))
         return max(last + 1 - len(Constants._fields), 0)
 

@@ -227,11 +227,12 @@ class DriveTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopTerms:
-    """Gains of a servo's own loop, over those that were told."""
+    """Gains of a servo's own loop, over those that were told, and its latency."""
 
     loop_kp: float = 1.0
     loop_ki: float = 1.0
     loop_kd: float = 1.0
+    latency: float = 0.0
 
 
 _COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
@@ -243,8 +244,8 @@ IDEAL = DriveTerms()
 DRIVE = tuple(field.name for field in fields(DriveTerms))
 """Names of the terms of the drive."""
 
-LOOP_GAINS = tuple(field.name for field in fields(LoopTerms))
-"""Names of the gains of a servo's loop."""
+LOOP_TERMS = tuple(field.name for field in fields(LoopTerms))
+"""Names of the terms of a servo's loop: its gains, and its latency."""
 
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
@@ -394,6 +395,9 @@ _ROWS = (
          lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
     Term("loop_kd", "loop D gain", "–", "derivative gain of the servo's loop, over the told one",
          lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+    Term("latency", "latency", "s",
+         "of a servo, from its look at the joint to the torque that follows, besides its clock",
+         lower=0.0, size=lambda _torque, _speed, rate: 0.1 / rate, offered=frozenset({_OUTPUT})),
 )
 # fmt: on
 

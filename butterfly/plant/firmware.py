@@ -22,17 +22,21 @@ class Firmware:
     """Drives a joint, in MuJoCo or not, as a loop says; its output is held in between."""
 
     def __init__(self, loop: Loop) -> None:
-        self.loop = loop
+        self._loop = loop
+        self.start()
+
+    def start(self) -> None:
+        """Get ready at time 0."""
         self._memory, self._torque, self._is_on = np.zeros(MEMORY), 0.0, math.nan
 
     @property
     def command(self) -> float:
         """What the drive is told now."""
-        return self._torque / self.loop.p4
+        return self._torque / self._loop.p4
 
     def update(self, joint: Joint, k: int = 0) -> None:
         """Look at a joint at the start of interval k."""
-        loop = self.loop
+        loop = self._loop
         if loop.on[k] != self._is_on:
             self._is_on = loop.on[k]
             joint.open_circuit(not self._is_on)
@@ -40,62 +44,45 @@ class Firmware:
         self._torque = torque(k, state, loop, self._memory, self._torque, None)
 
 
-def is_on(torque_off: Spans, time: Samples) -> Samples:
-    """Return where, of (n,) instants in s, a servo is not off."""
-    off = [(time >= begin) & (time < end) for begin, end in torque_off]
-    return np.asarray(1.0 - np.any(off, axis=0))
-
-
-class Servo:
+class Servo(Firmware):
     """A servo that follows a set-point by the clock of its own firmware, unless it is off.
 
     It sees its joint as it is, without an encoder.
     """
 
-    def __init__(
-        self, servo: ServoLoop, parameters: LumpedParameters, torque_off: Spans = ()
-    ) -> None:
-        self._servo, self._parameters, self._torque_off = servo, parameters, torque_off
-        self.start()
+    def __init__(self, servo: ServoLoop, parameters: LumpedParameters, torque_off: Spans) -> None:
+        self._servo, self._torque_off = servo, torque_off
+        supply = (servo.supply or 1.0) if servo.rule.output is Output.DUTY else 1.0
+        columns = (np.zeros(1), np.zeros(1), supply, np.ones(1))
+        super().__init__(Loop.of(servo, parameters, period=servo.period, columns=columns))
 
     def start(self) -> None:
         """Get ready at time 0."""
-        servo, one = self._servo, np.zeros(1)
-        supply = (servo.supply or 1.0) if servo.rule.output is Output.DUTY else 1.0
-        columns = (one, one, supply, np.ones(1))
-        loop = Loop.of(servo, self._parameters, period=servo.period, columns=columns)
-        self._firmware, self._updates = Firmware(loop), 0
-        self._now, self._goal = 0.0, math.nan
-        self._is_on = 1.0
+        super().start()
+        self._updates, self._goal = 0, math.nan
 
-    @property
-    def command(self) -> float:
-        """What the drive is told now."""
-        return self._firmware.command
-
-    def hear(self, time: float) -> None:
-        """Be told at an instant in s whether to be off."""
-        if self._torque_off:
-            self._is_on = float(is_on(self._torque_off, np.array(time)))
-
-    def advance(self, joint: Joint, setpoint: float, duration: float) -> None:
-        """Move a joint on for ``duration`` s with a set-point."""
-        period = self._servo.period
-        end, margin = self._now + duration, _ROUNDING * period
-        while (due := self._updates * period) < end - margin:
-            if due > self._now + margin:
-                joint.advance(self.command, due - self._now)
-                self._now = due
-            self._look(joint, setpoint)
+    def advance(self, joint: Joint, setpoint: float, begin: float, end: float) -> None:
+        """Move a joint on, between instants in s, with a set-point."""
+        self._loop.on[0] = is_on(self._torque_off, np.array(begin))
+        margin = _ROUNDING * self._servo.period
+        while (due := self._updates * self._servo.period) < end - margin:
+            if due > begin + margin:
+                joint.advance(self.command, due - begin)
+                begin = due
+            self._loop.setpoint[0] = self._goal = self._slewed(setpoint)
+            self.update(joint)
             self._updates += 1
-        joint.advance(self.command, end - self._now)
-        self._now = end
+        joint.advance(self.command, end - begin)
 
-    def _look(self, joint: Joint, setpoint: float) -> None:
-        servo, loop = self._servo, self._firmware.loop
-        if servo.rule.structure is LawStructure.PID and not math.isnan(self._goal):
-            both = np.array([self._goal, setpoint])
-            setpoint = slewed(both, both, servo.speed_limit * servo.period)[0][1]
-        loop.setpoint[0], loop.on[0] = setpoint, self._is_on
-        self._goal = setpoint
-        self._firmware.update(joint)
+    def _slewed(self, setpoint: float) -> float:
+        servo = self._servo
+        if servo.rule.structure is not LawStructure.PID or math.isnan(self._goal):
+            return setpoint
+        both = np.array([self._goal, setpoint])
+        return float(slewed(both, both, servo.speed_limit * servo.period)[0][1])
+
+
+def is_on(torque_off: Spans, time: Samples) -> Samples:
+    """Return where, of (n,) instants in s, a servo is not off."""
+    off = [(time >= begin) & (time < end) for begin, end in torque_off]
+    return np.asarray(1.0 - np.any(off, axis=0))

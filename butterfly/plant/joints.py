@@ -113,11 +113,10 @@ class MujocoJoint(Joint):
         robot: Robot,
         added: AddedMass = NO_ADDED_MASS,
         *,
-        angle: float = 0.0,
-        velocity: float = 0.0,
         scene: bool = False,
+        **start: float,
     ) -> None:
-        super().__init__(robot, added, angle=angle, velocity=velocity)
+        super().__init__(robot, added, **start)
         self.model = compile_model(robot, added, scene=scene)
         self.data = data = mujoco.MjData(self.model)
         self._options, self._length = self.model.opt, 0.0
@@ -284,15 +283,8 @@ def _as_one(column: Samples) -> NDArray[Any]:
 class GreyBoxJoint(Joint):
     """The same robot by the grey-box equation, with set-valued friction and without play."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        added: AddedMass = NO_ADDED_MASS,
-        *,
-        angle: float = 0.0,
-        velocity: float = 0.0,
-    ) -> None:
-        super().__init__(robot, added, angle=angle, velocity=velocity)
+    def __init__(self, robot: Robot, added: AddedMass = NO_ADDED_MASS, **start: float) -> None:
+        super().__init__(robot, added, **start)
         if robot.clutch:
             raise InputError("GreyBoxJoint", "clutch", robot.clutch, "none: MuJoCo alone has play")
         self.reset()

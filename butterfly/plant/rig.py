@@ -72,8 +72,6 @@ class SimulatedMotor:
 
     def command(self, value: float) -> float:
         """Set the command; see `Motor`."""
-        if self._servo is not None:
-            self._servo.hear(self._time)
         if self._is_open and abs(value) < LARGEST_COMMAND:
             self._applied = value
             return value
@@ -100,17 +98,16 @@ class SimulatedMotor:
         while self._pending and self._pending[0][0] < end:
             instant, value = self._pending.popleft()
             if instant > self._time:
-                self._advance(instant - self._time)
-                self._time = instant
+                self._advance(instant)
             self._applied = value
-        self._advance(end - self._time)
-        self._time = end
+        self._advance(end)
 
-    def _advance(self, duration: float) -> None:
+    def _advance(self, end: float) -> None:
         if self._servo is None:
-            self._joint.advance(self._applied, duration)
+            self._joint.advance(self._applied, end - self._time)
         else:
-            self._servo.advance(self._joint, self._applied, duration)
+            self._servo.advance(self._joint, self._applied, self._time, end)
+        self._time = end
 
 
 class Simulator(StrEnum):

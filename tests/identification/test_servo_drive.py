@@ -28,7 +28,7 @@ GOAL = 0.8 * np.sin(2 * TIME + TIME**2) + np.where(TIME > 0.5, 0.4, 0.0)
 ENABLED = np.where((TIME > 0.8) & (TIME < 0.95), 0.0, 1.0)
 JOINT = LumpedParameters(
     p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.02, stribeck=0.01, motor_friction=0.15,
-    load_friction=0.1, delay=0.0045, dead_zone=0.02, compression=0.02, back_emf=0.01,
+    load_friction=0.1, delay=0.0045, dead_zone=0.02, compression=0.02, back_emf=0.01, latency=0.003,
 )  # fmt: skip
 OF_OUTPUT = {Output.CURRENT: 0.4, Output.TORQUE: 1.0}
 LOOPS = {
@@ -61,7 +61,13 @@ def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
     simulation = Simulation(log, joint)
     names = ["p1", "p2", "p3", "p4", "coulomb", "stribeck", "delay", "back_emf"]
     names += ["motor_friction", "load_friction", "dead_zone", "compression", "loop_kp", "loop_ki"]
-    names += ["loop_kd", "zero", "velocity", *(["time_constant"] if joint.time_constant else [])]
+    names += [
+        "loop_kd",
+        "latency",
+        "zero",
+        "velocity",
+        *(["time_constant"] if joint.time_constant else []),
+    ]
     values, rows, mixture = simulation.linearised(names, joint, 0.1, 0.2)
     alone, *_ = simulation.linearised([], joint, 0.1, 0.2)
     np.testing.assert_allclose(alone, values, rtol=0, atol=1e-12)

@@ -11,7 +11,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import LOOP_GAINS, TERMS
+from butterfly.model.terms import LOOP_TERMS, TERMS
 from butterfly.signals import hold
 from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings, instants
 
@@ -87,7 +87,7 @@ class _Log:
 def _differentiable(p):
     """Return all names by which there is a derivative."""
     without = set() if p.time_constant else {"time_constant", "back_emf"}
-    without |= {*LOOP_GAINS}  # of no joint that its input drives
+    without |= {*LOOP_TERMS}  # of no joint that its input drives
     without |= {*GEAR} if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
     without |= set() if p.coulomb else {*FRICTION}
     without |= set() if p.motor_friction else {*GEAR}  # not below 0, whose derivative it has there
@@ -182,7 +182,7 @@ def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(seed):
     values = {
         name: value * random.uniform(0.5, 2)
         for name, value in vars(SLIDING).items()
-        if value and name not in LOOP_GAINS
+        if value and name not in LOOP_TERMS
     }
     lag, stiffness = random.choice([0.0, 0.0123]), random.choice([0.0, 0.0, 3.0])
     values |= {"coulomb": random.uniform(1e-4, 6e-3), "bristle_stiffness": stiffness}
@@ -191,7 +191,7 @@ def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(seed):
     names = [
         name
         for name in TERMS
-        if getattr(robot, name) and name not in {"delay", *INITIAL, *LOOP_GAINS}
+        if getattr(robot, name) and name not in {"delay", *INITIAL, *LOOP_TERMS}
     ]
     way = {name: getattr(robot, name) * random.normal() for name in names}
 

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from butterfly.model.kernel.equation import Constants, friction_at, rates
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
-from butterfly.model.terms import DRIVE, GEAR, LOOP_GAINS, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
 
@@ -26,7 +26,7 @@ YIELDED = {"compression": lambda c: COMMAND / (1 + c * COMMAND), "dead_zone": la
 STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]
 SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt", "mass_inertia"]
-SETTING += LOOP_GAINS
+SETTING += LOOP_TERMS
 
 
 def _motion(angle, velocity, **more):

@@ -106,8 +106,7 @@ def test_the_firmware_looks_at_its_own_clock_and_holds_in_between():
     loop = ServoLoop.of({"law": "pid-duty", "kp": 2.0, "clock": 4e-3, "supply": 5.0, "limit": 0.5})
     servo, joint = Servo(loop, LumpedParameters(p1=1, p2=0, p3=0, p4=3), ((0.02, 0.03),)), _Still()
     for k, setpoint in enumerate([0.15, 0.2, 0.3, 9.0]):
-        servo.hear(0.01 * k)
-        servo.advance(joint, setpoint, 0.01)
+        servo.advance(joint, setpoint, 0.01 * k, 0.01 * k + 0.01)
     wanted = [(0.0, 0.5), (0.004, 0.5), (0.008, 0.5), (0.01, 0.5), (0.012, 1.0), (0.016, 1.0)]
     wanted += [(0.02, 0.0), (0.024, 0.0), (0.028, 0.0), (0.03, 0.0), (0.032, 2.5), (0.036, 2.5)]
     np.testing.assert_allclose(joint.told, wanted, atol=1e-12)

@@ -59,7 +59,7 @@ from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, GEAR, LOOP_GAINS, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import COMPANIONS, GEAR, LOOP_TERMS, OF_ANGLE, PARAMETERS, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -193,7 +193,7 @@ class OutputError(Estimator):
             start, choice = self._by_segments(logs, begun[0], reference.fixed)
             begun = [start, *begun]
             if choice is not None:
-                told = replace(self, terms=choice.terms)
+                told = replace(self, terms=(*choice.terms, "latency"))
                 found = told._fit(logs, begun, later, known)  # noqa: SLF001 - its own
                 return found._replace(estimate=found.estimate.with_findings(*choice.findings))
         wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
@@ -305,11 +305,11 @@ class OutputError(Estimator):
     ) -> tuple[Start, TermChoice | None]:
         """Return a first guess of servos, whose friction decides where they stop, and their terms.
 
-        Over segments of one period, driven by the rebuilt drive alone, no stop is far off. Terms
-        are chosen there unless they are told.
+        Over segments of one period, or as many time constants of the speed, driven by the rebuilt
+        drive alone, no stop is far off. Terms are chosen there unless they are told.
         """
-        masses = {log.added_mass for log in logs}
-        slowest = min(resonance_frequency(guess.parameters.with_added_mass(m)) for m in masses)
+        loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
+        fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
         gear = {*GEAR} & {*(OF_SERVO if self.terms is None else self.terms)}
         begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
         start = replace(guess, parameters=replace(guess.parameters, **begun))
@@ -319,8 +319,8 @@ class OutputError(Estimator):
         short = replace(
             self,
             terms=terms,
-            fixed=tuple({"delay", *self.fixed, *LOOP_GAINS}),
-            horizon=2 * math.pi / slowest,
+            fixed=tuple({"delay", *self.fixed, *LOOP_TERMS}),
+            horizon=2 * math.pi / fastest,
         )
         problem = short.problem([log.opened for log in logs], start, known)
         end, choice = problem.descend(problem.initial), None

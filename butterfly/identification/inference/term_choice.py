@@ -27,7 +27,7 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMPANIONS
+from butterfly.model.terms import COMPANIONS, GEAR
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""
@@ -93,13 +93,16 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     What grows with the added mass shows with three of them: by two the scale of all is set. What
     is known is not tried, nor what comes with it, nor masses' own inertia where it is given, or
     sets the scale, nor gravity beside its line where there is none,
-    or where p3 is known and no second mass tells it from a turn of the encoder.
+    or where p3 is known and no second mass tells it from a turn of the encoder. Without gravity a
+    gear carries what accelerates the joint alone: friction with it may as well be uneven friction.
     """
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
     if len(effects) < FEW:
         lost |= {"load", "mass_inertia"}
+    if known.weightless(carried):
+        lost |= {*GEAR}
     if known.weightless(carried) or any(mass.own_inertia for mass in carried):
         lost.add("mass_inertia")
     if known.weightless(carried) or ("p3" in known.parameters and len(effects) < FEW):

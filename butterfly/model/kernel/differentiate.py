@@ -74,7 +74,7 @@ def differentiate(
     """
     memory, held, now = np.zeros(MEMORY), 0.0, c
     kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
-    remembered = np.zeros((2, column.size))
+    remembered = np.zeros((3, column.size))
     tape = np.zeros((_ROWS, TAPE_WIDTH))
     stages = np.zeros((4, 4, GAIN + 1))
     for i in range(4):

@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import DRIVE, LOOP_GAINS
+from butterfly.model.terms import DRIVE, LOOP_TERMS
 
 State = tuple[float, float, float, float]
 """Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
@@ -64,7 +64,7 @@ class Constants(NamedTuple):
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_GAINS)
+THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_TERMS)
 COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 

@@ -16,6 +16,7 @@ from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import COLUMNS, V, X
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import LawStructure, ServoLoop
+from butterfly.model.terms import LOOP_TERMS
 
 PID, CASCADE, SPEED, RECORDED = 0.0, 1.0, 2.0, 3.0
 """How the output is made: of the angle's error, of a speed that this asks for, of the speed's; or
@@ -23,24 +24,24 @@ it is the set-point itself."""
 
 _STRUCTURES = {LawStructure.PID: PID, LawStructure.CASCADE: CASCADE, LawStructure.SPEED: SPEED}
 
-INTEGRAL, OUTPUT, BEFORE, LOOKED = range(4)
-MEMORY = 4
-"""What the firmware remembers: of the error over time, its last output, the set-point before, and
-whether there was one."""
+INTEGRAL, OUTPUT, SPEED_BEFORE, GOAL_BEFORE, LOOKED = range(5)
+MEMORY = 5
+"""What the firmware remembers: of the error over time, its last output, velocity and set-point at
+its last look, and whether there was one. The first three have derivatives."""
 
 BY_SETPOINT, BY_ANGLE, BY_VELOCITY, BY_INTEGRAL, BY_LAST, BY_P, BY_I, BY_D = range(8)
 SLOPE, BY_SPEED, DELIVERED, BY_DEAD_ZONE, BY_COMPRESSION = range(8, 13)
 GATE, RISE_BY_SETPOINT, RISE_BY_ANGLE, RISE_BY_VELOCITY, RISE_BY_P = range(13, 18)
-TORQUE, BY_PACE = 18, 19
-WIDTH = 20
+TORQUE, BY_PACE, SEEN_SPEED, SEEN_RATE, LOOKS_BACK = range(18, 23)
+WIDTH = 23
 """Columns of what is kept of each interval: derivatives of the output, what becomes of it on its
-way to the joint, derivatives of what the integral gains, the torque that is held, and the output's
-derivative by how far the set-point moved."""
+way to the joint, derivatives of what the integral gains, the torque that is held, the output's
+derivative by how far the set-point moved, and the motion that was seen."""
 
 _P4, _DELAY, _DEAD_ZONE, _COMPRESSION = (
     COLUMNS[name] for name in ("p4", "delay", "dead_zone", "compression")
 )
-_LOOP_P, _LOOP_I, _LOOP_D = (COLUMNS[name] for name in ("loop_kp", "loop_ki", "loop_kd"))
+_LOOP_P, _LOOP_I, _LOOP_D, _LATENCY = (COLUMNS[name] for name in LOOP_TERMS)
 
 
 class Loop(NamedTuple):
@@ -59,7 +60,7 @@ class Loop(NamedTuple):
     slew: float  # most change of the output from update to update
     period: float  # in s, of the updates
     every: int  # intervals of the grid in one
-    lead: float  # in s, by which the held output stands for one of a faster clock
+    ahead: float  # in s, of the joint as it is seen: half a period of a faster clock, less latency
     emf: float  # V per rad/s,
     drop: float  # and V, the most that the current's limit allows over the resistance
     on_error: float  # whether kd acts on the error's rate, or on that of the joint alone
@@ -106,7 +107,7 @@ class Loop(NamedTuple):
             slew=math.inf if servo is None else float(servo.slew) * period,
             period=period,
             every=every,
-            lead=0.0 if servo is None else max(period - servo.period, 0.0) / 2,
+            ahead=0.0 if servo is None else max(period - servo.period, 0.0) / 2 - p.latency,
             emf=float(reach[0]),
             drop=float(reach[1]),
             on_error=float(servo is not None and servo.rule.on_error),
@@ -128,7 +129,7 @@ def at(k, loop, c, without_drive):
 
 
 @inner
-def torque(k, state, loop, memory, held, kept):
+def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step by step
     """Return the torque of the drive in N m during interval k, before which it was ``held``.
 
     Keeps in ``kept``, unless that is None, what the derivatives need.
@@ -138,14 +139,15 @@ def torque(k, state, loop, memory, held, kept):
         return 0.0
     if k % loop.every != 0:
         return held
-    ahead, v, z = state[X] + loop.lead * state[V] + loop.zero, state[V], memory[INTEGRAL]
+    x, v, rate = _seen(state, loop, memory)
+    z, looks_back = memory[INTEGRAL], memory[LOOKED]
     error = loop.setpoint[k]
     if loop.structure != RECORDED:
-        error -= v if loop.structure == SPEED else ahead
+        error -= v if loop.structure == SPEED else x
     seen = 1.0 if abs(error) > loop.dead_band else 0.0
     error *= seen
-    pace = loop.on_error * memory[LOOKED] * (loop.setpoint[k] - memory[BEFORE]) / loop.period
-    first, memory[BEFORE], memory[LOOKED] = memory[LOOKED] == 0.0, loop.setpoint[k], 1.0
+    pace = loop.on_error * looks_back * (loop.setpoint[k] - memory[GOAL_BEFORE]) / loop.period
+    memory[SPEED_BEFORE], memory[GOAL_BEFORE], memory[LOOKED] = state[V], loop.setpoint[k], 1.0
     rise, steep, damping, of_p = error, loop.kp, loop.kd, 1.0
     if loop.structure == CASCADE:
         wanted = max(-loop.speed_limit, min(loop.speed_limit, loop.kp * error))
@@ -160,7 +162,8 @@ def torque(k, state, loop, memory, held, kept):
     of_last, free = (0.0, free) if slow == output else (1.0, 0.0)
     memory[OUTPUT], memory[INTEGRAL] = slow, z + gate * rise
     supplied = slow * loop.supply[k]
-    command = max(loop.emf * v - loop.drop, min(loop.emf * v + loop.drop, supplied))
+    most, least = loop.emf * state[V] + loop.drop, loop.emf * state[V] - loop.drop
+    command = max(least, min(most, supplied))
     past = command - max(-loop.dead_zone, min(loop.dead_zone, command))
     weaker = 1.0 / (1.0 + loop.compression * abs(past))
     delivered = past * weaker
@@ -172,7 +175,8 @@ def torque(k, state, loop, memory, held, kept):
         kept[k, BY_DEAD_ZONE] = -np.sign(past) * weaker * weaker
         kept[k, BY_COMPRESSION] = -past * abs(past) * weaker * weaker
         _rise(k, seen, of_p, error, loop, kept)
-        kept[k, GATE] = gate
+        kept[k, GATE], kept[k, LOOKS_BACK] = gate, looks_back
+        kept[k, SEEN_SPEED], kept[k, SEEN_RATE] = v, rate
         for of_output, of_rise in (
             (BY_SETPOINT, RISE_BY_SETPOINT),
             (BY_ANGLE, RISE_BY_ANGLE),
@@ -186,25 +190,29 @@ def torque(k, state, loop, memory, held, kept):
         if loop.structure == CASCADE:
             kept[k, BY_D] = free * loop.told_kd * rise
         else:
-            kept[k, BY_P], kept[k, BY_D] = (
-                free * loop.told_kp * rise,
-                free * loop.told_kd * (pace - v),
-            )
-            steady = 0.0 if first else free * damping
-            kept[k, BY_PACE] = steady * loop.on_error / loop.period
+            kept[k, BY_P] = free * loop.told_kp * rise
+            kept[k, BY_D] = free * loop.told_kd * (pace - v)
+            kept[k, BY_PACE] = looks_back * free * damping * loop.on_error / loop.period
     return loop.p4 * delivered
+
+
+@inner
+def _seen(state, loop, memory):
+    """Return angle and velocity as the firmware sees them, and the rate of the velocity."""
+    rate = memory[LOOKED] * (state[V] - memory[SPEED_BEFORE]) / loop.period
+    x = state[X] + loop.zero + loop.ahead * (state[V] + 0.5 * loop.ahead * rate)
+    return x, state[V] + loop.ahead * rate, rate
 
 
 @inner
 def _rise(k, seen, of_p, error, loop, kept):
     """Keep the derivatives of what the integral gains of interval k."""
-    by_setpoint, by_angle, by_velocity, by_p = seen, -seen, -seen * loop.lead, 0.0
+    by_setpoint, by_angle, by_velocity, by_p = seen, -seen, 0.0, 0.0
     if loop.structure >= SPEED:
         by_angle, by_velocity = 0.0, -seen if loop.structure == SPEED else 0.0
     if loop.structure == CASCADE:
         share = of_p * loop.kp
         by_setpoint, by_angle, by_velocity = share * by_setpoint, share * by_angle, -1.0
-        by_velocity -= share * seen * loop.lead
         by_p = of_p * loop.told_kp * error
     kept[k, RISE_BY_SETPOINT], kept[k, RISE_BY_ANGLE] = by_setpoint, by_angle
     kept[k, RISE_BY_VELOCITY], kept[k, RISE_BY_P] = by_velocity, by_p
@@ -214,7 +222,7 @@ def _rise(k, seen, of_p, error, loop, kept):
 def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, held):
     """Write the (k,) derivatives of the ``held`` torque of interval k, at whose start states are.
 
-    ``remembered`` is (2, k): those of what the firmware remembers.
+    ``remembered`` is (3, k): those of what the firmware remembers.
     """
     if loop.on[k] == 0.0:
         for j in range(column.size):
@@ -223,8 +231,13 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
     if k % loop.every != 0:
         return
     for j in range(column.size):
-        number, x, v = column[j], tangents[X, j], tangents[V, j]
-        setpoint = 0.0
+        number, speed = column[j], tangents[V, j]
+        rate = kept[k, LOOKS_BACK] * (speed - remembered[SPEED_BEFORE, j]) / loop.period
+        x = tangents[X, j] + loop.ahead * (speed + 0.5 * loop.ahead * rate)
+        v, setpoint = speed + loop.ahead * rate, 0.0
+        if number == _LATENCY:
+            x -= kept[k, SEEN_SPEED]
+            v -= kept[k, SEEN_RATE]
         if number == _DELAY:
             setpoint = loop.late[k] / loop.p4
         elif number < 0 and initial[X, j] < 0.0 and loop.structure < SPEED:
@@ -251,8 +264,8 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
         elif number == _COMPRESSION:
             direct = kept[k, BY_COMPRESSION]
         remembered[INTEGRAL, j] += kept[k, GATE] * rise
-        remembered[OUTPUT, j] = output
-        held[j] = direct + loop.p4 * (kept[k, SLOPE] * output + kept[k, BY_SPEED] * v)
+        remembered[OUTPUT, j], remembered[SPEED_BEFORE, j] = output, speed
+        held[j] = direct + loop.p4 * (kept[k, SLOPE] * output + kept[k, BY_SPEED] * speed)
 
 
 @compiled
