@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.kernel import loop as kernel
 from butterfly.model.kernel.loop import Loop
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Known
 from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.signals import hold, polynomials
 from butterfly.signals.spectrum import resample, uniform_grid
@@ -114,6 +116,24 @@ def driven(log: Log) -> Log:
     return replace(
         log, input=drive, setpoint=log.input, input_kind=kind, excitation=None, lead=lead
     )
+
+
+def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
+    """Return a log in a loop by its drive alone, rebuilt anew where gains were identified."""
+    factors = {name: getattr(parameters, f"loop_{name}") for name in ("kp", "ki", "kd")}
+    servo, lead = log.servo, log.lead
+    if servo is None or log.setpoint is None or set(factors.values()) == {1.0}:
+        return log.opened
+    gains: dict[str, Any] = {
+        name: Known(value=factor * getattr(servo, name).value) for name, factor in factors.items()
+    }
+    if lead is not None and lead.setpoint is not None:
+        lead = replace(lead, input=lead.setpoint)
+    kind = InputKind.SETPOINT
+    told = replace(
+        log, servo=replace(servo, **gains), input=log.setpoint, input_kind=kind, lead=lead
+    )
+    return driven(told).opened
 
 
 def _rate(log: Log) -> Samples:
