@@ -74,12 +74,10 @@ def _on_grid(log: Log, name: str, grid: Samples) -> Samples:
     return hold.mean(*log.held(name), grid, log.intersample)
 
 
-def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | float:
-    """(n,) volts by which a duty is multiplied; 1 of what is no duty, or has no supply."""
-    if servo is None or servo.rule.output is not Output.DUTY:
-        return 1.0
-    if log.supply is None:
-        return servo.supply or 1.0
+def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | None:
+    """(n,) recorded volts by which a duty is multiplied, if any."""
+    if log.supply is None or servo is None or servo.rule.output is not Output.DUTY:
+        return None
     return log.supply if grid is None else _on_grid(log, "supply", grid)
 
 

@@ -33,15 +33,16 @@ from butterfly.identification.diagnostics.unit_errors import (
 )
 from butterfly.identification.equations import CellEquations, Solution, scaled_least_squares
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
+from butterfly.identification.estimators import Estimator, HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.estimators.weak_regression import About, Windows
 from butterfly.identification.inference.conditions import Condition
-from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
+from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import NO_PRIOR
-from butterfly.model.terms import IDEAL, FrictionTerms
+from butterfly.model.prior import NO_PRIOR, Known, Prior
+from butterfly.model.terms import IDEAL, FrictionTerms, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import periodogram
@@ -76,7 +77,7 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
     found: list[Finding] = []
     if estimate.level is Level.WARNING or not (misfits < CLEARLY * _noise(data)).all():
         search = _Search(data, estimator, estimate)
-        found = search.named() or search.set_point()
+        found = search.named() or search.set_point() or search.gain()
     return found or unit_errors_of_masses(data.masses)
 
 
@@ -238,6 +239,29 @@ class _Search:
         except _FAILURES:
             return []
         return [unit_error(UnitError.SETPOINT, 1.0)] if followed else []
+
+    @np.errstate(all="ignore")
+    def gain(self) -> list[Finding]:
+        """Tell by which factor the P gain of a loop was told wrongly, if that explains the logs."""
+        before, estimator = self.estimate, self.estimator
+        if before is None or not isinstance(estimator, OutputError):
+            return []
+        misfit = 1 - float(np.median(self.data.simulations.fits(before))) / 100
+        closed = any(log.closed for log in self.data.logs)
+        if not closed or "loop_kp" in before.names or misfit < MATTERS:
+            return []
+        known = self.data.known | Prior({"loop_kp": Known(value=1.0, uncertainty=math.inf)})
+        terms = tuple({*before.names} & {*offered(estimator.method)})
+        first = [Start.at(before, self.data)]
+        try:
+            found = replace(estimator, terms=terms).of_logs(self.data.logs, first, known)
+        except _FAILURES:
+            return []
+        left = 1 - float(np.median(self.data.simulations.fits(found))) / 100
+        factor = found.parameters.loop_kp
+        if not left < LOST * misfit or abs(factor - 1) < PRECISE:
+            return []
+        return [unit_error(UnitError.GAIN, factor, moves=_moves(before, found))]
 
     @cached_property
     def _here(self) -> _Fit | None:

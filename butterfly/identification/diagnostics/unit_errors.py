@@ -47,6 +47,7 @@ class UnitError(StrEnum):
     GRAMS = "grams"
     LATE = "late"
     SETPOINT = "setpoint"
+    GAIN = "gain"
 
 
 class Unit(NamedTuple):
@@ -85,7 +86,9 @@ _OF_INPUT = {
     UnitError.SWAPPED: "Input and angle look swapped: the other way round the logs agree with a "
     "joint. The manifest's key columns, or --columns, says which is which.",
     UnitError.SETPOINT: "The input looks like a set-point that the joint follows. Say input: "
-    "setpoint and the servo's loop, such as loop: {law: dynamixel-x, kp: 400}, in the manifest.",
+    "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}, in the manifest.",
+    UnitError.GAIN: "The P gain of the servo's loop looks wrong: times {:.3g} the logs agree with "
+    "a joint. Check law and kp of its loop.",
 }
 
 COUNTS = tuple(
@@ -115,8 +118,8 @@ def unit_error_text(finding: Finding) -> str:
     error, *more = finding.parameters
     number, where = finding.number or 0.0, listed(finding.logs)
     match UnitError(error):
-        case UnitError.SWAPPED | UnitError.SETPOINT as kind:
-            return _OF_INPUT[kind]
+        case UnitError.SWAPPED | UnitError.SETPOINT | UnitError.GAIN as kind:
+            return _OF_INPUT[kind].format(number)
         case UnitError.OMEGA:
             at = f" ({more[0]})" if more else ""
             return (
