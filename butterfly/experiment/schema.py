@@ -36,7 +36,7 @@ from butterfly.model.parameters import (
 )
 from butterfly.model.prior import Prior
 from butterfly.model.servo import Output, ServoLoop
-from butterfly.model.terms import IDEAL
+from butterfly.model.terms import IDEAL, LoopTerms
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
 from butterfly.orbit.recalibration import RecalibrationOptions
@@ -132,8 +132,9 @@ class PlantSpec(StrictModel):
             raise ValueError("hand and drive, or lumped")
         if self.lumped is not None and physical:
             raise ValueError("either lumped, or hand, drive, friction and clutch")
-        if self.lumped is not None and (self.lumped.delay or self.lumped.drive != IDEAL):
-            raise ValueError("delay, dead_zone and compression under path")
+        elsewhere = vars(IDEAL) | vars(LoopTerms()) | {"delay": 0.0}
+        if any(getattr(self.lumped, each, value) != value for each, value in elsewhere.items()):
+            raise ValueError("delay, dead_zone and compression under path, gains under loop")
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
         if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
             raise ValueError("no clutch: MuJoCo alone has play")

@@ -154,6 +154,7 @@ LUMPED = {"p1": 3e-3, "p2": 1, "p3": 0.05, "p4": 1}
         ({}, "hand and drive, or lumped"),
         ({"lumped": LUMPED, "friction": {}}, "either lumped, or"),
         ({"lumped": LUMPED | {"delay": 0.1}}, "under path"),
+        ({"lumped": LUMPED | {"loop_kp": 0.9}}, "gains under loop"),
         ({"lumped": LUMPED | {"p1": 0.0}}, "p1: got 0"),
     ],
 )
