@@ -121,19 +121,14 @@ def driven(log: Log) -> Log:
 def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
     """Return a log in a loop by its drive alone, rebuilt anew where gains were identified."""
     factors = {name: getattr(parameters, f"loop_{name}") for name in ("kp", "ki", "kd")}
-    servo, lead = log.servo, log.lead
+    servo = log.servo
     if servo is None or log.setpoint is None or set(factors.values()) == {1.0}:
         return log.opened
     gains: dict[str, Any] = {
         name: Known(value=factor * getattr(servo, name).value) for name, factor in factors.items()
     }
-    if lead is not None and lead.setpoint is not None:
-        lead = replace(lead, input=lead.setpoint)
-    kind = InputKind.SETPOINT
-    told = replace(
-        log, servo=replace(servo, **gains), input=log.setpoint, input_kind=kind, lead=lead
-    )
-    return driven(told).opened
+    told = replace(log, input=log.setpoint, input_kind=InputKind.SETPOINT)
+    return driven(replace(told, servo=replace(servo, **gains))).opened
 
 
 def _rate(log: Log) -> Samples:

@@ -215,8 +215,8 @@ class Manifest(StrictModel):
                 if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
         for entry in self.logs:
-            driven = entry.input or self.input
-            if driven is InputKind.SETPOINT and "law" not in self.loop_of(entry):
+            told = entry.input or self.input
+            if told is InputKind.SETPOINT and "law" not in self.loop_of(entry):
                 expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
                 raise InputError(entry.file, "loop.law", "nothing, under a setpoint", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
