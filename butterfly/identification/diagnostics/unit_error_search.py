@@ -20,7 +20,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.followed_input import follows
+from butterfly.identification.diagnostics.loop_errors import follows, with_free_gain
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT, is_possible
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.diagnostics.unit_errors import (
@@ -34,17 +34,16 @@ from butterfly.identification.diagnostics.unit_errors import (
 )
 from butterfly.identification.equations import CellEquations, Solution, scaled_least_squares
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.multistart import Start
+from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.estimators.weak_regression import About, Windows
 from butterfly.identification.inference.conditions import Condition
-from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
+from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import NO_PRIOR, Known, Prior
-from butterfly.model.terms import IDEAL, FrictionTerms, offered
+from butterfly.model.prior import NO_PRIOR
+from butterfly.model.terms import IDEAL, FrictionTerms
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.spectrum import periodogram
@@ -254,25 +253,11 @@ class _Search:
     @np.errstate(all="ignore")
     def gain(self) -> list[Finding]:
         """Tell by which factor the P gain of a loop was told wrongly, if that explains the logs."""
-        before, estimator = self.estimate, self.estimator
-        if before is None or not isinstance(estimator, OutputError):
+        before = self.estimate
+        found = None if before is None else with_free_gain(self.data, self.estimator, before)
+        if before is None or found is None:
             return []
-        misfit = 1 - float(np.median(self.data.simulations.fits(before))) / 100
-        closed = any(log.closed for log in self.data.logs)
-        if not closed or "loop_kp" in before.names or misfit < MATTERS:
-            return []
-        known = self.data.known | Prior({"loop_kp": Known(value=1.0, uncertainty=math.inf)})
-        terms = tuple({*before.names} & {*offered(estimator.method)})
-        first = [Start.at(before, self.data)]
-        try:
-            found = replace(estimator, terms=terms).of_logs(self.data.logs, first, known)
-        except _FAILURES:
-            return []
-        left = 1 - float(np.median(self.data.simulations.fits(found))) / 100
-        factor = found.parameters.loop_kp
-        if not left < LOST * misfit or abs(factor - 1) < PRECISE:
-            return []
-        return [unit_error(UnitError.GAIN, factor, moves=_moves(before, found))]
+        return [unit_error(UnitError.GAIN, found.parameters.loop_kp, moves=_moves(before, found))]
 
     @cached_property
     def _here(self) -> _Fit | None:
