@@ -35,8 +35,8 @@ from butterfly.model.parameters import (
     VoltageDrive,
 )
 from butterfly.model.prior import Prior
-from butterfly.model.servo import ServoLoop
-from butterfly.model.terms import IDEAL
+from butterfly.model.servo import Output, ServoLoop
+from butterfly.model.terms import IDEAL, LoopTerms
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
 from butterfly.orbit.recalibration import RecalibrationOptions
@@ -84,6 +84,8 @@ class PlantSpec(StrictModel):
     """Of a servo, as in a manifest: excitations and signals are then its set-points."""
     torque_off: Spans = ()
     """Pairs of instants in s, from one to before the other of which the servo is off."""
+    supply: Table | None = None
+    """Of the servo, in V, where it is not the loop's throughout."""
 
     @property
     def servo(self) -> ServoLoop | None:
@@ -93,7 +95,9 @@ class PlantSpec(StrictModel):
     @property
     def input_kind(self) -> InputKind:
         """What the drive is told."""
-        return self.robot.input_kind if self.servo is None else drive_kind(self.servo)
+        if self.servo is None:
+            return self.robot.input_kind
+        return drive_kind(self.servo, supplied=self.supply is not None)
 
     @property
     def robot(self) -> Robot:
@@ -118,6 +122,7 @@ class PlantSpec(StrictModel):
             faults=self.faults,
             servo=self.servo,
             torque_off=self.torque_off,
+            supply=self.supply,
         )
 
     @model_validator(mode="after")
@@ -127,8 +132,9 @@ class PlantSpec(StrictModel):
             raise ValueError("hand and drive, or lumped")
         if self.lumped is not None and physical:
             raise ValueError("either lumped, or hand, drive, friction and clutch")
-        if self.lumped is not None and (self.lumped.delay or self.lumped.drive != IDEAL):
-            raise ValueError("delay, dead_zone and compression under path")
+        elsewhere = vars(IDEAL) | vars(LoopTerms()) | {"delay": 0.0}
+        if any(getattr(self.lumped, each, value) != value for each, value in elsewhere.items()):
+            raise ValueError("delay, dead_zone and compression under path, gains under loop")
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
         if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
             raise ValueError("no clutch: MuJoCo alone has play")
@@ -137,6 +143,9 @@ class PlantSpec(StrictModel):
             assert self.servo is not None  # noqa: S101 - or the kinds would be the same
             expected = "one of voltage, or of duty and with a supply, as the drive is of voltage"
             raise InputError("plant", "loop.law", self.servo.law, expected)
+        if self.supply and (self.servo is None or self.servo.rule.output is not Output.DUTY):
+            expected = "none, but for a plant with a loop of duty"
+            raise InputError("plant", "supply", "a table", expected)
         if self.torque_off and (self.servo is None or any(a >= b for a, b in self.torque_off)):
             expected = "pairs of instants in s, the first before the second, of a plant with a loop"
             raise InputError("plant", "torque_off", self.torque_off, expected)

@@ -100,6 +100,7 @@ def _about_mass(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
 
 
 _MOTOR: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "joint": None}
+_AMPERES: dict[str, Any] = {"input_kind": InputKind.CURRENT, "joint": None}
 _SLIDE: dict[str, Any] = {"joint": JointKind.SLIDE}
 _WEIGHED = ("hand_mass", "gravity", "p3")
 _ROTOR = ("rotor_inertia", "gear_ratio")
@@ -112,10 +113,17 @@ OF_PARAMETERS = (
         lambda of: of["gear_ratio"] * of["torque_constant"] / of["resistance"],
         **_MOTOR,
     ),
+    Way(
+        "p4",
+        ("gear_ratio", "torque_constant"),
+        lambda of: of["gear_ratio"] * of["torque_constant"],
+        **_AMPERES,
+    ),
     Way("p1", ("hand_mass", *_ROTOR), lambda of: of["hand_mass"] + _rotor(of), **_SLIDE),
 )
 """Of a torque command neither R nor N nor k_t tells p4, which is 1, N or N k_t as the command means
-N m at the joint, N m at the motor or A: nobody but the user knows which."""
+N m at the joint, N m at the motor or A: nobody but the user knows which. Nor do they of a duty
+without its supply."""
 
 WAYS = (
     Way(
@@ -129,6 +137,12 @@ WAYS = (
         ("p4", "resistance", "gear_ratio"),
         lambda of: of["p4"] * of["resistance"] / of["gear_ratio"],
         **_MOTOR,
+    ),
+    Way(
+        "torque_constant",
+        ("p4", "gear_ratio"),
+        lambda of: of["p4"] / of["gear_ratio"],
+        **_AMPERES,
     ),
     Way(
         "viscous_friction",

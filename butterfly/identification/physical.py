@@ -63,6 +63,7 @@ class Lack(StrEnum):
     GEAR = "gear"
     COMMAND = "command"
     UNUSED = "unused"
+    SUPPLY = "supply"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,12 +216,23 @@ def _unseparated(
         yield Unseparated(lack=Lack.MASS)
     if not told & ({"rotor_inertia"} if hinge else {"rotor_inertia", "hand_mass"}):
         yield Unseparated(lack=Lack.ROTOR if hinge else Lack.ROTOR_OF_SLIDE)
-    if input_kind is InputKind.TORQUE:
-        if "p4" not in known.parameters:
+    yield from _unseparated_of_motor(found, known, input_kind)
+
+
+def _unseparated_of_motor(
+    found: Quantities, known: Prior, input_kind: InputKind
+) -> Iterator[Unseparated]:
+    """Say what is left open of what the motor's torque is made of."""
+    told = known.physical.keys()
+    if input_kind in {InputKind.TORQUE, InputKind.CURRENT}:
+        if input_kind is InputKind.TORQUE and "p4" not in known.parameters:
             yield Unseparated(lack=Lack.COMMAND)
         idle = tuple(sorted(told & {"resistance", "back_emf_constant"}))
         if idle:
             yield Unseparated(lack=Lack.UNUSED, names=idle)
+        return
+    if input_kind is InputKind.DUTY:
+        yield Unseparated(lack=Lack.SUPPLY)
         return
     if not told & {"resistance", "torque_constant"}:
         yield Unseparated(lack=Lack.GAIN)

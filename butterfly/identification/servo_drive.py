@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.kernel import loop as kernel
 from butterfly.model.kernel.loop import Loop
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Known
 from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.signals import hold, polynomials
 from butterfly.signals.spectrum import resample, uniform_grid
@@ -72,12 +74,10 @@ def _on_grid(log: Log, name: str, grid: Samples) -> Samples:
     return hold.mean(*log.held(name), grid, log.intersample)
 
 
-def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | float:
-    """(n,) volts by which a duty is multiplied; 1 of what is no duty, or has no supply."""
-    if servo is None or servo.rule.output is not Output.DUTY:
-        return 1.0
-    if log.supply is None:
-        return servo.supply or 1.0
+def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | None:
+    """(n,) recorded volts by which a duty is multiplied, if any."""
+    if log.supply is None or servo is None or servo.rule.output is not Output.DUTY:
+        return None
     return log.supply if grid is None else _on_grid(log, "supply", grid)
 
 
@@ -116,6 +116,19 @@ def driven(log: Log) -> Log:
     return replace(
         log, input=drive, setpoint=log.input, input_kind=kind, excitation=None, lead=lead
     )
+
+
+def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
+    """Return a log in a loop by its drive alone, rebuilt anew where gains were identified."""
+    factors = {name: getattr(parameters, f"loop_{name}") for name in ("kp", "ki", "kd")}
+    servo = log.servo
+    if servo is None or log.setpoint is None or set(factors.values()) == {1.0}:
+        return log.opened
+    gains: dict[str, Any] = {
+        name: Known(value=factor * getattr(servo, name).value) for name, factor in factors.items()
+    }
+    told = replace(log, input=log.setpoint, input_kind=InputKind.SETPOINT)
+    return driven(replace(told, servo=replace(servo, **gains))).opened
 
 
 def _rate(log: Log) -> Samples:

@@ -325,6 +325,19 @@ class Log:
         kinds = {"angle": ("angle", "length"), "velocity": ("rate", "speed")}
         return (kinds[name][not turns],) if name in kinds else (_MEASURED_IN.get(name, name),)
 
+    def at_joint(self, ratio: float) -> Log:
+        """Return the log of an encoder on the motor, so many turns of which are one of the joint.
+
+        A set-point, and the loop that follows it, are the motor's too.
+        """
+        columns = ["angle", "velocity", "setpoint"]
+        columns += ["input"] if self.input_kind is InputKind.SETPOINT else []
+        told = {name: getattr(self, name) for name in columns}
+        own = {name: each / ratio for name, each in told.items() if each is not None}
+        zero = None if self.zero is None else self.zero.times(1 / ratio)
+        servo = None if self.servo is None else self.servo.at_joint(ratio)
+        return replace(self, **own, zero=zero, servo=servo)
+
     def timed(self, factor: float) -> Log:
         """Return the log with its stamps multiplied by a factor, by which speeds are divided."""
         lead, velocity = self.lead, self.velocity

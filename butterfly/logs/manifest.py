@@ -182,6 +182,9 @@ class Manifest(StrictModel):
     """``hinge``, or ``slide``, whose way is in m, and whose parameters are masses and forces."""
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
     """In m/s^2, across the joint's axis; 0 for a joint that turns about the vertical."""
+    encoder: Literal["joint", "motor"] = "joint"
+    """``motor`` where angle, velocity and set-point, and the loop's gains, are those before a gear
+    whose ``gear_ratio`` is among what is ``known``."""
     known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
         default_factory=dict
     )
@@ -212,8 +215,8 @@ class Manifest(StrictModel):
                 if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
         for entry in self.logs:
-            driven = entry.input or self.input
-            if driven is InputKind.SETPOINT and "law" not in self.loop_of(entry):
+            told = entry.input or self.input
+            if told is InputKind.SETPOINT and "law" not in self.loop_of(entry):
                 expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
                 raise InputError(entry.file, "loop.law", "nothing, under a setpoint", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
@@ -227,6 +230,16 @@ class Manifest(StrictModel):
     def scale(self) -> Units:
         """What makes the project's own units of the manifest's numbers and the files' columns."""
         return Units.of(self.units).with_sign(self.sign)
+
+    @property
+    def turns(self) -> float:
+        """Turns of the encoder per turn of the joint; InputError if nobody says how many."""
+        if self.encoder == "joint":
+            return 1.0
+        ratio = self.prior.physical.get("gear_ratio")
+        if ratio is None:
+            raise InputError(self.name, "known.gear_ratio", "nothing", "the ratio of the gear")
+        return ratio.value
 
     @property
     def prior(self) -> Prior:
@@ -305,7 +318,7 @@ class Manifest(StrictModel):
         }
 
 
-_SELDOM = ("sign", "loop", "joint", "gravity", "known", "zeros", "units", "holdout")
+_SELDOM = ("sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout")
 """Fields that are not written where they are as usual."""
 
 

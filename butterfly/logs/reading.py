@@ -43,13 +43,14 @@ def with_parts(manifest: Manifest) -> Manifest:
 
 def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
     """Read the whole file of a log."""
-    return read_log(
+    log = read_log(
         Path(manifest.root) / entry.file,
         columns=manifest.columns,
         units=manifest.scale,
         name=entry.file,
         **manifest.properties(entry),
     )
+    return log if manifest.encoder == "joint" else log.at_joint(manifest.turns)
 
 
 def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log]]:

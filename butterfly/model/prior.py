@@ -62,6 +62,10 @@ class Known:
         """Whether nothing is left to be found out."""
         return self.uncertainty == 0
 
+    def times(self, factor: float) -> Known:
+        """Return the same in another unit."""
+        return replace(self, value=factor * self.value, uncertainty=factor * self.uncertainty)
+
     def precision(self, at: float) -> float:
         """Return the weight of a square that pulls a value as this does there."""
         apart = (at - self.value) / self.uncertainty

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -228,6 +228,17 @@ class ServoLoop:
         usual = {each.name: each.default for each in fields(self)}
         said = (f"{name} {each}" for name, each in told.items() if each != usual[name])
         return ", ".join([self.law, *said])
+
+    def at_joint(self, ratio: float) -> ServoLoop:
+        """Return the same loop of a joint whose encoder turns so many times as fast."""
+        return replace(
+            self,
+            kp=self.kp.times(1.0 if self.rule.structure is LawStructure.CASCADE else ratio),
+            ki=self.ki.times(ratio),
+            kd=self.kd.times(ratio),
+            speed_limit=self.speed_limit / ratio,
+            dead_band=self.dead_band / ratio,
+        )
 
     @property
     def told(self) -> tuple[float, float, float]:

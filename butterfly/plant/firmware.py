@@ -9,8 +9,9 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.model.kernel.loop import MEMORY, Loop, slewed, torque
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.servo import LawStructure, Output, ServoLoop
+from butterfly.model.servo import LawStructure, ServoLoop
 from butterfly.plant.joints import Joint
+from butterfly.signals.excitations import Table
 
 Spans = tuple[tuple[float, float], ...]
 """Pairs of instants in s, from one to before the other of which a servo is off."""
@@ -50,10 +51,15 @@ class Servo(Firmware):
     It sees its joint as it is, without an encoder.
     """
 
-    def __init__(self, servo: ServoLoop, parameters: LumpedParameters, torque_off: Spans) -> None:
-        self._servo, self._torque_off = servo, torque_off
-        supply = (servo.supply or 1.0) if servo.rule.output is Output.DUTY else 1.0
-        columns = (np.zeros(1), np.zeros(1), supply, np.ones(1))
+    def __init__(
+        self,
+        servo: ServoLoop,
+        parameters: LumpedParameters,
+        torque_off: Spans,
+        supply: Table | None,
+    ) -> None:
+        self._servo, self._torque_off, self._supply = servo, torque_off, supply
+        columns = (np.zeros(1), np.zeros(1), None, np.ones(1))
         super().__init__(Loop.of(servo, parameters, period=servo.period, columns=columns))
 
     def start(self) -> None:
@@ -64,6 +70,8 @@ class Servo(Firmware):
     def advance(self, joint: Joint, setpoint: float, begin: float, end: float) -> None:
         """Move a joint on, between instants in s, with a set-point."""
         self._loop.on[0] = is_on(self._torque_off, np.array(begin))
+        if self._supply is not None:
+            self._loop.supply[0] = self._supply.sample(np.array(begin))
         margin = _ROUNDING * self._servo.period
         while (due := self._updates * self._servo.period) < end - margin:
             if due > begin + margin:

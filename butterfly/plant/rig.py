@@ -26,7 +26,7 @@ from butterfly.plant.motor import (
 )
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
-from butterfly.signals.excitations import Excitation, initial_angle
+from butterfly.signals.excitations import Excitation, Table, initial_angle
 
 
 class SimulatedMotor:
@@ -78,7 +78,8 @@ class SimulatedMotor:
         path = self._path
         value = path.shape(value)
         delivered = path.delivered(value)
-        if path.delay > 0:
+        held = self._servo is not None and self._time == 0  # from before the first
+        if path.delay > 0 and not held:
             self._pending.append((self._time + path.delay, delivered))
         else:
             self._applied = delivered
@@ -134,6 +135,8 @@ class Rig:
     """Its loop, whose set-points are the commands; what the path does to them is to the drive."""
     torque_off: Spans = ()
     """Pairs of instants in s, from one to before the other of which the servo is off."""
+    supply: Table | None = None
+    """Its volts, where they are not those of its loop throughout."""
 
     @property
     def runs_in_mujoco(self) -> bool:
@@ -155,7 +158,8 @@ class Rig:
         path, servo = self.path, None
         if self.servo is not None:  # behind whose firmware are the flaws of the drive
             own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
-            servo = Servo(self.servo, own, self.torque_off)
+            off = tuple((a + path.delay, b + path.delay) for a, b in self.torque_off)
+            servo = Servo(self.servo, own, off, self.supply)
             path = replace(path, **vars(IDEAL))
         motor = SimulatedMotor(joint, path=path, encoder=self.encoder, rng=rng, servo=servo)
         return ControlLoop(motor, clock=self.clock, rng=rng)
@@ -205,6 +209,8 @@ class Rig:
         """Return the log of a run as it is written."""
         if self.torque_off:
             log = replace(log, enabled=is_on(self.torque_off, log.time))
+        if self.supply is not None:
+            log = replace(log, supply=self.supply.sample(log.time))
         return self.faults.apply(log, rng)
 
     def _about(self, added: AddedMass, excitation: Excitation | None = None) -> dict[str, Any]:

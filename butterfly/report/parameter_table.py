@@ -144,8 +144,12 @@ _SENTENCES = {
         "Motion does not tell what a unit of the command is. Say p4 if you know it: 1 where it is "
         "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
     ),
+    Lack.SUPPLY: (
+        "R, k_t and k_emf say nothing of a duty before its supply is known (the column supply, or "
+        "supply of the loop): p4 = N k_t/R is then per V."
+    ),
     Lack.UNUSED: (
-        "{names} {says} nothing here: the command is a torque, and R and back EMF are hidden "
-        "behind a current loop."
+        "{names} {says} nothing here: the command is a torque or a current, and R and back "
+        "EMF are hidden behind a current loop."
     ),
 }

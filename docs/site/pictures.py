@@ -1,11 +1,13 @@
 """Draw the pictures of docs/ anew: `make pictures`, after pages or figures have changed.
 
-All come from the quick start, as docs/ten-minutes.md tells to run it: the figures from the program,
-the first screens of its pages from the system's Chromium.
+Nearly all come from the quick start, as docs/ten-minutes.md tells to run it: the figures from the
+program, the first screens of its pages from the system's Chromium. The servo's comes from its logs,
+in the folder xl330 of BUTTERFLY_STRANGERS, where that is said.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -16,6 +18,7 @@ from front_page import draw_front_page
 from PIL import Image
 
 PICTURES = Path(__file__).parents[1] / "pictures"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAM = shutil.which("butterfly", path=str(Path(sys.executable).parent))
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 SCREEN = (1000, 760)
@@ -40,6 +43,12 @@ def main() -> None:
         draw_front_page(results, PICTURES)
         _keep(_first_screen(results / "report.html"), "report")
         _keep(_first_screen(folder / "wrong.html"), "wrong-mass")
+        if named := os.environ.get("BUTTERFLY_STRANGERS"):
+            shutil.copytree(Path(named) / "xl330", folder / "my-servo")
+            shutil.copy(EXAMPLES / "servo.yaml", folder)
+            told = ("identify", "servo.yaml", "--report", "servo.html", "--figures")
+            _butterfly(*told, folder=folder)
+            _keep(folder / "servo-figures/time.png", "servo")
 
 
 def _butterfly(*command: str, folder: Path, ends: int = 0) -> None:

@@ -69,6 +69,7 @@ SLIPS = [
     ),
     (_plant("loop", law="pid-voltage"), r"plant\.loop\.kp: got nothing"),
     (_plant("loop", law="pid"), r"loop\.law: got pid; expected"),
+    ({"plant": {"supply": {"time": [0], "values": [7]}}}, r"plant\.supply: got .*a loop of duty"),
     ({"plant": {"torque_off": [[1, 2]]}}, r"plant\.torque_off: got .*a loop"),
     (_masses(mass=-0.1), r"added_masses\.1\.mass: got -0\.1; expected a finite non-negative"),
     (_masses(joint="slide"), r"added_masses: got 50 g on a slide under 0 m/s²"),
@@ -153,6 +154,7 @@ LUMPED = {"p1": 3e-3, "p2": 1, "p3": 0.05, "p4": 1}
         ({}, "hand and drive, or lumped"),
         ({"lumped": LUMPED, "friction": {}}, "either lumped, or"),
         ({"lumped": LUMPED | {"delay": 0.1}}, "under path"),
+        ({"lumped": LUMPED | {"loop_kp": 0.9}}, "gains under loop"),
         ({"lumped": LUMPED | {"p1": 0.0}}, "p1: got 0"),
     ],
 )

@@ -11,6 +11,7 @@ from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet
 from butterfly.identification.identify import identify
+from butterfly.logs.log import SAMPLED
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.reading import read_entry
 from butterfly.plant.rig import Simulator
@@ -114,7 +115,7 @@ def test_a_servo_is_simulated_in_its_loop_written_with_it_and_identified_from_it
     for log, entry in zip(performed.logs, manifest.logs, strict=True):
         again = read_entry(manifest, entry)
         assert again.servo == log.servo == experiment.plant.servo
-        assert set(again.columns()) == {"time", "input", "angle", "velocity", "enabled"}
+        assert set(again.columns()) == {*SAMPLED, "supply", "enabled"}
         assert set(again.enabled) == {0.0, 1.0}
         for name, column in again.columns().items():
             np.testing.assert_array_equal(column, log.columns()[name])

@@ -142,6 +142,18 @@ def test_a_command_in_amperes_shows_in_its_current_and_hides_the_rest():
     assert Lack.BACK_EMF not in lacks
 
 
+def test_a_current_tells_the_torque_constant_and_a_duty_nothing_of_the_motor():
+    told = {"gear_ratio": 10.0, "resistance": 2.0}
+    found = _of_logs(told, np.array([1.0, 0.1, 3.0, 0.5]), kind=InputKind.CURRENT)
+    assert found["torque_constant"].value == pytest.approx(0.05)
+    assert {each.lack for each in found.unseparated} >= {Lack.UNUSED}
+    assert not {each.lack for each in found.unseparated} & {Lack.COMMAND, Lack.GAIN, Lack.BACK_EMF}
+    known = Prior.of({"gear_ratio": 10.0, "torque_constant": 0.05})
+    assert implied(known, InputKind.CURRENT).fixed["p4"] == pytest.approx(0.5)
+    assert "p4" not in implied(known, InputKind.DUTY).values
+    assert Lack.SUPPLY in {each.lack for each in _of_logs({}, kind=InputKind.DUTY).unseparated}
+
+
 def test_a_slide_has_a_mass_and_no_centre_of_it():
     values = np.array([0.6, 0.1, 0.0, 2.0])
     rotor = {"rotor_inertia": (1e-5, 1e-6), "gear_ratio": 100.0}

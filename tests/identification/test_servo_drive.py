@@ -156,6 +156,8 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
     assert values["loop_kp"] == pytest.approx(1.25, rel=0.01)
     for name in ("p1", "p2", "p4"):
         assert values[name] == pytest.approx(getattr(SIMPLE, name), rel=0.01)
+    found = simulated(data, OutputError(terms=())(data))
+    assert found.drive_fits["0"] > 95  # by the drive that the gain of 20 makes
     with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, where a gain"):
         OutputError(terms=(), servo_loop="open")(data)
 

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
+from butterfly.identification.servo_drive import driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
-from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import (
     LogEntry,
     Manifest,
@@ -25,6 +26,7 @@ from butterfly.logs.mat import write_mat
 from butterfly.logs.reading import read_entry
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Known
+from butterfly.model.servo import ServoLoop
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 
@@ -53,6 +55,29 @@ def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path,
     logs = [read_entry(each, each.logs[0]) for each in (usual, backwards)]
     assert np.array_equal(logs[0].input, -logs[1].input)
     assert np.array_equal(logs[0].angle, logs[1].angle)
+
+
+def test_an_encoder_on_the_motor_is_read_by_the_joint_and_needs_the_ratio(tmp_path, sine_log):
+    write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
+    plain = draft(tmp_path, HOW)
+    (tmp_path / "manifest.yaml").write_text(
+        manifest_text(plain) + "encoder: motor\nknown: {gear_ratio: 5}\nzero: 0.5\n"
+    )
+    geared = read_manifest(tmp_path / "manifest.yaml")
+    log = read_entry(geared, geared.logs[0])
+    np.testing.assert_allclose(log.angle, read_entry(plain, plain.logs[0]).angle / 5)
+    assert log.zero.value == pytest.approx(0.1)
+    with pytest.raises(InputError, match="gear_ratio"):
+        read_entry(plain.model_copy(update={"encoder": "motor"}), plain.logs[0])
+
+
+@pytest.mark.parametrize("law", ["pid-torque", "cascade-torque", "speed-torque"])
+def test_a_loop_on_the_motors_side_drives_as_it_does_seen_from_the_joint(law):
+    time = np.arange(0.0, 1.0, 0.01)
+    servo = ServoLoop.of({"law": law, "kp": 2, "ki": 3, "kd": 0.5, "speed_limit": 9})
+    told = {"input_kind": InputKind.SETPOINT, "servo": servo, "velocity": 30 * np.cos(3 * time)}
+    motor = Log(time, 12 * np.sin(3 * time), 10 * np.sin(3 * time), **told)
+    np.testing.assert_allclose(driven(motor.at_joint(10)).input, driven(motor).input, atol=1e-9)
 
 
 def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):

@@ -15,6 +15,7 @@ ELSEWHERE = {
     "docs/another-robot.md": "tests/examples/test_another_robot_page.py, where the logs are",
     "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
     "docs/hardware.md": "tests/plant/test_bench.py, with a drive on loopback",
+    "docs/servo.md": "tests/examples/test_servo_page.py, where the logs are",
     "docs/ten-minutes.md": "below, word by word",
     "docs/torque-joint.md": "tests/examples/test_torque_joint_page.py; to record takes minutes",
 }

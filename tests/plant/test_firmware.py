@@ -16,6 +16,7 @@ from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import replay_loop, simulate_runs
 from butterfly.plant.sensors import Clock
+from butterfly.signals.excitations import Table
 from tests.plant.setting import ADDED, FINE, MOTOR, robot
 
 LOOPS = {
@@ -27,6 +28,8 @@ LOOPS = {
 }
 """Every structure of a law, and every kind of limit."""
 
+SINE = Sine(omega=4.0, amplitude=0.5)
+TABLE = Table(time=(0.0, 0.2, 1.1), values=(0.4, -0.5, 0.3))
 REST = InitialState(0.0, 0.0)
 
 
@@ -37,9 +40,8 @@ def _rig(law, simulator=Simulator.MUJOCO, drive=MOTOR, more=None, **friction):
                torque_off=((1.0, 1.3),))  # fmt: skip
 
 
-def _log(rig, duration=2.5):
-    seed = [np.random.SeedSequence(0)]
-    (log,) = simulate_runs(rig, [(ADDED, Sine(omega=4.0, amplitude=0.5))], duration, seed)
+def _log(rig, duration=2.5, signal=SINE):
+    (log,) = simulate_runs(rig, [(ADDED, signal)], duration, [np.random.SeedSequence(0)])
     return log
 
 
@@ -104,7 +106,8 @@ class _Still:
 
 def test_the_firmware_looks_at_its_own_clock_and_holds_in_between():
     loop = ServoLoop.of({"law": "pid-duty", "kp": 2.0, "clock": 4e-3, "supply": 5.0, "limit": 0.5})
-    servo, joint = Servo(loop, LumpedParameters(p1=1, p2=0, p3=0, p4=3), ((0.02, 0.03),)), _Still()
+    servo = Servo(loop, LumpedParameters(p1=1, p2=0, p3=0, p4=3), ((0.02, 0.03),), None)
+    joint = _Still()
     for k, setpoint in enumerate([0.15, 0.2, 0.3, 9.0]):
         servo.advance(joint, setpoint, 0.01 * k, 0.01 * k + 0.01)
     wanted = [(0.0, 0.5), (0.004, 0.5), (0.008, 0.5), (0.01, 0.5), (0.012, 1.0), (0.016, 1.0)]
@@ -114,14 +117,25 @@ def test_the_firmware_looks_at_its_own_clock_and_holds_in_between():
 
 
 def test_a_delay_is_one_of_the_set_point_and_flaws_of_the_drive_lie_behind_the_firmware():
-    path = CommandPath(delay=0.02, dead_zone=0.2, compression=0.1)
+    path = CommandPath(delay=0.013, dead_zone=0.2, compression=0.1)
     rig = replace(_rig("pid-voltage", Simulator.GREY_BOX), path=path)
-    log = _log(rig)
+    log = _log(rig, signal=TABLE)
     simulation, parameters = _identified(log, rig, path.delay)
     found = simulation.run(parameters, 0.0, REST).at(log.time)
     np.testing.assert_allclose(found, log.angle, atol=1e-9)
-    plain = _log(replace(rig, path=CommandPath()))
+    plain = _log(replace(rig, path=CommandPath()), signal=TABLE)
     assert np.abs(plain.angle - log.angle).max() > 0.01
+
+
+def test_a_supply_that_sags_is_recorded_and_multiplies_the_duty():
+    sagging = Table(time=(0.0, 0.5), values=(11.0, 7.0))
+    rig = replace(_rig("dynamixel-x"), supply=sagging)
+    log = _log(rig, 1.0)
+    assert set(log.supply) == {11.0, 7.0}
+    simulation, parameters = _identified(log, rig)
+    found = simulation.run(parameters, 0.0, REST).at(log.time)
+    np.testing.assert_allclose(found, log.angle, atol=1e-9)
+    assert np.abs(_log(replace(rig, supply=None), 1.0).angle - log.angle).max() > 1e-3
 
 
 @pytest.mark.parametrize("simulator", Simulator)

@@ -20,11 +20,12 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.followed_input import follows
+from butterfly.identification.diagnostics.loop_errors import follows, with_free_gain
 from butterfly.identification.diagnostics.plausibility import LEAST_FIT, is_possible
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.diagnostics.unit_errors import (
     COUNTS,
+    RATIOS,
     TABLE,
     UnitError,
     unit_error,
@@ -37,8 +38,9 @@ from butterfly.identification.estimators import Estimator, HarmonicBalance, Weak
 from butterfly.identification.estimators.weak_regression import About, Windows
 from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
+from butterfly.identification.servo_drive import driven
 from butterfly.identification.test_functions import Averaging
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR
 from butterfly.model.terms import IDEAL, FrictionTerms
@@ -76,7 +78,7 @@ def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) ->
     found: list[Finding] = []
     if estimate.level is Level.WARNING or not (misfits < CLEARLY * _noise(data)).all():
         search = _Search(data, estimator, estimate)
-        found = search.named() or search.set_point()
+        found = search.named() or search.set_point() or search.gain()
     return found or unit_errors_of_masses(data.masses)
 
 
@@ -129,8 +131,8 @@ class _Mistake:
         match TABLE[self.error].column if self.error in TABLE else self.error:
             case "time":
                 return replace(log, time=self.number * log.time, lead=None)
-            case "angle" | UnitError.COUNTS:
-                return replace(log, angle=self.number * log.angle)
+            case "angle" | UnitError.COUNTS | UnitError.GEAR:
+                return _turned(log, self.number)
             case "arm":
                 mass = log.added_mass
                 return replace(log, added_mass=replace(mass, arm=self.number * mass.arm))
@@ -138,6 +140,15 @@ class _Mistake:
                 return replace(log, input=log.angle, angle=log.input, lead=None)
         delivered = np.interp(log.time + self.number, log.time, log.input)
         return replace(log, input=delivered, lead=None)
+
+
+def _turned(log: Log, factor: float) -> Log:
+    """Return the log of an angle times a factor; a set-point that it follows is in its unit."""
+    turned = replace(log, angle=factor * log.angle)
+    if not log.closed or log.setpoint is None:
+        return turned
+    goal, kind = factor * log.setpoint, InputKind.SETPOINT
+    return driven(replace(turned, input=goal, setpoint=None, lead=None, input_kind=kind))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -239,6 +250,15 @@ class _Search:
             return []
         return [unit_error(UnitError.SETPOINT, 1.0)] if followed else []
 
+    @np.errstate(all="ignore")
+    def gain(self) -> list[Finding]:
+        """Tell by which factor the P gain of a loop was told wrongly, if that explains the logs."""
+        before = self.estimate
+        found = None if before is None else with_free_gain(self.data, self.estimator, before)
+        if before is None or found is None:
+            return []
+        return [unit_error(UnitError.GAIN, found.parameters.loop_kp, moves=_moves(before, found))]
+
     @cached_property
     def _here(self) -> _Fit | None:
         """The fit of the logs as they are, if there is any."""
@@ -276,8 +296,21 @@ class _Search:
         if angles and widest > _SWINGS[1] and whole and factors:
             counts = (self._fitted(UnitError.COUNTS, each) for each in factors)
             yield min(counts, key=lambda each: each.misfit)
+        if angles:
+            yield from self._geared(widest)
         if self._here and math.isfinite(self._here.misfit):
             yield from self._masses_and_logs(self._here)
+
+    def _geared(self, widest: float) -> Iterator[_Mistake]:
+        """Suppose that a gear's ratio was forgotten, or taken off twice."""
+        told = self.data.given.physical.get("gear_ratio")
+        factors = [] if told is None else [1 / told.value, told.value]
+        if told is None and widest > _SWINGS[1] and any(log.closed for log in self.data.logs):
+            factors = [1 / ratio for ratio in RATIOS]
+        factors = [each for each in factors if each != 1 and _SWINGS[0] < each * widest]
+        found = (self._fitted(UnitError.GEAR, each) for each in factors)
+        if (best := min(found, key=lambda each: each.misfit, default=None)) is not None:
+            yield best
 
     def _fitted(self, error: UnitError, number: float) -> _Mistake:
         """Return a mistake in all logs, and what is left over without it."""

@@ -47,6 +47,8 @@ class UnitError(StrEnum):
     GRAMS = "grams"
     LATE = "late"
     SETPOINT = "setpoint"
+    GAIN = "gain"
+    GEAR = "gear"
 
 
 class Unit(NamedTuple):
@@ -85,8 +87,16 @@ _OF_INPUT = {
     UnitError.SWAPPED: "Input and angle look swapped: the other way round the logs agree with a "
     "joint. The manifest's key columns, or --columns, says which is which.",
     UnitError.SETPOINT: "The input looks like a set-point that the joint follows. Say input: "
-    "setpoint and the servo's loop, such as loop: {law: dynamixel-x, kp: 400}, in the manifest.",
+    "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}, in the manifest.",
+    UnitError.GAIN: "The P gain of the servo's loop looks wrong: times {:.3g} the logs agree with "
+    "a joint. Check law and kp of its loop.",
+    UnitError.GEAR: "The angle looks like one on the other side of a gear: times {:.4g} the logs "
+    "agree with a joint. The manifest's key encoder says on which side it is, and known: "
+    "{{gear_ratio: ...}} the ratio.",
 }
+
+RATIOS = (*range(2, 11), 12, 15, 16, 20, 25, 30, 36, 40, 50, 64, 80, 100, 120, 150, 200)
+"""Of common gears."""
 
 COUNTS = tuple(
     sorted(
@@ -115,8 +125,8 @@ def unit_error_text(finding: Finding) -> str:
     error, *more = finding.parameters
     number, where = finding.number or 0.0, listed(finding.logs)
     match UnitError(error):
-        case UnitError.SWAPPED | UnitError.SETPOINT as kind:
-            return _OF_INPUT[kind]
+        case UnitError.SWAPPED | UnitError.SETPOINT | UnitError.GAIN | UnitError.GEAR as kind:
+            return _OF_INPUT[kind].format(number)
         case UnitError.OMEGA:
             at = f" ({more[0]})" if more else ""
             return (

@@ -6,7 +6,6 @@ saturation, dead band and switching off happen at instants that no parameter mov
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from butterfly.arrays import Samples
 from butterfly.compiled import compiled, inner
 from butterfly.model.kernel.equation import COLUMNS, V, X
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.servo import LawStructure, ServoLoop
+from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.model.terms import LOOP_TERMS
 
 PID, CASCADE, SPEED, RECORDED = 0.0, 1.0, 2.0, 3.0
@@ -80,44 +79,45 @@ class Loop(NamedTuple):
         parameters: LumpedParameters | None,
         *,
         period: float,
-        columns: tuple[Samples, Samples, Samples | float, Samples | None],
+        columns: tuple[Samples, Samples, Samples | None, Samples | None],
         every: int = 1,
         zero: float = 0.0,
     ) -> Loop:
         """Take them from a servo and the parameters of its joint; of no servo the drive is told.
 
-        The ``columns`` are set-point, its derivative, supply and what is on. Without ``parameters``
-        the torque is what the firmware puts out.
+        The ``columns`` are set-point, its derivative, supply (the loop's if None) and what is on.
+        Without ``parameters`` the torque is what the firmware puts out.
         """
         setpoint, late, supply, enabled = columns
         p = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0) if parameters is None else parameters
-        structure, gains, told = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        reach, limit = (0.0, math.inf), math.inf
-        if servo is not None:
-            structure, told, reach = _STRUCTURES[servo.rule.structure], servo.told, servo.reach
-            gains = told[0] * p.loop_kp, told[1] * p.loop_ki, told[2] * p.loop_kd
-            limit = servo.rule.limit if servo.limit is None else float(servo.limit)
+        known = servo or ServoLoop(law="pid-torque")
+        told, reach, rule = known.told, known.reach, known.rule
+        structure = _STRUCTURES[rule.structure]
+        gains = told[0] * p.loop_kp, told[1] * p.loop_ki, told[2] * p.loop_kd
+        if servo is None:
+            structure, gains, told = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        volts = (rule.output is Output.DUTY and known.supply) or 1.0
         return cls(
             structure,
             *gains,
             *told,
-            limit=limit,
-            speed_limit=math.inf if servo is None else float(servo.speed_limit),
-            dead_band=0.0 if servo is None else float(servo.dead_band),
-            slew=math.inf if servo is None else float(servo.slew) * period,
+            limit=rule.limit if known.limit is None else float(known.limit),
+            speed_limit=float(known.speed_limit),
+            dead_band=float(known.dead_band),
+            slew=float(known.slew) * period,
             period=period,
             every=every,
-            ahead=0.0 if servo is None else max(period - servo.period, 0.0) / 2 - p.latency,
+            ahead=0.0 if servo is None else max(period - known.period, 0.0) / 2 - p.latency,
             emf=float(reach[0]),
             drop=float(reach[1]),
-            on_error=float(servo is not None and servo.rule.on_error),
+            on_error=float(rule.on_error),
             zero=zero,
             p4=p.p4,
             dead_zone=p.dead_zone,
             compression=p.compression,
             setpoint=setpoint,
             late=late,
-            supply=np.full(setpoint.size, 1.0) * supply,
+            supply=np.full(setpoint.size, volts) if supply is None else supply.copy(),
             on=np.ones(setpoint.size) if enabled is None else np.rint(enabled),
         )
 

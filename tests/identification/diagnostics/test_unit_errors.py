@@ -10,6 +10,7 @@ import pytest
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.unit_error_search import find_unit_errors_of_refused
 from butterfly.identification.diagnostics.unit_errors import (
     UnitError,
     unit_error,
@@ -226,3 +227,14 @@ def test_a_heavy_mass_is_asked_about_and_accused_of_nothing():
     (asked,) = unit_errors_of_masses([grams])
     assert not asked.forbids
     assert "Is an added mass of 52 kg right?" in unit_error_text(asked)
+
+
+@pytest.mark.parametrize("ratio", [5.0, 0.2])
+def test_a_gear_that_was_forgotten_or_taken_off_twice_is_named(tones, ratio):
+    moved = [replace(log, angle=ratio * log.angle) for log in tones]
+    data = DataSet.of(moved, known=Prior.of({"gear_ratio": 5.0}))
+    (slip, *_) = find_unit_errors_of_refused(data, WeakForm())
+    assert slip.parameters[0] is UnitError.GEAR
+    assert slip.number == pytest.approx(1 / ratio)
+    right = DataSet.of(tones, known=Prior.of({"gear_ratio": 5.0}))
+    assert find_unit_errors_of_refused(right, WeakForm()) == []

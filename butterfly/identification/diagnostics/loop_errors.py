@@ -1,6 +1,7 @@
-"""Whether a joint follows its input, which is then a set-point that was told as a drive.
+"""Mistakes of servos: a set-point that was told as a drive, a gain that was told wrongly.
 
-Such a joint is driven by what is left to go. Averaged over test functions, in units of the input,
+A joint that follows its input is driven by what is left to go. Averaged over test functions, in
+units of the input,
 
     u = a th + p1' thdd + p2' thd + p3' sin th + p3_offset' cos th + friction' + bias',
 
@@ -10,14 +11,23 @@ no linear spring, and 1 of a set-point, which no spring has by nature.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from butterfly.arrays import Samples
+from butterfly.errors import ButterflyError
 from butterfly.identification.blocks import CELLS, parts_of
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.estimators.weak_regression import Windows
-from butterfly.identification.levels import CLEARLY, PRECISE
+from butterfly.identification.levels import CLEARLY, LOST, MATTERS, PRECISE
+from butterfly.model.prior import Known, Prior
+from butterfly.model.terms import offered
 
 _OTHERS = ("p1", "p2", "p3", "p3_offset", "coulomb", "drag", "bias")
 
@@ -53,3 +63,25 @@ def _cells_of(each: Windows) -> Samples | None:
     parts = parts_of(left.size, CELLS)
     sums = [(angle[part] @ angle[part], angle[part] @ inputs[part]) for part in parts]
     return np.array(sums) / variance
+
+
+def with_free_gain(data: DataSet, estimator: Estimator, before: Estimate) -> Estimate | None:
+    """Return the estimate with a P gain of another factor, if that leaves half the misfit at most.
+
+    It is only looked for where more than what matters is left of the motion.
+    """
+    misfit = 1 - float(np.median(data.simulations.fits(before))) / 100
+    if not isinstance(estimator, OutputError) or not any(log.closed for log in data.logs):
+        return None
+    if "loop_kp" in before.names or misfit < MATTERS:
+        return None
+    known = data.known | Prior({"loop_kp": Known(value=1.0, uncertainty=math.inf)})
+    terms = tuple({*before.names} & {*offered(estimator.method)})
+    try:
+        first = [Start.at(before, data)]
+        found = replace(estimator, terms=terms).of_logs(data.logs, first, known)
+    except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
+        return None
+    left = 1 - float(np.median(data.simulations.fits(found))) / 100
+    other = abs(found.parameters.loop_kp - 1) > PRECISE
+    return found if other and left < LOST * misfit else None

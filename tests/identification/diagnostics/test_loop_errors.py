@@ -1,13 +1,17 @@
-"""A set-point that was told as a drive is named, and no drive is taken for one."""
+"""Set-points told as drives and gains told wrongly are named, and nothing where there is none."""
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.unit_error_search import find_unit_errors_of_refused
+from butterfly.identification.diagnostics.unit_error_search import (
+    find_unit_errors,
+    find_unit_errors_of_refused,
+)
 from butterfly.identification.diagnostics.unit_errors import UnitError
-from butterfly.identification.estimators import WeakForm
+from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.identify import identify
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
@@ -27,8 +31,8 @@ GOALS = (
 JOINT = LumpedParameters(p1=0.0066, p2=0.05, p3=0.3, p4=1.0, coulomb=0.02)
 
 
-def _servo(kp):
-    servo = ServoLoop.of({"law": "pid-torque", "kp": kp})
+def _servo(kp, **more):
+    servo = ServoLoop.of({"law": "pid-torque", "kp": kp, **more})
     told = {"input_kind": "setpoint", "servo": servo, "zero": Known(value=0.0)}
     still = [Log(TIME, input=goal, angle=0 * TIME, **told) for goal in GOALS]
     runs = [Simulation(driven(log), JOINT).run(JOINT, 0.0).at(TIME) for log in still]
@@ -56,3 +60,14 @@ def test_its_drive_is_accused_of_nothing_nor_a_spring_of_another_stiffness():
     sprung = [_as_voltage(log, 2 * log.setpoint) for log in _servo(3.0)]
     found = find_unit_errors_of_refused(_data(sprung), WeakForm())
     assert not any(UnitError.SETPOINT in each.parameters for each in found)
+
+
+def test_a_gain_told_twice_too_large_is_named_by_its_factor_and_a_right_one_is_not():
+    estimator = OutputError(terms=(), workers=1)
+    logs = _servo(3.0, limit=0.35)[:2]
+    for factor, named in ((1.0, []), (2.0, [UnitError.GAIN])):
+        told = ServoLoop.of({"law": "pid-torque", "kp": 3.0 * factor, "limit": 0.35})
+        data = _data([driven(replace(log, servo=told)) for log in logs])
+        found = find_unit_errors(data, estimator, estimator(data))
+        assert [each.parameters[0] for each in found] == named
+        assert [each.number for each in found] == pytest.approx([1 / factor] * len(named), rel=0.02)

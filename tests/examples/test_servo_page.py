@@ -1,0 +1,70 @@
+"""docs/servo.md shows what the program says of a servo's logs, which are not shipped."""
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import butterfly as bf
+from butterfly.logs.manifest import read_manifest
+from butterfly.report.summary import loop_rows
+
+_CHECKOUT = Path(__file__).parents[2]
+PAGE = (_CHECKOUT / "docs/servo.md").read_text(encoding="utf-8")
+EXAMPLE = (_CHECKOUT / "examples/servo.yaml").read_text(encoding="utf-8")
+
+_NEAR = 2.0  # per cent of FIT, within which a page is not out of date
+
+
+@pytest.fixture
+def servo(tmp_path, monkeypatch):
+    """The folder that the page tells to make."""
+    named = os.environ.get("BUTTERFLY_STRANGERS")
+    source = (Path(named) if named else _CHECKOUT.parent / "shared/data/strangers") / "xl330"
+    if not source.is_dir():
+        pytest.skip(f"the servo's logs are not there: no folder {source} (BUTTERFLY_STRANGERS)")
+    folder = tmp_path / "my-servo"
+    folder.mkdir()
+    for path in source.glob("*.csv"):
+        shutil.copyfile(path, folder / path.name)
+    (folder / "manifest.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def test_the_example_is_the_page_s_manifest(tmp_path):
+    (tmp_path / "my-servo").mkdir()
+    (tmp_path / "servo.yaml").write_text(EXAMPLE)
+    (tmp_path / "my-servo/manifest.yaml").write_text(
+        re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1]
+    )
+    example = read_manifest(tmp_path / "servo.yaml")
+    assert example == read_manifest(tmp_path / "my-servo/manifest.yaml")
+    gains = [example.properties(entry)["servo"].kp.value for entry in example.logs]
+    assert sorted(set(gains)) == [100, 200, 800]
+
+
+def test_looking_at_the_logs_prints_what_the_page_shows(servo, butterfly):
+    code, out, _ = butterfly("inspect", servo.name)
+    assert code == 0
+    for line in out.splitlines()[:2]:
+        assert f"> {line}\n" in PAGE
+    assert "drive off" in butterfly("inspect", servo.name, "--log", 3)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("servo")
+def test_what_the_page_identifies_and_foretells_follows_as_it_says(butterfly):
+    found = bf.identify("my-servo")
+    shown = re.search(r"FIT in the loop (\S+) % .* by the drive alone (\S+) %", PAGE)
+    rows = loop_rows(found)
+    for row, told in zip(rows, shown.groups(), strict=True):
+        assert float(row[1]) == pytest.approx(float(told), abs=_NEAR)
+    found.save("servo.json")
+    for command in re.findall(r"^    butterfly (export .*|design .*)$", PAGE, re.MULTILINE):
+        assert butterfly(*command.split())[0] == 0
+    for row in loop_rows(bf.identify("my-servo", holdout=["*kp200*"])):
+        told = re.search(rf"^ +{row[0]} +(\S+) ", PAGE, re.MULTILINE)[1]
+        assert float(row[1]) == pytest.approx(float(told), abs=_NEAR)
