@@ -15,8 +15,8 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.kernel import loop as kernel
-from butterfly.model.kernel.loop import Loop
+from butterfly.model.kernel import servo_loop as kernel
+from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.model.servo import LawStructure, Output, ServoLoop

@@ -14,7 +14,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
-from butterfly.model.kernel.loop import Loop
+from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import IDEAL, DriveTerms

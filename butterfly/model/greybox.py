@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
 from butterfly.model.kernel.equation import COLUMNS, Constants
-from butterfly.model.kernel.loop import Loop
+from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.kernel.steps import integrate, integrate_loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import DRIVE, GEAR, LOOP_TERMS, TERMS

@@ -1,4 +1,4 @@
-"""The firmware of a simulated servo: the law of `butterfly.model.kernel.loop`, update by update."""
+"""The firmware of a simulated servo: the law of `butterfly.model.kernel.servo_loop`, update by update."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.model.kernel.loop import MEMORY, Loop, slewed, torque
+from butterfly.model.kernel.servo_loop import MEMORY, Loop, slewed, torque
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import LawStructure, ServoLoop
 from butterfly.plant.joints import Joint

@@ -19,7 +19,7 @@ from mujoco.rollout import Rollout
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
-from butterfly.model.kernel.loop import Loop
+from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.plant.firmware import Firmware

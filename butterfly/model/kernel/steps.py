@@ -26,7 +26,7 @@ from butterfly.model.kernel.equation import (
     pull,
     rates,
 )
-from butterfly.model.kernel.loop import MEMORY, at, torque
+from butterfly.model.kernel.servo_loop import MEMORY, at, torque
 
 STEP, REVERSAL, REST, LOOSE = 0.0, 1.0, 2.0, 3.0
 KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
