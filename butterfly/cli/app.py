@@ -169,8 +169,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         json
             Write the answer as JSON to this file; - prints it alone.
         budget
-            Seconds of searching, 60 if not given; 0 for no end. Of `run` for each run and
-            estimator, and no end if not given.
+            Seconds of searching: 60, but in `run` no end, if not given.
         help_all
             Show all options of a command.
         """

@@ -96,10 +96,11 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
         text += f" Of {' and '.join(owners)}."
     if name == "terms":
         text += f" By commas, an empty text for none: {_offers(owners)}."
-    group = THE_FIT if name == "terms" else FIT_IN_DETAIL
+    else:
+        text += f" Default: {_default_text(name, owners)}."
     declared = Parameter(
-        help=f"{text} Default: {_default_text(name, owners)}.",
-        group=group,
+        help=text,
+        group=THE_FIT if name == "terms" else FIT_IN_DETAIL,
         metavar=_WORDS.get(name),
         show_default=False,
         show_choices=False,
@@ -113,13 +114,14 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
 
 
 def _offers(methods: list[str]) -> str:
-    """List the terms that methods offer, and which methods do, where not all of them."""
+    """List the terms that methods offer, and which do, if not all: of one alone how many more."""
     told = {method: offered(method) for method in methods if offered(method)}
     groups: dict[tuple[str, ...], list[str]] = {}
     for name in dict.fromkeys(chain(*told.values())):
         groups.setdefault(tuple(each for each in told if name in told[each]), []).append(name)
     return "; ".join(
-        ", ".join(names) + ("" if len(own) == len(told) else f" ({' and '.join(own)})")
+        (", ".join(names) if len(own) > 1 else f"{len(names)} more, see docs/identification.md")
+        + ("" if len(own) == len(told) else f" ({' and '.join(own)})")
         for own, names in groups.items()
     )
 

@@ -76,22 +76,20 @@ class DataOptions:
     Parameters
     ----------
     columns
-        What holds time, input and angle (time=X, input=Y, angle=Z), of a servo also supply and
-        enabled: columns or variables, by name or number.
+        What holds time, input and angle (time=X, input=Y, angle=Z): columns or variables, by name
+        or number.
     units
         Units (time=ms, angle=deg): also counts/4096, or a factor; a minus turns the sign. Of arm,
         mass and omega, too.
     input
-        What the logs' input commands, if no manifest says; voltage if nothing does. A setpoint is
-        what a servo is to follow.
+        What the logs' input commands; voltage if nothing says.
     loop
-        That servo's law and gains (law=dynamixel-x,kp=400), and what else is known of it
-        (supply=7.4): see docs/file-formats.md. kp=400+-4000 is a guess, and identified.
+        Its loop if that is a setpoint: law=dynamixel-x,kp=400.
     arm
         Pivot to added mass.
     known
-        What is known of the robot: p4=1, or p3=0.05+-0.001 (a standard uncertainty); or of motor
-        and hand: resistance, torque_constant, hand_mass and others.
+        What is known of robot, motor or hand: p4=1, p3=0.05+-0.001 (a standard uncertainty),
+        resistance=2 and others.
     zero
         What the encoder reads where the hand hangs: 0.1, or 0.1+-0.01.
     root

@@ -27,7 +27,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms
+from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
 
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
@@ -239,7 +239,7 @@ class HarmonicBalanceFit:
         if "stribeck" in names:  # what its velocity is off by would look like a spring
             names = (*names, "spring")
         every = candidates(RARER, self.phasors.masses, self.phasors.known)
-        tried = tuple(n for n in every if TERMS[n].describing and n not in names)
+        tried = tuple(n for n in every if n in offered("harmonic-balance") and n not in names)
         nested = self.nested(replace(self.phasors, names=(*self.phasors.names, *tried)))
         return lacking_term(nested.equations, tried, conditions)
 
