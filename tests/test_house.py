@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 187,
-    "lines of the package": 35_856,
-    "lines of tests": 28_889,
+    "files of the package": 192,
+    "lines of the package": 37_793,
+    "lines of tests": 30_957,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 60,
