@@ -18,7 +18,7 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 192,
-    "lines of the package": 37_793,
+    "lines of the package": 37_800,
     "lines of tests": 30_957,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,

@@ -33,7 +33,14 @@ from butterfly.model.kernel.events import (
     reverse,
     states_of,
 )
-from butterfly.model.kernel.servo_loop import MEMORY, TORQUE, WIDTH, at, differentiate_torque, torque
+from butterfly.model.kernel.servo_loop import (
+    MEMORY,
+    TORQUE,
+    WIDTH,
+    at,
+    differentiate_torque,
+    torque,
+)
 from butterfly.model.kernel.steps import (
     BEGIN,
     COUNT,
