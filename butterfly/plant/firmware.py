@@ -1,4 +1,4 @@
-"""Firmware of a simulated servo: the law of `butterfly.model.kernel.servo_loop`, update by update."""
+"""Firmware of a simulated servo: the law of `model.kernel.servo_loop`, update by update."""
 
 from __future__ import annotations
 
