@@ -167,8 +167,9 @@ class Log:
         What distinguishes the log from the others of its data set (see `with_unique_names`).
     reading
         How its file was read.
-    integrated
-        Whether the angle was not recorded, and is the integral of the velocity.
+    integrated, rebuilt
+        Whether the angle was not recorded, and is the integral of the velocity; and whether the
+        input was not, and is what the servo's law made of its set-point.
     """
 
     time: Samples
@@ -190,6 +191,7 @@ class Log:
     name: str = ""
     reading: FileReading = AS_WRITTEN
     integrated: bool = False
+    rebuilt: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "integrated", self.integrated or self.angle is _NOT_RECORDED)

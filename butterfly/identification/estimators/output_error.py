@@ -52,17 +52,19 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, LOST, MATTERS
+from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
+from butterfly.identification.servo_drive import driven_alone
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, require_periods
-from butterfly.model.prior import NO_PRIOR, Penalty, Prior
+from butterfly.model.prior import NO_PRIOR, Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, GEAR, LOOP_TERMS, OF_ANGLE, PARAMETERS, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
+_PASSES = 4  # of a descent at another delay
 _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
@@ -189,28 +191,29 @@ class OutputError(Estimator):
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
+        rarer = self._unseen(begun) - {*tried(logs)}
+        absent, enough = rarer, self._has_one_end
         if any(log.closed for log in logs):
-            start, choice = self._by_segments(logs, begun[0], reference.fixed)
+            start, terms = self._by_segments(logs, begun[0], reference.fixed)
             begun = [start, *begun]
-            if choice is not None:
-                told = replace(self, terms=(*choice.terms, "latency"))
-                found = told._fit(logs, begun, later, known)  # noqa: SLF001 - its own
-                return found._replace(estimate=found.estimate.with_findings(*choice.findings))
-        wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
+            if self.terms is None:
+                absent, enough = {*tried(logs), *RARER} - {*terms}, SCANNED not in terms
+        wide = self.problem(logs, begun[0], reference.fixed)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
         problem, end, said = lowest_end(
-            (each.without(rarer) for each in chain([wide], others)), enough=self._has_one_end
+            (each.without(absent) for each in chain([wide], others)), enough=enough
         )
         rivals: tuple[Samples, ...] = ()
         always, lacking = tuple(known.uncertain), None
         plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
         while self.terms is None and not out_of_time("the choice of terms"):
             here = wide.without(rarer)
-            point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
+            same = here.keys == problem.keys and not lacking
+            point, at = (end.point, end.at) if same else here.about(problem, end.point)
             choice = here.choose_terms(point, at, always)
             problem, end, rivals = here.fitted(choice)
-            absent = {*tried(logs)} - {name for name, _ in problem.keys}
-            lacking = wide.without(absent).lacking(problem, end.point)
+            idle = {*tried(logs)} - {name for name, _ in problem.keys}
+            lacking = wide.without(idle).lacking(problem, end.point)
             if lacking is None:
                 if plain and contrasts_of(problem.solved(end), problem.conditions):
                     problem, end, rivals, choice = plain  # it is no such term
@@ -302,11 +305,12 @@ class OutputError(Estimator):
 
     def _by_segments(
         self, logs: Sequence[Log], guess: Start, known: Prior
-    ) -> tuple[Start, TermChoice | None]:
+    ) -> tuple[Start, tuple[str, ...]]:
         """Return a first guess of servos, whose friction decides where they stop, and their terms.
 
         Over segments of one period, or as many time constants of the speed, driven by the rebuilt
-        drive alone, no stop is far off. Terms are chosen there unless they are told.
+        drive alone, no stop is far off. Terms are chosen there unless they are told, at the delay
+        of the set-points at which the rebuilt drive is followed best.
         """
         loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
         fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
@@ -322,15 +326,43 @@ class OutputError(Estimator):
             fixed=tuple({"delay", *self.fixed, *LOOP_TERMS}),
             horizon=2 * math.pi / fastest,
         )
-        problem = short.problem([log.opened for log in logs], start, known)
-        end, choice = problem.descend(problem.initial), None
-        if self.terms is None:
+        scanned = "delay" not in {*known.fixed, *self.fixed}
+        delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
+        known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
+        begin = None
+
+        def late(delay: float) -> tuple[float, float, FreeRunResiduals, Minimum]:
+            told = replace(start.parameters, delay=delay)
+            begun = replace(start, parameters=replace(told, delay=0.0))
+            problem = short.problem([driven_alone(log, told) for log in logs], begun, known)
+            at = problem.initial if begin is None else begin / problem.scale
+            end = problem.descend(at, most=MOST if begin is None else _PASSES)
+            return end.at.cost, delay, problem, end
+
+        ends = [late(delay)]
+        step = float(np.median([log.mean_step for log in logs]))
+        delays = [step, step / 2] if scanned and any(log.rebuilt for log in logs) else []
+        while delays and len(ends) < MOST:
+            _, delay, problem, end = ends[0]
+            begin = end.point * problem.scale
+            ends = sorted([*ends, late(delays.pop(0))], key=lambda each: each[:2])
+            (cost, at, *_), (last, other, *_), *_ = ends
+            if at == max(each[1] for each in ends):
+                delays = [at + step]
+            elif not delays and len(ends) > 2 and last - cost > MATTERS * cost:
+                costs, three = np.array([each[:2] for each in ends[:3]]).T
+                bend, slope, _ = np.polyfit(three, costs, 2)
+                delays = [-slope / (2 * bend)] if bend > 0 else []
+        _, delay, problem, end = ends[0]
+        terms = self.terms
+        if terms is None:
             choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
             problem, end, _ = problem.fitted(choice)
+            terms = (*choice.terms, "latency")
         found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        own = {name: value for (name, whose), value in found if whose is None}
+        own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
         zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
-        return Start(replace(guess.parameters, **own), zeros), choice
+        return Start(replace(problem.start, **own), zeros), terms
 
     def _names(self, logs: Iterable[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
