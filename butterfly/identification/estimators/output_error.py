@@ -64,7 +64,8 @@ from butterfly.model.terms import COMPANIONS, GEAR, LOOP_TERMS, OF_ANGLE, PARAME
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
-_PASSES = 4  # of a descent at another delay
+_PASSES = 4  # of a descent at another delay,
+_PARABOLAS = 2  # and how often one is sought at the vertex of the last ones
 _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
@@ -329,30 +330,32 @@ class OutputError(Estimator):
         scanned = "delay" not in {*known.fixed, *self.fixed}
         delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
         known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
-        begin = None
+        ends: list[tuple[float, float, FreeRunResiduals, Minimum]] = []
 
-        def late(delay: float) -> tuple[float, float, FreeRunResiduals, Minimum]:
+        def attempt(delay: float) -> None:
             told = replace(start.parameters, delay=delay)
             begun = replace(start, parameters=replace(told, delay=0.0))
             problem = short.problem([driven_alone(log, told) for log in logs], begun, known)
-            at = problem.initial if begin is None else begin / problem.scale
-            end = problem.descend(at, most=MOST if begin is None else _PASSES)
-            return end.at.cost, delay, problem, end
+            if ends:
+                at = ends[0][2].scale * ends[0][3].point / problem.scale
+                end = problem.descend(at, most=_PASSES)
+            else:
+                end = problem.descend(problem.initial)
+            ends.append((end.at.cost, delay, problem, end))
+            ends.sort(key=lambda each: each[:2])
 
-        ends = [late(delay)]
-        step = float(np.median([log.mean_step for log in logs]))
-        delays = [step, step / 2] if scanned and any(log.rebuilt for log in logs) else []
-        while delays and len(ends) < MOST:
-            _, delay, problem, end = ends[0]
-            begin = end.point * problem.scale
-            ends = sorted([*ends, late(delays.pop(0))], key=lambda each: each[:2])
-            (cost, at, *_), (last, other, *_), *_ = ends
-            if at == max(each[1] for each in ends):
-                delays = [at + step]
-            elif not delays and len(ends) > 2 and last - cost > MATTERS * cost:
-                costs, three = np.array([each[:2] for each in ends[:3]]).T
-                bend, slope, _ = np.polyfit(three, costs, 2)
-                delays = [-slope / (2 * bend)] if bend > 0 else []
+        attempt(delay)
+        if scanned and any(log.rebuilt for log in logs):
+            step = float(np.median([log.mean_step for log in logs]))
+            while ends[0][1] == max(each[1] for each in ends) and len(ends) < MOST:
+                attempt(ends[0][1] + step)
+            if ends[0][1] == 0.0:
+                attempt(step / 2)
+            for _ in range(_PARABOLAS):
+                costs, delays = np.array([each[:2] for each in ends[:3]]).T
+                bend, slope, _ = np.polyfit(delays, costs, 2).tolist()
+                if bend > 0:
+                    attempt(max(-slope / (2 * bend), 0.0))
         _, delay, problem, end = ends[0]
         terms = self.terms
         if terms is None:
