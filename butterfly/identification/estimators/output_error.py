@@ -193,12 +193,13 @@ class OutputError(Estimator):
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         rarer = self._unseen(begun) - {*tried(logs)}
-        absent, enough = rarer, self._has_one_end
+        absent, enough, rounds = rarer, self._has_one_end, 0
         if any(log.closed for log in logs):
             start, terms = self._by_segments(logs, begun[0], reference.fixed)
             begun = [start, *begun]
             if self.terms is None:
-                absent, enough = {*tried(logs), *RARER} - {*terms}, SCANNED not in terms
+                absent, rounds = {*tried(logs), *RARER} - {*terms}, FEW
+                enough = SCANNED not in terms
         wide = self.problem(logs, begun[0], reference.fixed)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
         problem, end, said = lowest_end(
@@ -211,8 +212,11 @@ class OutputError(Estimator):
             here = wide.without(rarer)
             same = here.keys == problem.keys and not lacking
             point, at = (end.point, end.at) if same else here.about(problem, end.point)
-            choice = here.choose_terms(point, at, always)
+            choice, before = here.choose_terms(point, at, always), {*problem.keys}
             problem, end, rivals = here.fitted(choice)
+            rounds -= 1
+            if rounds > 0 and {*problem.keys} != before:
+                continue  # where fewer terms ended others may have looked like nothing
             idle = {*tried(logs)} - {name for name, _ in problem.keys}
             lacking = wide.without(idle).lacking(problem, end.point)
             if lacking is None:
@@ -352,10 +356,12 @@ class OutputError(Estimator):
             if ends[0][1] == 0.0:
                 attempt(step / 2)
             for _ in range(_PARABOLAS):
-                costs, delays = np.array([each[:2] for each in ends[:3]]).T
-                bend, slope, _ = np.polyfit(delays, costs, 2).tolist()
-                if bend > 0:
-                    attempt(max(-slope / (2 * bend), 0.0))
+                costs, delays = np.array([each[:2] for each in ends[:3]]).T / [[ends[0][0]], [step]]
+                bend, slope, _ = np.linalg.solve(np.vander(delays, 3), costs).tolist()
+                lowest = max(-slope / (2 * bend), 0.0) if bend > 0 else delays[0]
+                if np.abs(delays - lowest).min() < MATTERS:
+                    break
+                attempt(lowest * step)
         _, delay, problem, end = ends[0]
         terms = self.terms
         if terms is None:

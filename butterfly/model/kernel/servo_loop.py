@@ -179,7 +179,7 @@ def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step b
         kept[k, BY_COMPRESSION] = -past * abs(past) * weaker * weaker
         _rise(k, seen, of_p, error, loop, kept)
         kept[k, GATE], kept[k, LOOKS_BACK] = gate, looks_back
-        kept[k, SEEN_SPEED], kept[k, SEEN_RATE] = v, rate
+        kept[k, SEEN_SPEED], kept[k, SEEN_RATE] = state[V] + loop.ahead * rate, rate
         for of_output, of_rise in (
             (BY_SETPOINT, RISE_BY_SETPOINT),
             (BY_ANGLE, RISE_BY_ANGLE),
