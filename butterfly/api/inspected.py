@@ -127,6 +127,7 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
     if seen.health is not None and seen.log is not None:
         log, health = seen.log, asdict(seen.health)
         first = {name: health.pop(name) for name in ("samples", "duration", "step")}
+        health["regimes"] = [each._asdict() for each in seen.health.regimes]
         known |= {
             **first,
             "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},

@@ -73,10 +73,10 @@ class Joint(ABC):
         """Move on for ``duration`` s with ``command`` held."""
 
     @abstractmethod
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the (n,) true angles in rad at ``stamps`` in s of a whole run.
 
-        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
+        Each of the (n,) commands is held from its ``arrivals`` in s, none before it, to the next:
         the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
         """
 
@@ -182,12 +182,11 @@ class MujocoJoint(Joint):
             self.model.dof_frictionloss[0] = friction_at(angle, speed, motor, self._constants)
             self._step(command, 1)
 
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`."""
         self.reset()
-        switches = stamps + delay
-        edges = np.union1d(stamps, switches[switches < stamps[-1]])
-        latest = np.searchsorted(switches, edges[:-1], side="right")
+        edges = np.union1d(stamps, arrivals[arrivals < stamps[-1]])
+        latest = np.searchsorted(arrivals, edges[:-1], side="right")
         held = np.concatenate([[0.0], commands])[latest]
         return self.follow(held, np.diff(edges))[np.searchsorted(edges, stamps)]
 
@@ -307,13 +306,13 @@ class GreyBoxJoint(Joint):
         """Integrate through ``duration`` s in the equal steps of `steps_of`."""
         self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
 
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`.
 
         NaN from the instant on at which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
-        return np.asarray(_follow(self._constants, self._state, stamps, torques, delay))
+        return np.asarray(_follow(self._constants, self._state, stamps, torques, arrivals))
 
     @property
     def _armature_current(self) -> float:
@@ -324,7 +323,9 @@ _steps_of = compiled(steps_of)
 
 
 @compiled
-def _follow(c: Constants, state: State, stamps: Samples, torques: Samples, delay: float) -> Samples:
+def _follow(
+    c: Constants, state: State, stamps: Samples, torques: Samples, arrivals: Samples
+) -> Samples:
     angles = np.full(stamps.size, np.nan)
     torque = 0.0
     following = 0
@@ -335,8 +336,8 @@ def _follow(c: Constants, state: State, stamps: Samples, torques: Samples, delay
         if k + 1 == stamps.size:
             break
         now, end = stamps[k], stamps[k + 1]
-        while following <= k and stamps[following] + delay < end:
-            instant = stamps[following] + delay
+        while following <= k and arrivals[following] < end:
+            instant = arrivals[following]
             if instant > now:
                 state = _hold(c, state, torque, instant - now)
                 now = instant
