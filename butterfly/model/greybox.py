@@ -49,10 +49,22 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
     (n,) angles in rad and (n,) velocities in rad/s.
     """
     start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
+    moving = None
+    if parameters.base_gives:
+        moving = require_plain_base(parameters)
     if loop is not None:
-        return integrate_loop(time, start, constants, _open_circuit(constants), loop)
-    moving = True if parameters.base_gives else None
+        return integrate_loop(time, start, constants, _open_circuit(constants), loop, moving)
     return integrate(time, parameters.p4 * inputs, start, constants, moving)
+
+
+def require_plain_base(parameters: LumpedParameters) -> bool:
+    """Return that a base moves, or raise InputError for what is not simulated on one."""
+    without = {"time_constant": "s", "bristle_stiffness": "N m/rad", **dict.fromkeys(GEAR, "")}
+    for name, unit in without.items():
+        if (value := getattr(parameters, name)) > 0:
+            expected = "0: on a base that gives it is not simulated"
+            raise InputError("Base", name, f"{value:g} {unit}".strip(), expected)
+    return True
 
 
 def _open_circuit(constants: Constants) -> Constants:
@@ -129,14 +141,15 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
         return values, np.empty((values.size, 0))
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
-    moves = parameters.base_gives or any(columns.column == COLUMNS["give"])
-    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters, moving=moves)
+    moving = None
+    if parameters.base_gives or any(columns.column == COLUMNS["give"]):
+        moving = require_plain_base(parameters)
+    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters, moving=moving)
     moved = inputs if loop is None else inputs[:0]
     state = (*start, 0.0, 0.0)
     kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
-        *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants)),
-        True if moves else None,
+        *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
     )
     return values, rows
 
@@ -146,7 +159,7 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str,
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
-    own = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
+    own: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
     return own | {
         "p2": {"viscous": 1.0},
         "back_emf": {"back_emf": 1.0, "viscous": -1.0},

@@ -128,6 +128,36 @@ class Friction(FrictionTerms):
             raise InputError("Friction", "bristle_stiffness", found, expected)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Base:
+    """What the joint stands on: a mass on a horizontal spring and damper (see `BaseTerms`)."""
+
+    compliance: float
+    """Of the spring, in m/N."""
+    frequency: float
+    """Natural frequency in rad/s of the base with the bare hand."""
+    damping: float
+    """Its damping ratio."""
+
+    def __post_init__(self) -> None:
+        require_number("Base", positive=True, compliance=self.compliance, frequency=self.frequency)
+        require_number("Base", damping=self.damping)
+
+    @property
+    def mass(self) -> float:
+        """M_0 in kg of the base with the bare hand."""
+        return 1 / (self.compliance * self.frequency**2)
+
+    @property
+    def friction(self) -> float:
+        """C in N s/m of its damper."""
+        return 2 * self.damping * self.frequency * self.mass
+
+    def terms(self) -> dict[str, float]:
+        """Return its terms by name."""
+        return {f"base_{name}": value for name, value in vars(self).items()}
+
+
 def require_periods(source: str, periods: float) -> None:
     """Raise InputError unless periods of cogging in a turn are 1, 2, 3, and so on."""
     if not (periods >= 1 and float(periods).is_integer()):

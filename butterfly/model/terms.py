@@ -447,7 +447,8 @@ COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["str
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """What grows with the scale of all torques."""
 
-SHARES = dict.fromkeys(GROWING, 1.0) | {row.name: -1.0 for row in _ROWS if row.unit == "1/(N m)"}
+SHARES = dict.fromkeys(GROWING, 1.0)
+SHARES |= {row.name: -1.0 for row in _ROWS if row.unit in {"1/(N m)", "m/N"}}
 """Power of the scale with which each changes that does."""
 
 TORQUES = {row.name for row in _ROWS if row.basis or row.derivative} & GROWING - {"load"}

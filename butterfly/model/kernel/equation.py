@@ -53,7 +53,7 @@ class Constants(NamedTuple):
     moment_offset: float
 
     @classmethod
-    def of(cls, p: LumpedParameters, *, moving: bool = False) -> Constants:
+    def of(cls, p: LumpedParameters, *, moving: bool | None = None) -> Constants:
         """Take them from the parameters of the hand with its added mass.
 
         Those of a base that could move are 0 unless it does, or is ``moving`` for its derivatives.

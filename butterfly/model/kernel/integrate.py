@@ -23,14 +23,14 @@ def integrate(time, drives, state, c, moving):
     angle[0], velocity[0] = state[X], state[V]
     for k in range(n - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
-        state = _interval(state, row, time[k + 1] - time[k], c, moving)
+        state = interval(state, row, time[k + 1] - time[k], c, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
     return angle, velocity
 
 
 @compiled
-def integrate_loop(time, state, c, without_drive, loop):
-    """Return (n,) angles and velocities of a joint in its servo's loop."""
+def integrate_loop(time, state, c, without_drive, loop, moving):
+    """Return what `integrate` does of a joint in its servo's loop."""
     n = time.size
     angle, velocity = np.empty(n), np.empty(n)
     angle[0], velocity[0] = state[X], state[V]
@@ -38,7 +38,7 @@ def integrate_loop(time, state, c, without_drive, loop):
     for k in range(n - 1):
         held = torque(k, state, loop, memory, held, None)
         now = at(k, loop, c, without_drive)
-        state = _interval(state, (held, held, held), time[k + 1] - time[k], now, None)
+        state = interval(state, (held, held, held), time[k + 1] - time[k], now, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
     return angle, velocity
 
@@ -62,7 +62,7 @@ def step(state, drives, h, c, tape, column, moving):
 
 
 @inner
-def _interval(state, drives, h, c, moving):
+def interval(state, drives, h, c, moving):
     """Return the state at the end of one interval, in as many steps as it takes."""
     count = count_steps(state, h, c, moving)
     if count == 1:
