@@ -74,10 +74,10 @@ class Joint(ABC):
         """Move on for ``duration`` s with ``command`` held."""
 
     @abstractmethod
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the (n,) true angles in rad at ``stamps`` in s of a whole run.
 
-        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
+        Each of the (n,) commands is held from its ``arrivals`` in s, none before it, to the next:
         the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
         """
 
@@ -185,12 +185,11 @@ class MujocoJoint(Joint):
             self.model.dof_frictionloss[hinge] = friction_at(angle, speed, motor, self._constants)
             self._step(command, 1)
 
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`."""
         self.reset()
-        switches = stamps + delay
-        edges = np.union1d(stamps, switches[switches < stamps[-1]])
-        latest = np.searchsorted(switches, edges[:-1], side="right")
+        edges = np.union1d(stamps, arrivals[arrivals < stamps[-1]])
+        latest = np.searchsorted(arrivals, edges[:-1], side="right")
         held = np.concatenate([[0.0], commands])[latest]
         return self.follow(held, np.diff(edges))[np.searchsorted(edges, stamps)]
 
@@ -312,13 +311,13 @@ class GreyBoxJoint(Joint):
         torque = self._loaded.p4 * command
         self._state = _hold(self._constants, self._state, torque, duration, self._moving)
 
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`.
 
         NaN from the instant on at which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
-        told = (stamps, torques, delay, self._moving)
+        told = (stamps, torques, arrivals, self._moving)
         return np.asarray(_follow(self._constants, self._state, *told))
 
     @property
@@ -335,7 +334,7 @@ def _follow(  # noqa: PLR0917 - compiled functions take no names
     state: State,
     stamps: Samples,
     torques: Samples,
-    delay: float,
+    arrivals: Samples,
     moving: bool | None,
 ) -> Samples:
     angles = np.full(stamps.size, np.nan)
@@ -348,8 +347,8 @@ def _follow(  # noqa: PLR0917 - compiled functions take no names
         if k + 1 == stamps.size:
             break
         now, end = stamps[k], stamps[k + 1]
-        while following <= k and stamps[following] + delay < end:
-            instant = stamps[following] + delay
+        while following <= k and arrivals[following] < end:
+            instant = arrivals[following]
             if instant > now:
                 state = _hold(c, state, torque, instant - now, moving)
                 now = instant

@@ -87,12 +87,13 @@ def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
         return rig.play(added, excitation, duration, rng, joint)
     cycles = rig.clock.cycles(duration, rng)
     time = stamps_of(cycles)
-    if rig.clock.jitter == 0 and isinstance(excitation, Multisine):
+    if rig.clock.even and isinstance(excitation, Multisine):
         sampled = _on_a_regular_clock(excitation, rig.clock.step, cycles.size)
     else:
         sampled = excitation.sample(time)
     commands = rig.path.shape_all(sampled)
-    true = joint.angles_under(time, rig.path.delivered(commands), rig.path.delay)
+    arrivals = np.maximum.accumulate(time + (rig.path.delay + rig.clock.late(time)))
+    true = joint.angles_under(time, rig.path.delivered(commands), arrivals)
     return rig.record((added, excitation), time, commands, true, rng)
 
 
