@@ -10,12 +10,8 @@ import math
 
 import numpy as np
 
-from butterfly.compiled import compiled, inner
+from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.kernel.equation import (
-    COULOMB,
-    LOWERING_STRIBECK,
-    MOTOR_FRICTION,
-    STRIBECK,
     M,
     V,
     X,
@@ -75,24 +71,24 @@ def integrate_loop(time, state, c, without_drive, loop):
     return angle, velocity
 
 
-@inner
+@inlined
 def interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
     count = least_steps(c, state[V], h)
-    if count == 1:
-        return advance(state, drives, h, c, None, None)
-    if count == 0:
-        return LOST
     for k in range(count):
-        state = advance(state, part_of(drives, k, count), h / count, c, None, None)
-    return state
+        own = drives if count == 1 else part_of(drives, k, count)
+        state = advance(state, own, h / count, c, None, False)
+    return state if count else LOST
 
 
-@inner
-def advance(state, drives, h, c, tape, column):
-    """Return the state at the end of one interval, split at each reversal of the velocity."""
+@inlined
+def advance(state, drives, h, c, tape, splits):
+    """Return the state at the end of one interval, split at each reversal of the velocity.
+
+    ``splits`` says so even of a joint without friction, whose derivatives by friction are wanted.
+    """
     smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
-    if (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0:
+    if (smooth and not splits) or c.bristle_stiffness > 0.0:
         after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)
@@ -171,16 +167,6 @@ def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
         else:
             lower = share
     return share, after
-
-
-@inner
-def _by_friction(column):
-    """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
-    if column is not None:
-        for k in column:
-            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
-                return True
-    return False
 
 
 @inner
