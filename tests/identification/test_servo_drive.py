@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.servo import LAWS, Output, ServoLoop
+from butterfly.model.terms import LOOP_TERMS
 from butterfly.report.format import fit_text
 from butterfly.report.identification_page import identification_page
 from butterfly.report.summary import loop_rows
@@ -133,13 +135,14 @@ def test_the_drive_is_rebuilt_as_the_law_says_and_0_while_off():
 SIMPLE = LumpedParameters(p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.01)
 
 
-def _simulated(*goals, **told):
+def _simulated(*goals, joint=SIMPLE, enabled=None, gains=MappingProxyType({}), **told):
     """The data set of a servo of kp 20 that followed some goals, its loop as told."""
-    servo = ServoLoop.of({"law": "pid-voltage", "kp": 20.0, "limit": 6.0})
+    servo = ServoLoop.of({"law": "pid-voltage", "kp": 20.0, "limit": 6.0, **gains})
     logs = []
     for number, goal in enumerate(goals):
         log = Log(TIME, input=goal, angle=0 * TIME, input_kind="setpoint", servo=servo)
-        angle = Simulation(driven(log), SIMPLE).run(SIMPLE, 0.0).at(TIME)
+        log = replace(log, enabled=enabled)
+        angle = Simulation(driven(log), joint).run(joint, 0.0).at(TIME)
         own = replace(servo, **told)
         logs.append(replace(log, angle=angle, servo=own, zero=Known(value=0.0), name=f"{number}"))
     return DataSet.of(logs, known=Prior.of({"p3": 0.3}))
@@ -160,6 +163,16 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
     assert found.drive_fits["0"] > 95  # by the drive that the gain of 20 makes
     with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, where a gain"):
         OutputError(terms=(), servo_loop="open")(data)
+
+
+@pytest.mark.parametrize("term", ["back_emf", *LOOP_TERMS])
+def test_a_term_of_a_servo_is_recovered(term):
+    """The back EMF is that part of p2 which is gone where the servo is off."""
+    size = {"back_emf": 0.02, "latency": 0.006}.get(term, 1.2)
+    joint = replace(SIMPLE, **{term: size})
+    off = ENABLED if term == "back_emf" else None
+    data = _simulated(GOAL, joint=joint, enabled=off, gains={"ki": 5.0, "kd": 0.4})
+    assert _values(OutputError(terms=(term,))(data))[term] == pytest.approx(size, rel=0.01)
 
 
 def test_a_fit_with_the_loop_open_follows_the_drive():
