@@ -24,7 +24,7 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, LumpedParameters
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import DRIVE, TERMS
-from butterfly.plant.robot import HAND_MASS, Robot
+from butterfly.plant.robot import HAND_MASS, PARTS, Robot
 from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
@@ -185,7 +185,7 @@ class RobotModel(Answer):
         """List a robot's parts and lumped parameters; ``besides`` is what data's estimate says."""
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
-        parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
+        parts = {part: getattr(robot, part) for part in PARTS}
         pairs = (
             *((part, _numbers_of(each)) for part, each in parts.items()),
             ("added mass", str(carried) if carried.mass else "none"),

@@ -171,7 +171,8 @@ class Log:
     integrated
         Whether the angle was not recorded, and is the integral of the velocity.
     regimes
-        Of its clock, where its mean interval switches (see `butterfly.logs.regimes`).
+        Of its clock, whose mean interval may switch (see `butterfly.logs.regimes`); `examine` of
+        `butterfly.logs.health` finds them.
     """
 
     time: Samples
@@ -489,10 +490,21 @@ class Log:
         return float(np.std(self.angle))
 
     @cached_property
-    def rms_speed(self) -> float:
-        """Rms velocity in rad/s, over spans that are long against noise."""
+    def _velocities(self) -> Samples:
+        """Velocities in rad/s over spans that are long against noise."""
         every = min(max(1, round(_SPAN / self.mean_step)), self.time.size // 2)
-        return float(np.std(np.diff(self.angle[::every]) / np.diff(self.time[::every])))
+        return np.diff(self.angle[::every]) / np.diff(self.time[::every])
+
+    @cached_property
+    def rms_speed(self) -> float:
+        """Rms velocity in rad/s."""
+        return float(np.std(self._velocities))
+
+    @property
+    def lag_per_play(self) -> float:
+        """Delay in s/rad that is most like staying behind by as much, whichever way it moves."""
+        speeds = abs(self._velocities - self._velocities.mean())
+        return float(speeds.mean() / np.mean(speeds**2)) if self.rms_speed else 0.0
 
     @cached_property
     def initial_state(self) -> InitialState:

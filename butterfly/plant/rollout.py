@@ -24,7 +24,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.plant.firmware import Firmware
 from butterfly.plant.joints import Joint, steps_of
-from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.mjcf import compile_model, hinge_of, mount
 from butterfly.plant.rig import Rig
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked
@@ -113,6 +113,7 @@ def _by_mujoco(
     model = compile_model(rig.robot)
     model.opt.timestep = step / substeps
     workers = [mujoco.MjData(model) for _ in range(threads)]
+    hinge = 1 + hinge_of(model)  # after time, among angles
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     with Rollout(nthread=threads) as pool:
         for batch in batches:
@@ -121,14 +122,15 @@ def _by_mujoco(
             controls = np.zeros((len(batch), count * substeps, model.nu))
             controls[:, :, 0] = np.repeat(held, substeps, axis=1)
             states = np.zeros((len(batch), size))
-            states[:, 1] = [initial_angle(run) for (_, run), _ in batch]  # time, angles, velocities
+            states[:, hinge] = [initial_angle(run) for (_, run), _ in batch]
             models = [copy.copy(model) for _ in batch]
             for own, ((added, _), _) in zip(models, batch, strict=True):
                 mount(own, rig.robot, added)
             reached, _ = pool.rollout(models, workers, states, controls)
             if any(data.warning[_BAD_ACCELERATION].number for data in workers):
                 raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
-            angles = np.column_stack([states[:, 1], reached[:, substeps - 1 :: substeps, 1]])
+            ends = reached[:, substeps - 1 :: substeps, hinge]
+            angles = np.column_stack([states[:, hinge], ends])
             for (run, rng), command, true in zip(batch, inputs, angles, strict=True):
                 yield rig.record(run, time, command, true, rng)
 

@@ -67,6 +67,12 @@ class Contrast:
         """Whether the parameter grows with the condition."""
         return self.last > self.first
 
+    @property
+    def play(self) -> float:
+        """Gap in rad, of which an encoder stays half behind, that a delay by 1/speed tells."""
+        slope = (self.last - self.first) / (self.largest - self.least)
+        return 2 * slope if self.condition is Condition.SPEED else 0.0
+
 
 class _Tried(NamedTuple):
     """A contrast that was tried."""

@@ -36,8 +36,8 @@ class Conditions:
     """Under which conditions the logs of k cells were recorded."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, 1/rms speed, time since the start in s, sign of the input, share
-    # in which the clock is slow
+    # rad^2, omega^2 in rad^2/s^2, 1/speed, time since the start in s, sign of the input, share in
+    # which the clock is slow
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     steady: bool = False  # whether residuals are those of steady responses, whose errors are known
@@ -86,6 +86,6 @@ def _of_log(log: Log) -> dict[Condition, float]:
         Condition.MASS: log.added_mass.inertia,
         Condition.COMMAND: 1 / size if size else 0.0,
         Condition.FREQUENCY: omega**2,
-        Condition.SPEED: 1 / log.rms_speed if log.rms_speed else 0.0,
+        Condition.SPEED: log.lag_per_play,
         Condition.DIRECTION: float(np.sign(mean)) if abs(mean) > size / 2 else 0.0,
     }
