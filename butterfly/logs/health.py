@@ -100,7 +100,7 @@ class Health:
     cut_lines: int = 0  # at the end of the file, cut off and dropped
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # what was read as what
     integrated: bool = False  # whether the angle was not recorded, and is the velocity's integral
-    regimes: tuple[Regime, ...] = ()  # of its clock, more than one where its mean interval switches
+    regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
 
     @property
     def remarks(self) -> list[Remark]:
@@ -185,7 +185,8 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     if wrapping is not None:
         _refuse_wrapped(clean, wrapping, repairs)
         clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
-    clean = replace(clean, regimes=clean.regimes or find_regimes(clean.time))
+    regimes = clean.regimes or find_regimes(clean.time)
+    clean = replace(clean, regimes=regimes) if len(regimes) > 1 else clean
     driven = clean.input_kind is not InputKind.NONE
     regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(

@@ -171,7 +171,7 @@ class Log:
     integrated
         Whether the angle was not recorded, and is the integral of the velocity.
     regimes
-        Of its clock, whose mean interval may switch (see `butterfly.logs.regimes`); `examine` of
+        Of its clock, where its mean interval switches (see `butterfly.logs.regimes`): `examine` of
         `butterfly.logs.health` finds them.
     """
 
