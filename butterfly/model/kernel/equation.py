@@ -76,7 +76,7 @@ class Constants(NamedTuple):
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_TERMS)
+THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS)
 COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 
