@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 192,
     "lines of the package": 37_800,
-    "lines of tests": 30_957,
+    "lines of tests": 30973,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 60,

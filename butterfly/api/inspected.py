@@ -21,9 +21,10 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
-from butterfly.model.terms import TERMS
-from butterfly.plant.robot import HAND_MASS, Robot
+from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, LumpedParameters
+from butterfly.model.servo import ServoLoop
+from butterfly.model.terms import DRIVE, TERMS
+from butterfly.plant.robot import HAND_MASS, PARTS, Robot
 from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
@@ -126,6 +127,7 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
     if seen.health is not None and seen.log is not None:
         log, health = seen.log, asdict(seen.health)
         first = {name: health.pop(name) for name in ("samples", "duration", "step")}
+        health["regimes"] = [each._asdict() for each in seen.health.regimes]
         known |= {
             **first,
             "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
@@ -161,6 +163,8 @@ class RobotModel(Answer):
     robot: Robot
     carried: AddedMass
     command: Mapping[str, float]  # what `butterfly.plant.stand_alone` takes of it
+    parameters: LumpedParameters  # of the bare hand, with those of its command
+    servo: ServoLoop | None = None
     note: str = ""
 
     @classmethod
@@ -172,6 +176,8 @@ class RobotModel(Answer):
         kind: InputKind,
         command: Mapping[str, float],
         *,
+        parameters: LumpedParameters | None = None,
+        servo: ServoLoop | None = None,
         verdict: Verdict | None = None,
         note: str = "",
         besides: Mapping[str, Any] = MappingProxyType({}),
@@ -179,7 +185,7 @@ class RobotModel(Answer):
         """List a robot's parts and lumped parameters; ``besides`` is what data's estimate says."""
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
-        parts = {part: getattr(robot, part) for part in ("hand", "drive", "friction", "clutch")}
+        parts = {part: getattr(robot, part) for part in PARTS}
         pairs = (
             *((part, _numbers_of(each)) for part, each in parts.items()),
             ("added mass", str(carried) if carried.mass else "none"),
@@ -216,6 +222,9 @@ class RobotModel(Answer):
             robot=robot,
             carried=carried,
             command=command,
+            parameters=parameters
+            or replace(robot.lumped, **{name: command[name] for name in ("delay", *DRIVE)}),
+            servo=servo,
             note=note,
         )
 
@@ -292,8 +301,10 @@ def robot_of(
     carried = AddedMass(mass=added_mass, arm=ARM if arm is None else arm)
     if not is_data(path):
         plan = read_experiment(path)
-        command = vars(plan.plant.path)
-        return RobotModel.of(plan.name, plan.plant.robot, carried, plan.input_kind, command)
+        command, servo = vars(plan.plant.path), plan.plant.servo
+        return RobotModel.of(
+            plan.name, plan.plant.robot, carried, plan.input_kind, command, servo=servo
+        )
     result = saved_identification(path)
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
@@ -316,7 +327,15 @@ def robot_of(
         rest,
         kind,
         command_of(found.parameters),
+        parameters=found.parameters,
+        servo=_servo_of(about["manifest"]),
         verdict=verdict,
         note=note,
         besides={**result.basis(), **estimate_numbers(found)},
     )
+
+
+def _servo_of(manifest: dict[str, Any] | None) -> ServoLoop | None:
+    """Return the loop of the first log, if one was told."""
+    told = manifest and manifest["loop"] | (manifest["logs"][0].get("loop") or {})
+    return ServoLoop.of(told, whole=False) if told else None

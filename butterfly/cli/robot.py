@@ -1,10 +1,16 @@
-"""Commands that show and export the robot of an experiment, or the twin of data."""
+"""Commands that show and export the robot of an experiment, or the twin of data.
+
+What `export` writes is a table of forms: a further one is a function of the robot and of the option
+``--actuator`` that returns the text, what it is called, and in sentences what it leaves out.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -15,6 +21,7 @@ from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
 from butterfly.errors import InputError
 
 if TYPE_CHECKING:
+    from butterfly.api.inspected import RobotModel
     from butterfly.experiment.schema import Experiment
 
 Source = Annotated[Path, Parameter(name="SOURCE")]
@@ -125,20 +132,58 @@ def _with_run(source: Path, number: int) -> Experiment:
     return plan
 
 
+def _as_mjcf(named: RobotModel, _actuator: str | None) -> tuple[str, str, Sequence[str]]:
+    from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415 - slow to import
+
+    made = stand_alone(named.robot, named.carried, **named.command)
+    return made.text, f"with steps of {1e3 * made.step:g} ms", made.left_out
+
+
+def _as_bam(named: RobotModel, actuator: str | None) -> tuple[str, str, Sequence[str]]:
+    from butterfly.logs.log import InputKind  # noqa: PLC0415 - slow to import
+    from butterfly.model.prior import Prior  # noqa: PLC0415
+    from butterfly.plant.bam import bam_model  # noqa: PLC0415
+    from butterfly.result import json_text  # noqa: PLC0415
+
+    data = named.content["data"]
+    made = bam_model(
+        named.parameters,
+        InputKind(data["input"]),
+        replace(named.carried, gravity=data.get("gravity", named.carried.gravity)),
+        actuator=actuator,
+        servo=named.servo,
+        known=Prior.of(data.get("known", {})),
+        ratios=named.content.get("ratios", False),
+    )
+    told = f"BAM's {made.content['model']} of {made.content['actuator']}"
+    return json_text(made.content), told, made.left_out
+
+
+_FORMS: dict[str, Callable[[RobotModel, str | None], tuple[str, str, Sequence[str]]]] = {
+    "mjcf": _as_mjcf,
+    "bam": _as_bam,
+}
+_Form: Any = Literal[tuple(_FORMS)]
+
+
 def export(
     source: Source,
     /,
     *,
     out: Annotated[Path, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="FILE")],
+    to: Annotated[_Form, Parameter(group=WRITTEN)] = "mjcf",
+    actuator: Annotated[str | None, Parameter(group=WRITTEN, metavar="NAME")] = None,
     hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
+    """Write the robot as a file for another program; what that cannot hold is said.
 
-    It moves there as it does here, the command's delay included; what MuJoCo cannot do is said.
+    As MJCF it loads in plain MuJoCo and in its viewer, and moves there as it does here, the
+    command's delay included. As BAM's JSON it is a servo with BAM's friction.
 
-    Example: butterfly export result.json --out twin.xml
+    Examples: butterfly export result.json --out twin.xml; butterfly export servo.json --to bam
+    --out servo-bam.json
 
     Parameters
     ----------
@@ -146,21 +191,27 @@ def export(
         An experiment file or a shipped one's name; a saved result, whose values are taken; or other
         data, which are identified.
     out
-        MJCF file to write.
+        File to write.
+    to
+        Form: MuJoCo's MJCF, or the JSON of BAM (Rhoban).
+    actuator
+        Which of BAM's servos it is, as xl330; that of the servo's law if not given.
     added_mass
         What the hand carries, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
-    from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415
+    from butterfly.files import write_file  # noqa: PLC0415
 
+    if actuator and to != "bam":
+        raise InputError("export", "--actuator", actuator, "--to bam beside it")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
-    if named.note:
+    if named.note and to == "mjcf":
         say(named.note)
-    written = stand_alone(named.robot, named.carried, **named.command)
-    written.write(out)
-    say(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
-    for sentence in written.left_out:
+    text, about, left_out = _FORMS[to](named, actuator)
+    write_file(out, text)
+    say(f"Model: {out}, {about}")
+    for sentence in left_out:
         say(sentence)
     return ExitCode.of(named.judged)

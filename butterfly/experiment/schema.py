@@ -28,6 +28,7 @@ from butterfly.model.energy import Orbit
 from butterfly.model.linear import LARGEST_SWING, predicted_swing
 from butterfly.model.parameters import (
     AddedMass,
+    Base,
     Friction,
     Hand,
     LumpedParameters,
@@ -73,8 +74,10 @@ class PlantSpec(StrictModel):
     drive: DriveSpec | None = None
     friction: Friction = Friction()
     clutch: Clutch | None = None
+    base: Base | None = None
+    """What the robot stands on, if that gives."""
     lumped: LumpedParameters | None = None
-    """p1..p4 and friction terms, as an identification gives them, in place of the four above."""
+    """p1..p4 and friction terms, as an identification gives them, in place of all above."""
     simulator: Simulator = Simulator.MUJOCO
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
@@ -107,7 +110,11 @@ class PlantSpec(StrictModel):
         assert self.hand is not None  # noqa: S101 - or there are lumped parameters
         assert self.drive is not None  # noqa: S101
         return Robot(
-            hand=self.hand, drive=self.drive.chosen, friction=self.friction, clutch=self.clutch
+            hand=self.hand,
+            drive=self.drive.chosen,
+            friction=self.friction,
+            clutch=self.clutch,
+            base=self.base,
         )
 
     @property
@@ -127,11 +134,11 @@ class PlantSpec(StrictModel):
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:
-        physical = {"hand", "drive", "friction", "clutch"} & self.model_fields_set
+        physical = {"hand", "drive", "friction", "clutch", "base"} & self.model_fields_set
         if self.lumped is None and (self.hand is None or self.drive is None):
             raise ValueError("hand and drive, or lumped")
         if self.lumped is not None and physical:
-            raise ValueError("either lumped, or hand, drive, friction and clutch")
+            raise ValueError("either lumped, or hand, drive, friction, clutch and base")
         elsewhere = vars(IDEAL) | vars(LoopTerms()) | {"delay": 0.0}
         if any(getattr(self.lumped, each, value) != value for each, value in elsewhere.items()):
             raise ValueError("delay, dead_zone and compression under path, gains under loop")

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import reduce
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from butterfly.logs.faults import (
     unwrapped,
 )
 from butterfly.logs.log import InputKind, Lead, Log
+from butterfly.logs.regimes import Regime, find_regimes
 from butterfly.logs.units import ASSUMED, ColumnReading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
@@ -47,6 +49,8 @@ _IF_MILLISECONDS = (
     "A clock so slow may count milliseconds: say --units time=ms, or units: {time: ms} in the "
     "manifest."
 )
+
+_IF_REGIMES = "Its delay may switch with it: output-error fits both, as delay and slow_delay."
 
 
 class Repair(StrEnum):
@@ -96,6 +100,7 @@ class Health:
     cut_lines: int = 0  # at the end of the file, cut off and dropped
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # what was read as what
     integrated: bool = False  # whether the angle was not recorded, and is the velocity's integral
+    regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
 
     @property
     def remarks(self) -> list[Remark]:
@@ -121,6 +126,10 @@ class Health:
         ]
         if self.integrated:
             found.append(Remark(Level.NOTE, "no angle recorded: the velocity is what is followed"))
+        for before, (begin, interval) in pairwise(self.regimes):
+            text = f"mean sampling interval switches from {1e3 * before.interval:.4g} to "
+            text += f"{1e3 * interval:.4g} ms at {begin:.4g} s"
+            found.append(Remark(Level.NOTE, text, _IF_REGIMES))
         if self.turns > 1.0:
             text = f"turns {self.turns:.1f} times round"
             meant = self.wraps or (
@@ -176,6 +185,8 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     if wrapping is not None:
         _refuse_wrapped(clean, wrapping, repairs)
         clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
+    regimes = clean.regimes or find_regimes(clean.time)
+    clean = replace(clean, regimes=regimes) if len(regimes) > 1 else clean
     driven = clean.input_kind is not InputKind.NONE
     regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(
@@ -198,6 +209,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         cut_lines=log.reading.cut_lines,
         columns=log.reading.columns,
         integrated=log.integrated,
+        regimes=clean.regimes,
     )
     return clean, health
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
@@ -170,6 +171,9 @@ class Log:
     integrated, rebuilt
         Whether the angle was not recorded, and is the integral of the velocity; and whether the
         input was not, and is what the servo's law made of its set-point.
+    regimes
+        Of its clock, where its mean interval switches (see `butterfly.logs.regimes`): `examine` of
+        `butterfly.logs.health` finds them.
     """
 
     time: Samples
@@ -192,6 +196,7 @@ class Log:
     reading: FileReading = AS_WRITTEN
     integrated: bool = False
     rebuilt: bool = False
+    regimes: tuple[Regime, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "integrated", self.integrated or self.angle is _NOT_RECORDED)
@@ -348,6 +353,7 @@ class Log:
             time=factor * self.time,
             velocity=None if velocity is None else velocity / factor,
             lead=None if lead is None else replace(lead, time=factor * lead.time),
+            regimes=tuple(Regime(factor * each, factor * step) for each, step in self.regimes),
         )
 
     def tuned(self, factor: float) -> Log:
@@ -429,6 +435,22 @@ class Log:
         column = getattr(self, name)
         return np.append(self.time[0] - LONGEST_LEAD, self.time), np.append(column[0], column)
 
+    def is_slow(self, limit: float) -> NDArray[np.bool_]:
+        """(n,) whether the mean interval of its clock is above a limit in s at each command."""
+        time, regimes = self.command[0], self.clock_regimes
+        last = np.searchsorted([each.begin for each in regimes], time, side="right") - 1
+        return np.array([0 < limit < each.interval for each in regimes])[np.maximum(last, 0)]
+
+    def arrivals(self, late: float, limit: float) -> Samples:
+        """(n,) stamps in s of `command`, ``late`` by so many s where the clock `is_slow`."""
+        time = self.command[0]
+        return np.maximum.accumulate(time + late * self.is_slow(limit)) if late else time
+
+    @property
+    def clock_regimes(self) -> tuple[Regime, ...]:
+        """Regimes of its clock, one at least."""
+        return self.regimes or (Regime(float(self.time[0]), self.mean_step),)
+
     @property
     def closed(self) -> bool:
         """Whether it is simulated in a servo's loop."""
@@ -470,10 +492,21 @@ class Log:
         return float(np.std(self.angle))
 
     @cached_property
-    def rms_speed(self) -> float:
-        """Rms velocity in rad/s, over spans that are long against noise."""
+    def _velocities(self) -> Samples:
+        """Velocities in rad/s over spans that are long against noise."""
         every = min(max(1, round(_SPAN / self.mean_step)), self.time.size // 2)
-        return float(np.std(np.diff(self.angle[::every]) / np.diff(self.time[::every])))
+        return np.diff(self.angle[::every]) / np.diff(self.time[::every])
+
+    @cached_property
+    def rms_speed(self) -> float:
+        """Rms velocity in rad/s."""
+        return float(np.std(self._velocities))
+
+    @property
+    def lag_per_play(self) -> float:
+        """Delay in s/rad that is most like staying behind by as much, whichever way it moves."""
+        speeds = abs(self._velocities - self._velocities.mean())
+        return float(speeds.mean() / np.mean(speeds**2)) if self.rms_speed else 0.0
 
     @cached_property
     def initial_state(self) -> InitialState:
@@ -516,6 +549,12 @@ class Log:
         if self.excitation is None:
             return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
+
+
+def slow_interval(logs: Sequence[Log]) -> float:
+    """Return the sampling interval in s above which clocks are slow; 0 where none switches."""
+    ends = [float(log.time[-1]) for log in logs]
+    return between_regimes([log.clock_regimes for log in logs], ends)
 
 
 def _integral(time: Samples, velocity: Samples) -> Samples:

@@ -19,10 +19,10 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
 from butterfly.model.kernel.equation import COLUMNS, Constants
+from butterfly.model.kernel.integrate import integrate, integrate_loop
 from butterfly.model.kernel.servo_loop import Loop
-from butterfly.model.kernel.steps import integrate, integrate_loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE, GEAR, LOOP_TERMS, TERMS
+from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
@@ -49,9 +49,22 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
     (n,) angles in rad and (n,) velocities in rad/s.
     """
     start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
+    moving = None
+    if parameters.base_gives:
+        moving = require_plain_base(parameters)
     if loop is not None:
-        return integrate_loop(time, start, constants, _open_circuit(constants), loop)
-    return integrate(time, parameters.p4 * inputs, start, constants)
+        return integrate_loop(time, start, constants, _open_circuit(constants), loop, moving)
+    return integrate(time, parameters.p4 * inputs, start, constants, moving)
+
+
+def require_plain_base(parameters: LumpedParameters) -> bool:
+    """Return that a base moves, or raise InputError for what is not simulated on one."""
+    without = {"time_constant": "s", "bristle_stiffness": "N m/rad", **dict.fromkeys(GEAR, "")}
+    for name, unit in without.items():
+        if (value := getattr(parameters, name)) > 0:
+            expected = "0: on a base that gives it is not simulated"
+            raise InputError("Base", name, f"{value:g} {unit}".strip(), expected)
+    return True
 
 
 def _open_circuit(constants: Constants) -> Constants:
@@ -74,6 +87,8 @@ class Columns:
         """Return the columns for parameters of the bare hand with ``added``, or of `INITIAL`."""
         loaded = parameters.with_added_mass(added)
         own = _parts(loaded, added)
+        if loaded.base_gives or not {*BASE_TERMS}.isdisjoint(names):
+            own |= _parts_of_base(parameters, added, own["tilt"]["p3"])
         for name in names:
             _require_derivative(name, own, loaded)
         different = list(dict.fromkeys(key for name in names for key in own[name]))
@@ -90,7 +105,7 @@ class Columns:
 
     @property
     def drives(self) -> int:
-        """How many of p4, delay and `DRIVE`, in this order, are needed of the input."""
+        """How many of p4, delay, slow_delay and `DRIVE`, in this order, are needed of the input."""
         gains = COLUMNS[LOOP_TERMS[0]]
         last = int(self.column.max(initial=-1, where=self.column < gains))
         return max(last + 1 - len(Constants._fields), 0)
@@ -116,8 +131,9 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
-    already delayed, and as far as `Columns.drives` asks for them its derivatives by delay and the
-    terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and rad/s.
+    already delayed, and as far as `Columns.drives` asks for them its derivatives by both delays and
+    the terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and
+    rad/s.
     """
     if not columns.column.size:
         angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
@@ -126,22 +142,25 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
         return values, np.empty((values.size, 0))
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
-    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters)
+    moving = None
+    if parameters.base_gives or any(columns.column == COLUMNS["give"]):
+        moving = require_plain_base(parameters)
+    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters, moving=moving)
     moved = inputs if loop is None else inputs[:0]
     state = (*start, 0.0, 0.0)
     kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
-        *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants)),
+        *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
     )
     return values, rows
 
 
-def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[str, float]]:
+def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str, float]]:
     """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`."""
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
-    own = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
+    own: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
     return own | {
         "p2": {"viscous": 1.0},
         "back_emf": {"back_emf": 1.0, "viscous": -1.0},
@@ -149,10 +168,27 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[s
         "load": {name: slope * added.weight for name, slope in level.items()},
         "stribeck": {} if held else {"stribeck": 1.0},
         "delay": {"delay": loaded.p4},
+        "slow_delay": {"slow_delay": loaded.p4},
         **{name: {name: loaded.p4} for name in DRIVE},
         "mass_inertia": {"p1": added.swung},
         "tilt": {"p3": -added.gravity_moment * math.sin(loaded.tilt)},
         "time_constant": {"lag": 1.0},
+    }
+
+
+def _parts_of_base(
+    bare: LumpedParameters, added: AddedMass, tilting: float
+) -> dict[str, Mapping[str, float]]:
+    """Return what parameters move of a base that gives under the hand with ``added``."""
+    w, slow = bare.base_frequency, 2 * bare.base_damping / bare.base_frequency
+    pulled = 1 / added.gravity if added.gravity else 0.0
+    return {
+        "p3": {"p3": 1.0, "moment": pulled},
+        "p3_offset": {"p3_offset": 1.0, "moment_offset": pulled},
+        "tilt": {"p3": tilting, "moment": pulled * tilting},
+        "base_compliance": {"give": 1.0, "swing": added.mass},
+        "base_frequency": {"swing": -2 / w**3, "slow": -slow / w},
+        "base_damping": {"slow": 2 / w},
     }
 
 

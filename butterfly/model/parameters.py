@@ -12,6 +12,7 @@ from butterfly.errors import InputError, require_number
 from butterfly.model.terms import (
     CONSERVATIVE,
     TERMS,
+    BaseTerms,
     DriveTerms,
     FrictionTerms,
     LoopTerms,
@@ -125,6 +126,36 @@ class Friction(FrictionTerms):
             found = f"{self.bristle_stiffness:g} N m/rad"
             expected = "0: bristles with friction that grows with torque are not simulated"
             raise InputError("Friction", "bristle_stiffness", found, expected)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Base:
+    """What the joint stands on: a mass on a horizontal spring and damper (see `BaseTerms`)."""
+
+    compliance: float
+    """Of the spring, in m/N."""
+    frequency: float
+    """Natural frequency in rad/s of the base with the bare hand."""
+    damping: float
+    """Its damping ratio."""
+
+    def __post_init__(self) -> None:
+        require_number("Base", positive=True, compliance=self.compliance, frequency=self.frequency)
+        require_number("Base", damping=self.damping)
+
+    @property
+    def mass(self) -> float:
+        """M_0 in kg of the base with the bare hand."""
+        return 1 / (self.compliance * self.frequency**2)
+
+    @property
+    def friction(self) -> float:
+        """C in N s/m of its damper."""
+        return 2 * self.damping * self.frequency * self.mass
+
+    def terms(self) -> dict[str, float]:
+        """Return its terms by name."""
+        return {f"base_{name}": value for name, value in vars(self).items()}
 
 
 def require_periods(source: str, periods: float) -> None:
@@ -249,14 +280,14 @@ NO_ADDED_MASS = AddedMass()
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms):
+class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
     """The grey-box model (5), with tau_eps and the drive's lags written out.
 
         p1 thdd + p2 thd + p3 sin th + p3_offset cos th + friction = p4 v(t - delay) + pulls
 
     `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command,
-    `LoopTerms` what a servo's loop makes of one. p3 may be negative: a hand whose centre of mass
-    lies above the pivot when the added mass hangs down.
+    `LoopTerms` what a servo's loop makes of one, `BaseTerms` what it stands on. p3 may be negative:
+    a hand whose centre of mass lies above the pivot when the added mass hangs down.
 
     Parameters
     ----------
@@ -275,11 +306,18 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms):
         moment of added masses; p3 and p3_offset are what is left of the hand's.
     delay
         From recorded input to torque, in s.
+    slow_delay, slow_interval
+        What is added to the delay, in s, where the mean sampling interval of a log's clock is above
+        the other, in s (see `butterfly.logs.regimes`).
     back_emf
         The back EMF's share k_emf k_i/R of p2, in N m s/rad; it counts only with the next.
     time_constant
         Of the armature, L/R in s: the motor's torque p4 v - back_emf thd then follows with this
         lag. 0 is the reduced model (5).
+    gravity
+        That p3 and p3_offset are moments of, in m/s^2.
+    carried_moment
+        Moment m l in kg m of added masses that gravity does not pull at.
     """
 
     p1: float
@@ -289,8 +327,19 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms):
     p3_offset: float = 0.0
     tilt: float = 0.0
     delay: float = 0.0
+    slow_delay: float = 0.0
+    slow_interval: float = 0.0
     back_emf: float = 0.0
     time_constant: float = 0.0
+    gravity: float = GRAVITY
+    carried_moment: float = 0.0
+
+    @property
+    def moments(self) -> tuple[float, float]:
+        """First moments in kg m of what swings, on and beside the line to the added mass."""
+        if not self.gravity:
+            return self.carried_moment, 0.0
+        return self.p3 / self.gravity, self.p3_offset / self.gravity
 
     def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
         """Return a motion in rad and rad/s of the joint under its load, and ``more`` of it."""
@@ -313,4 +362,15 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms):
             p1=self.p1 + added.inertia + self.mass_inertia * added.swung,
             p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
             coulomb=self.coulomb + self.load * added.weight,
+            **self._base_under(added),
         )
+
+    def _base_under(self, added: AddedMass) -> dict[str, float]:
+        """Return what a moving base has otherwise under ``added``: the mass moves with it."""
+        slower = math.sqrt(1 + self.base_frequency**2 * self.base_compliance * added.mass)
+        return {
+            "base_frequency": self.base_frequency / slower,
+            "base_damping": self.base_damping / slower,
+            "gravity": added.gravity,
+            "carried_moment": self.carried_moment + added.mass * added.arm,
+        }

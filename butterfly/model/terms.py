@@ -235,6 +235,20 @@ class LoopTerms:
     latency: float = 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class BaseTerms:
+    """A base that gives, horizontally: mass on a spring and damper (see `kernel.moving_base`)."""
+
+    base_compliance: float = 0.0
+    base_frequency: float = 25.0
+    base_damping: float = 0.7
+
+    @property
+    def base_gives(self) -> bool:
+        """True for a base that moves."""
+        return self.base_compliance > 0
+
+
 _COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
 _ROUNDS = 30  # of friction that grows with the torque that overcomes it
@@ -247,6 +261,9 @@ DRIVE = tuple(field.name for field in fields(DriveTerms))
 LOOP_TERMS = tuple(field.name for field in fields(LoopTerms))
 """Names of the terms of a servo's loop: its gains, and its latency."""
 
+BASE_TERMS = tuple(field.name for field in fields(BaseTerms))
+"""Names of the terms of a moving base."""
+
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
     *("harmonic-balance", "weak-form", "output-error"),
@@ -256,6 +273,10 @@ _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
 
 def _tenth(_torque: float, _speed: float, _rate: float) -> float:
     return 0.1
+
+
+def _thousandth(_torque: float, _speed: float, _rate: float) -> float:
+    return 1e-3
 
 
 def _excess(m: Motion) -> Any:  # noqa: ANN401 - in the motion's shape
@@ -290,6 +311,12 @@ _ROWS = (
          looks_like="Coulomb friction", offered=frozenset({_ORBIT})),
     Term("delay", "delay", "s", "from recorded input to torque",
          of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate),
+    Term("slow_delay", "slow delay", "s",
+         "delay that comes in the slow regime of a clock whose sampling interval switches",
+         of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate,
+         offered=frozenset({_OUTPUT})),
+    Term("slow_interval", "slow interval", "s",
+         "mean sampling interval, above which a clock is in its slow regime", lower=0.0),
     Term("drag", "drag", "N m s²/rad²", "proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
@@ -357,6 +384,14 @@ _ROWS = (
          "angle of the axis out of the horizontal, seen in the weight of added masses",
          lower=0.0, sign_observable=False, size=_tenth,
          offered=frozenset({_OUTPUT})),
+    Term("base_compliance", "base compliance", "m/N",
+         "of the spring on which the base gives; 0 for one that stands still",
+         lower=0.0, state="base", size=_thousandth, offered=frozenset({_OUTPUT})),
+    Term("base_frequency", "base frequency", "rad/s", "natural frequency of the bare base",
+         lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,
+         follows="base_compliance", offered=frozenset({_OUTPUT})),
+    Term("base_damping", "base damping", "–", "damping ratio of the bare base",
+         lower=0.0, state="base", size=_tenth, offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
          basis=lambda m: -np.sin(m.periods * m.angle),
          potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
@@ -418,7 +453,8 @@ COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["str
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """What grows with the scale of all torques."""
 
-SHARES = dict.fromkeys(GROWING, 1.0) | {row.name: -1.0 for row in _ROWS if row.unit == "1/(N m)"}
+SHARES = dict.fromkeys(GROWING, 1.0)
+SHARES |= {row.name: -1.0 for row in _ROWS if row.unit in {"1/(N m)", "m/N"}}
 """Power of the scale with which each changes that does."""
 
 TORQUES = {row.name for row in _ROWS if row.basis or row.derivative} & GROWING - {"load"}

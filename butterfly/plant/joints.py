@@ -14,9 +14,9 @@ from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
 from butterfly.model.kernel.equation import Constants, State, friction_at, least_steps
-from butterfly.model.kernel.steps import interval
+from butterfly.model.kernel.integrate import interval
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
-from butterfly.plant.mjcf import compile_model
+from butterfly.plant.mjcf import compile_model, hinge_of
 from butterfly.plant.motor import LARGEST_ANGLE
 from butterfly.plant.robot import Assistance, Robot
 
@@ -52,6 +52,7 @@ class Joint(ABC):
         self.input_kind = robot.input_kind
         self._loaded = robot.loaded(added)
         self._constants = Constants.of(self._loaded)
+        self._moving = True if robot.base else None
         self._initial = float(angle), float(velocity)
 
     @property
@@ -73,10 +74,10 @@ class Joint(ABC):
         """Move on for ``duration`` s with ``command`` held."""
 
     @abstractmethod
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the (n,) true angles in rad at ``stamps`` in s of a whole run.
 
-        Each of the (n,) commands is held from ``delay`` s after its instant until the next does:
+        Each of the (n,) commands is held from its ``arrivals`` in s, none before it, to the next:
         the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
         """
 
@@ -120,6 +121,7 @@ class MujocoJoint(Joint):
         self.model = compile_model(robot, added, scene=scene)
         self.data = data = mujoco.MjData(self.model)
         self._options, self._length = self.model.opt, 0.0
+        self._hinge = hinge_of(self.model)
         # looking a column up costs as much as reading it, and an array's element twice a view's
         self._position: memoryview[float] = memoryview(data.qpos)
         self._velocity: memoryview[float] = memoryview(data.qvel)
@@ -134,17 +136,18 @@ class MujocoJoint(Joint):
     @property
     def angle(self) -> float:
         """True angle in rad."""
-        return self._position[0]
+        return self._position[self._hinge]
 
     @property
     def velocity(self) -> float:
         """True velocity in rad/s."""
-        return self._velocity[0]
+        return self._velocity[self._hinge]
 
     def reset(self) -> None:
         """Go back to how it began."""
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[0], self.data.qvel[0] = self._initial
+        hinge = self._hinge
+        self.data.qpos[hinge], self.data.qvel[hinge] = self._initial
         if self._armature is not None:
             self._armature.current = 0.0
 
@@ -171,23 +174,22 @@ class MujocoJoint(Joint):
         if not self._sticks_harder:
             self._step(command, count)
             return
-        half = 0.5 * self._options.timestep
+        half, hinge = 0.5 * self._options.timestep, self._hinge
         for _ in range(count):  # friction is set anew for the middle of each step
-            speed = self._velocity[0] + half * self.data.qacc[0]
+            speed = self._velocity[hinge] + half * self.data.qacc[hinge]
             if self._armature and self._drive:
                 motor = self._armature.current * self._drive.torque_constant
             else:
                 motor = self._loaded.p4 * command - self._constants.back_emf * speed
-            angle = self._position[0] + half * self._velocity[0]
-            self.model.dof_frictionloss[0] = friction_at(angle, speed, motor, self._constants)
+            angle = self._position[hinge] + half * self._velocity[hinge]
+            self.model.dof_frictionloss[hinge] = friction_at(angle, speed, motor, self._constants)
             self._step(command, 1)
 
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`."""
         self.reset()
-        switches = stamps + delay
-        edges = np.union1d(stamps, switches[switches < stamps[-1]])
-        latest = np.searchsorted(switches, edges[:-1], side="right")
+        edges = np.union1d(stamps, arrivals[arrivals < stamps[-1]])
+        latest = np.searchsorted(arrivals, edges[:-1], side="right")
         held = np.concatenate([[0.0], commands])[latest]
         return self.follow(held, np.diff(edges))[np.searchsorted(edges, stamps)]
 
@@ -198,6 +200,7 @@ class MujocoJoint(Joint):
         counts = np.ceil(durations / LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
         steps = durations / counts
         model, data, step, position = self.model, self.data, mujoco.mj_step, self._position
+        hinge = self._hinge
         reached = [self.angle]  # what is done here is done a million times
         for command, length, count in zip(
             commands.tolist(), steps.tolist(), counts.tolist(), strict=True
@@ -205,7 +208,7 @@ class MujocoJoint(Joint):
             self._options.timestep = self._length = length
             self._command[0] = command
             step(model, data, count)
-            reached.append(position[0])
+            reached.append(position[hinge])
         return np.array(reached)
 
     def _step(self, command: float, count: int) -> None:
@@ -305,15 +308,17 @@ class GreyBoxJoint(Joint):
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in the equal steps of `steps_of`."""
-        self._state = _hold(self._constants, self._state, self._loaded.p4 * command, duration)
+        torque = self._loaded.p4 * command
+        self._state = _hold(self._constants, self._state, torque, duration, self._moving)
 
-    def angles_under(self, stamps: Samples, commands: Samples, delay: float) -> Samples:
+    def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`.
 
         NaN from the instant on at which the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
-        return np.asarray(_follow(self._constants, self._state, stamps, torques, delay))
+        told = (stamps, torques, arrivals, self._moving)
+        return np.asarray(_follow(self._constants, self._state, *told))
 
     @property
     def _armature_current(self) -> float:
@@ -324,7 +329,14 @@ _steps_of = compiled(steps_of)
 
 
 @compiled
-def _follow(c: Constants, state: State, stamps: Samples, torques: Samples, delay: float) -> Samples:
+def _follow(  # noqa: PLR0917 - compiled functions take no names
+    c: Constants,
+    state: State,
+    stamps: Samples,
+    torques: Samples,
+    arrivals: Samples,
+    moving: bool | None,
+) -> Samples:
     angles = np.full(stamps.size, np.nan)
     torque = 0.0
     following = 0
@@ -335,20 +347,20 @@ def _follow(c: Constants, state: State, stamps: Samples, torques: Samples, delay
         if k + 1 == stamps.size:
             break
         now, end = stamps[k], stamps[k + 1]
-        while following <= k and stamps[following] + delay < end:
-            instant = stamps[following] + delay
+        while following <= k and arrivals[following] < end:
+            instant = arrivals[following]
             if instant > now:
-                state = _hold(c, state, torque, instant - now)
+                state = _hold(c, state, torque, instant - now, moving)
                 now = instant
             torque = torques[following]
             following += 1
-        state = _hold(c, state, torque, end - now)
+        state = _hold(c, state, torque, end - now, moving)
     return angles
 
 
 @compiled
-def _hold(c: Constants, state: State, torque: float, duration: float) -> State:
+def _hold(c: Constants, state: State, torque: float, duration: float, moving: bool | None) -> State:
     count = _steps_of(duration)
     for _ in range(count):
-        state = interval(state, (torque, torque, torque), duration / count, c)
+        state = interval(state, (torque, torque, torque), duration / count, c, moving)
     return state

@@ -14,6 +14,7 @@ from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
     AddedMass,
+    Base,
     Drive,
     LumpedParameters,
     VoltageDrive,
@@ -76,6 +77,11 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
+def hinge_of(model: mujoco.MjModel) -> int:
+    """Return where a model's joint stands among all that move, after a base of its own."""
+    return int(model.joint("hinge").dofadr[0])
+
+
 def text_of(root: ElementTree.Element) -> str:
     """Return a model as text."""
     return ElementTree.tostring(root, encoding="unicode")
@@ -121,6 +127,8 @@ def built(
     inertial.set("diaginertia", " ".join([repr(robot.inertia_of(added))] * 3))
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
+    if robot.base:
+        _insert_base(root, robot.base, robot.base.mass - robot.hand.mass)
     _set_motor(named(root, "motor"), robot.drive, commands_current=assisted)
     actuators = next(root.iter("actuator"))
     actuators.extend(_pulls(friction))
@@ -163,6 +171,21 @@ def _insert_clutch(root: ElementTree.Element, clutch: Clutch) -> None:
         solreflimit="0.004 1",
     )
     hand.insert(0, play)
+
+
+def _insert_base(root: ElementTree.Element, base: Base, mass: float) -> None:
+    """Put all that moves on a base, with a mass of its own in kg, on its spring and damper."""
+    world = next(root.iter("worldbody"))
+    carried = [each for each in world if each.tag == "body"]
+    body = ElementTree.SubElement(world, "body", name="base")
+    slide = {"stiffness": repr(1 / base.compliance), "damping": repr(base.friction)}
+    joint = {"name": "base", "type": "slide", "axis": "1 0 0"} | slide
+    ElementTree.SubElement(body, "joint", joint)
+    tiny = " ".join([repr(mass)] * 3)  # it does not turn
+    ElementTree.SubElement(body, "inertial", pos="0 0 0", mass=repr(mass), diaginertia=tiny)
+    for each in carried:
+        world.remove(each)
+        body.append(each)
 
 
 def _pulls(p: LumpedParameters) -> list[ElementTree.Element]:

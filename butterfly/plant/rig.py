@@ -32,8 +32,8 @@ from butterfly.signals.excitations import Excitation, Table, initial_angle
 class SimulatedMotor:
     """A motor whose joint is simulated, with a command path and an encoder, its noise from ``rng``.
 
-    A delayed command takes effect at its own instant, not at the next cycle. The command of a
-    ``servo`` is its set-point.
+    A delayed command takes effect at its own instant, not at the next cycle; regimes of the
+    ``clock`` delay it further. The command of a ``servo`` is its set-point.
     """
 
     def __init__(
@@ -42,11 +42,12 @@ class SimulatedMotor:
         *,
         path: CommandPath = CommandPath(),
         encoder: Encoder = Encoder(),
+        clock: Clock = Clock(),
         rng: np.random.Generator | None = None,
         servo: Servo | None = None,
     ) -> None:
-        self._joint, self._servo = joint, servo
-        self._path, self._is_open = path, path == CommandPath()
+        self._joint, self._servo, self._clock = joint, servo, clock
+        self._path, self._is_open = path, path == CommandPath() and not clock.regimes
         self._encoder = encoder
         self._rng = rng or np.random.default_rng(0)
         self._pending: deque[tuple[float, float]] = deque()
@@ -79,8 +80,12 @@ class SimulatedMotor:
         value = path.shape(value)
         delivered = path.delivered(value)
         held = self._servo is not None and self._time == 0  # from before the first
-        if path.delay > 0 and not held:
-            self._pending.append((self._time + path.delay, delivered))
+        late = path.delay
+        if self._clock.regimes:
+            late += float(self._clock.late(np.array([self._time]))[0])
+        if (late > 0 or self._pending) and not held:
+            last = self._pending[-1][0] if self._pending else 0.0
+            self._pending.append((max(self._time + late, last), delivered))
         else:
             self._applied = delivered
         return value
@@ -143,7 +148,7 @@ class Rig:
         """Whether MuJoCo does whole runs: all its steps have one length then, and need no help."""
         if self.simulator is Simulator.GREY_BOX or self.servo is not None:
             return False
-        return self.clock.jitter == 0 and self.path.delay == 0 and not self.robot.assistance
+        return self.clock.even and self.path.delay == 0 and not self.robot.assistance
 
     def joint(
         self, added: AddedMass, angle: float = 0.0, *, scene: bool = False
@@ -161,7 +166,9 @@ class Rig:
             off = tuple((a + path.delay, b + path.delay) for a, b in self.torque_off)
             servo = Servo(self.servo, own, off, self.supply)
             path = replace(path, **vars(IDEAL))
-        motor = SimulatedMotor(joint, path=path, encoder=self.encoder, rng=rng, servo=servo)
+        motor = SimulatedMotor(
+            joint, path=path, encoder=self.encoder, clock=self.clock, rng=rng, servo=servo
+        )
         return ControlLoop(motor, clock=self.clock, rng=rng)
 
     def run(

@@ -8,10 +8,12 @@ from enum import StrEnum
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import InputKind
+from butterfly.model.greybox import require_plain_base
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
     AddedMass,
+    Base,
     Drive,
     Friction,
     Hand,
@@ -20,6 +22,7 @@ from butterfly.model.parameters import (
     TorqueDrive,
     VoltageDrive,
 )
+from butterfly.model.terms import BASE_TERMS
 
 HAND_MASS = 0.3
 """Mass in kg of an identified hand if none is given; the motion does not depend on it."""
@@ -40,6 +43,10 @@ class Clutch:
         )
 
 
+PARTS = ("hand", "drive", "friction", "clutch", "base")
+"""What a robot consists of."""
+
+
 class Assistance(StrEnum):
     """What MuJoCo alone cannot do for a robot, and `butterfly.plant.joints.MujocoJoint` does."""
 
@@ -50,14 +57,24 @@ class Assistance(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A hand, what drives it, what brakes it, and what is between; no clutch is a rigid one."""
+    """A hand, what drives it, what brakes it, what is between, and what it stands on.
+
+    No clutch is a rigid one, no base one that stands still.
+    """
 
     hand: Hand
     drive: Drive
     friction: Friction
     clutch: Clutch | None = None
+    base: Base | None = None
 
     def __post_init__(self) -> None:
+        if self.base:
+            require_plain_base(self.lumped)
+            if not self.base.mass > self.hand.mass:
+                found = f"a mass of {self.base.mass:g} kg"
+                expected = f"more than the {self.hand.mass:g} kg of the hand that it carries"
+                raise InputError("Base", "compliance", found, expected)
         if self.clutch and not self.clutch.rotor_inertia < self.hand.inertia:
             raise InputError(
                 "Clutch",
@@ -80,8 +97,13 @@ class Robot:
             raise InputError("Hand", "p1", plain.p1, "more than 0 kg m², for a hand to be possible")
         pull = GRAVITY * math.cos(plain.tilt)
         least = (math.hypot(plain.p3, plain.p3_offset) / pull) ** 2 / plain.p1
+        base = None
+        if plain.base_gives:
+            base = Base(**{name.removeprefix("base_"): getattr(plain, name) for name in BASE_TERMS})
         if mass is None:
             mass = HAND_MASS if least < HAND_MASS else _AMPLE * least
+            if base and not mass < base.mass:
+                mass = (least + base.mass) / 2
         if not mass > max(least, 0.0):
             expected = f"more than {least:.3g} kg, for p1 and p3 to be possible; or none"
             raise InputError("Hand", "mass (--hand-mass)", mass, f"{expected}, to have one chosen")
@@ -93,16 +115,17 @@ class Robot:
             inertia=plain.p1 - mass * (distance**2 + offset**2),
             tilt=plain.tilt,
         )
-        friction = Friction(viscous=plain.p2 - plain.back_emf, **plain.terms())
+        back_emf = min(plain.back_emf, plain.p2)  # of p2 a part, whatever noise makes of it
+        friction = Friction(viscous=plain.p2 - back_emf, **plain.terms())
         drive: Drive = TorqueDrive(gain=plain.p4)
-        if plain.back_emf:  # of a motor of 1 Ohm
+        if back_emf:  # of a motor of 1 Ohm
             drive = VoltageDrive(
                 resistance=1.0,
                 torque_constant=plain.p4,
-                back_emf_constant=plain.back_emf / plain.p4,
+                back_emf_constant=back_emf / plain.p4,
                 inductance=plain.time_constant,
             )
-        return cls(hand=hand, drive=drive, friction=friction)
+        return cls(hand=hand, drive=drive, friction=friction, base=base)
 
     @classmethod
     def of_loaded(
@@ -137,6 +160,7 @@ class Robot:
             back_emf=drive.damping,
             time_constant=drive.time_constant,
             **friction.terms(),
+            **(self.base.terms() if self.base else {}),
         )
 
     def loaded(self, added: AddedMass) -> LumpedParameters:

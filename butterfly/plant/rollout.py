@@ -24,7 +24,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.plant.firmware import Firmware
 from butterfly.plant.joints import Joint, steps_of
-from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.mjcf import compile_model, hinge_of, mount
 from butterfly.plant.rig import Rig
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked
@@ -87,12 +87,13 @@ def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
         return rig.play(added, excitation, duration, rng, joint)
     cycles = rig.clock.cycles(duration, rng)
     time = stamps_of(cycles)
-    if rig.clock.jitter == 0 and isinstance(excitation, Multisine):
+    if rig.clock.even and isinstance(excitation, Multisine):
         sampled = _on_a_regular_clock(excitation, rig.clock.step, cycles.size)
     else:
         sampled = excitation.sample(time)
     commands = rig.path.shape_all(sampled)
-    true = joint.angles_under(time, rig.path.delivered(commands), rig.path.delay)
+    arrivals = np.maximum.accumulate(time + (rig.path.delay + rig.clock.late(time)))
+    true = joint.angles_under(time, rig.path.delivered(commands), arrivals)
     return rig.record((added, excitation), time, commands, true, rng)
 
 
@@ -112,6 +113,7 @@ def _by_mujoco(
     model = compile_model(rig.robot)
     model.opt.timestep = step / substeps
     workers = [mujoco.MjData(model) for _ in range(threads)]
+    hinge = 1 + hinge_of(model)  # after time, among angles
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     with Rollout(nthread=threads) as pool:
         for batch in batches:
@@ -120,31 +122,38 @@ def _by_mujoco(
             controls = np.zeros((len(batch), count * substeps, model.nu))
             controls[:, :, 0] = np.repeat(held, substeps, axis=1)
             states = np.zeros((len(batch), size))
-            states[:, 1] = [initial_angle(run) for (_, run), _ in batch]  # time, angles, velocities
+            states[:, hinge] = [initial_angle(run) for (_, run), _ in batch]
             models = [copy.copy(model) for _ in batch]
             for own, ((added, _), _) in zip(models, batch, strict=True):
                 mount(own, rig.robot, added)
             reached, _ = pool.rollout(models, workers, states, controls)
             if any(data.warning[_BAD_ACCELERATION].number for data in workers):
                 raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
-            angles = np.column_stack([states[:, 1], reached[:, substeps - 1 :: substeps, 1]])
+            ends = reached[:, substeps - 1 :: substeps, hinge]
+            angles = np.column_stack([states[:, hinge], ends])
             for (run, rng), command, true in zip(batch, inputs, angles, strict=True):
                 yield rig.record(run, time, command, true, rng)
 
 
-def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL) -> Samples:
+def replay_input(
+    joint: Joint,
+    log: Log,
+    delay: float = 0.0,
+    drive: DriveTerms = IDEAL,
+    slow: tuple[float, float] = (0.0, 0.0),
+) -> Samples:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
-    The input is what its drive delivers, held at its mean over each step, its hold and a delay
-    in s accounted for. Steps are short: MuJoCo's Coulomb friction, which creeps at rest, is the
-    sharper the shorter they are.
+    The input is what its drive delivers, held at its mean over each step, its hold and a delay in s
+    accounted for, and the ``slow`` delay and interval of its clock's regimes. Steps are short:
+    MuJoCo's Coulomb friction, which creeps at rest, is the sharper the shorter they are.
     """
     joint.reset()
     counts = np.ceil(np.diff(log.time) / _REPLAY_STEP * (1 - 1e-9)).astype(np.intp)
     numbers = np.concatenate([[0], np.cumsum(counts)])
     instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
-    inputs = drive.delivered(log.input)
-    means = hold.mean(log.time, inputs, instants - delay, log.intersample)
+    inputs = drive.delivered(log.command[1])
+    means = hold.mean(log.arrivals(*slow), inputs, instants - delay, log.intersample)
     angles: Samples = joint.follow(means, np.diff(instants))[numbers]
     _require_motion(angles, log)
     return angles

@@ -133,6 +133,22 @@ class Faults:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ClockRegime:
+    """Another mean cycle time of a controller's clock, and what comes with it."""
+
+    begin: float
+    """In s, from which on."""
+    step: float
+    """Mean cycle time in s."""
+    delay: float = 0.0
+    """In s, by which commands come later than without it."""
+
+    def __post_init__(self) -> None:
+        require_number("ClockRegime", positive=True, unit="s", begin=self.begin, step=self.step)
+        require_number("ClockRegime", unit="s", delay=self.delay)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Clock:
     """The controller's cycle: it reads the angle, and sets the input until the next one."""
 
@@ -140,11 +156,26 @@ class Clock:
     """Mean cycle time in s."""
     jitter: float = 0.0
     """Standard deviation in s of each cycle time, normal, cut at a tenth of ``step``."""
+    regimes: tuple[ClockRegime, ...] = ()
+    """Others that follow one after the other."""
 
     def __post_init__(self) -> None:
         require_number("Clock", positive=True, unit="s", step=self.step)
         if not (math.isfinite(self.jitter) and 0 <= self.jitter <= self.step / 2):
             raise InputError("Clock", "jitter", self.jitter, "between 0 and half the step, in s")
+        if (begins := [each.begin for each in self.regimes]) != sorted(set(begins)):
+            raise InputError("Clock", "regimes", begins, "beginnings in s, one after the other")
+
+    @property
+    def even(self) -> bool:
+        """Whether all cycles are as long."""
+        return self.jitter == 0 and not self.regimes
+
+    def late(self, time: Samples) -> Samples:
+        """Return the (n,) delays in s of the regimes of commands at (n,) instants in s."""
+        delays = np.array([0.0, *(each.delay for each in self.regimes)])
+        begins = [each.begin for each in self.regimes]
+        return np.asarray(delays[np.searchsorted(begins, time, side="right")])
 
     def count(self, duration: float) -> int:
         """Return how many cycles fill about ``duration`` s, at least one."""
@@ -155,11 +186,15 @@ class Clock:
 
     def cycles(self, duration: float, rng: np.random.Generator) -> Samples:
         """Return the (n,) lengths in s of the cycles that fill about ``duration`` s."""
-        count = self.count(duration)
+        nominal = np.full(self.count(duration), self.step)
+        if self.regimes:
+            edges = [0.0, *(min(each.begin, duration) for each in self.regimes), duration]
+            steps = np.array([self.step, *(each.step for each in self.regimes)])
+            nominal = np.repeat(steps, np.rint(np.diff(edges) / steps).astype(np.intp))
         if self.jitter == 0:
-            return np.full(count, self.step)
-        steps = self.step + self.jitter * rng.standard_normal(count)
-        return np.maximum(steps, _SHORTEST * self.step)
+            return nominal
+        jittered = nominal + self.jitter * rng.standard_normal(nominal.size)
+        return np.maximum(jittered, _SHORTEST * nominal)
 
 
 def rounded(values: Samples) -> Samples:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.parameter import unit_of
+from butterfly.model.parameters import JointKind
 from butterfly.result import TextTable
 
 _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a base that gives")
@@ -28,6 +30,7 @@ _FOLLOWS = {
     Condition.TIME: "time in the log",
     Condition.DIRECTION: "the sign of the input",
     Condition.LOG: "the log",
+    Condition.REGIME: "the clock's mean sampling interval",
 }
 
 _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
@@ -46,7 +49,9 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a base that gives"),
     (Condition.FREQUENCY, "p4"): ("a lag of the drive", "a base that gives"),
     (Condition.FREQUENCY, "coulomb"): _FRICTION,
-    (Condition.SPEED, "delay"): ("backlash",),
+    (Condition.REGIME, "delay"): (
+        "the two regimes of the clock have a delay each, which output-error fits (slow_delay)",
+    ),
     (Condition.TIME, "p4"): ("the motor's resistance, which grows as it warms up", "the supply"),
 }
 """What may make a parameter follow a condition, the likeliest first."""
@@ -59,6 +64,9 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
         # the condition is 1 over the command, so that what grows with it falls with the command
         drive = "a saturation of the drive" if contrast.grows else "a dead zone of the drive"
         return (drive,) if name == "p4" else (*_FRICTION, drive)
+    if condition is Condition.SPEED:
+        # the condition is 1 over the speed; a lag that a faster joint has more of is no gap
+        return ("backlash",) if contrast.grows else _FRICTION
     if condition is Condition.LOG:
         return _SCATTER if name == "p4" else ("friction that differs from log to log",)
     if condition is Condition.WEIGHED:
@@ -78,6 +86,11 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
             f"The logs with the added mass of {given:.4g} g would agree with the others if it was "
             f"{wanted:.4g} g: {first}{alike}?"
         )
+    if contrast.play > 0:
+        size = f"{contrast.play:.2g} {estimate.joint.way}"
+        if estimate.joint is JointKind.HINGE:
+            size += f" ({math.degrees(contrast.play):.2g}°)"
+        first = f"{first}, about {size} from stop to stop"
     unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
     low, high = contrast.first, contrast.last
     if contrast.condition in {Condition.COMMAND, Condition.SPEED}:  # the condition is 1 over it

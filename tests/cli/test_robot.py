@@ -1,6 +1,7 @@
 """The robot: watched, drawn, told and exported."""
 
 import gc
+import json
 import re
 
 import mujoco
@@ -131,6 +132,18 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
     assert f"Model: {tmp_path / 'q.xml'}, with steps of 1 ms" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
     assert model.dof_damping[0] == 2e-4
+
+
+def test_a_servo_is_exported_for_bam(answer, tmp_path):
+    asked = ("--to", "bam", "--out", tmp_path / "s.json")
+    out = done(answer("export", "servo", *asked))
+    told = json.loads((tmp_path / "s.json").read_text())
+    assert f"BAM's {told['model']} of xl330" in out
+    assert all(sentence in " ".join(out.split()) for sentence in told["notes"])
+    assert_one_line_error(answer("export", "quickstart", *asked), "--actuator")
+    assert_one_line_error(
+        answer("export", "servo", "--actuator", "mx64", "--out", tmp_path / "s.xml"), "--to bam"
+    )
 
 
 @pytest.mark.parametrize("source", ["saved", "data"])

@@ -10,7 +10,7 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
 from butterfly.model.prior import Prior
-from butterfly.model.terms import PARAMETERS, TERMS, offered
+from butterfly.model.terms import LOOP_TERMS, PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
@@ -75,12 +75,15 @@ def _simulated(robot, term, terms):
     return estimator.of_logs(wild(robot, duration=8.0), START)
 
 
+ELSEWHERE = {"tilt", "back_emf", *LOOP_TERMS}
+"""Terms with a test of their own: the first below, those of servos in test_servo_drive.py."""
+
 METHODS = {"harmonic-balance": _balanced, "weak-form": _averaged, "output-error": _simulated}
 
 
 @pytest.mark.parametrize(
     ("method", "term"),
-    [(method, term) for method in METHODS for term in offered(method) if term != "tilt"],
+    [(method, term) for method in METHODS for term in offered(method) if term not in ELSEWHERE],
 )
 def test_a_term_is_recovered(method, term):
     robot, truth = replace(ROBOT, **PRESENT[term]), PRESENT[term][term]

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from itertools import islice
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -11,17 +11,16 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators.multistart import starts
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import simulated
-from butterfly.identification.segments import is_segmented
 from butterfly.identification.servo_drive import driven, driven_alone
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.servo import LAWS, Output, ServoLoop
+from butterfly.model.terms import LOOP_TERMS
 from butterfly.report.format import fit_text
 from butterfly.report.identification_page import identification_page
 from butterfly.report.summary import loop_rows
@@ -146,7 +145,9 @@ def test_a_rebuilt_drive_is_that_of_set_points_that_arrive_late():
     assert driven_alone(recorded, JOINT).input is recorded.input
 
 
-@pytest.mark.parametrize("law, gain, lag", [("odrive-velocity", "kp", 2e-3), ("moteus", "kd", 8e-4)])
+@pytest.mark.parametrize(
+    ("law", "gain", "lag"), [("odrive-velocity", "kp", 2e-3), ("moteus", "kd", 8e-4)]
+)
 def test_firmware_sees_a_velocity_through_its_filter(law, gain, lag):
     servo = ServoLoop.of({"law": law, "kp": 1e-9, gain: 2.0, "clock": 4.25e-3})  # a sample's
     told = {"input_kind": "setpoint", "servo": servo, "velocity": 40 * TIME}
@@ -158,12 +159,13 @@ def test_firmware_sees_a_velocity_through_its_filter(law, gain, lag):
 SIMPLE = LumpedParameters(p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.01)
 
 
-def _simulated(*goals, joint=SIMPLE, **told):
+def _simulated(*goals, joint=SIMPLE, enabled=None, gains=MappingProxyType({}), **told):
     """The data set of a servo of kp 20 that followed some goals, its loop as told."""
-    servo = ServoLoop.of({"law": "pid-voltage", "kp": 20.0, "limit": 6.0})
+    servo = ServoLoop.of({"law": "pid-voltage", "kp": 20.0, "limit": 6.0, **gains})
     logs = []
     for number, goal in enumerate(goals):
         log = Log(TIME, input=goal, angle=0 * TIME, input_kind="setpoint", servo=servo)
+        log = replace(log, enabled=enabled)
         angle = Simulation(driven(log), joint).run(joint, 0.0).at(TIME)
         own = replace(servo, **told)
         logs.append(replace(log, angle=angle, servo=own, zero=Known(value=0.0), name=f"{number}"))
@@ -187,22 +189,14 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
         OutputError(terms=(), servo_loop="open")(data)
 
 
-def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
-    data = _simulated(GOAL, GOAL[::-1].copy(), joint=replace(SIMPLE, delay=0.018))
-    (first,) = islice(starts(data, ()), 1)
-    begun, _ = OutputError(terms=())._by_segments(data.logs, first, data.known)
-    assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
-    assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
-
-
-def test_a_loop_of_speed_keeps_where_it_began_and_a_fit_finds_out():
-    whole, still = {"horizon": np.inf, "velocity_known": False}, np.maximum(TIME - 0.5, 0.0)
-    of_speed, of_angle = (
-        replace(_log(law), angle=still) for law in ("dynamixel-x-velocity", "dynamixel-x")
-    )
-    assert is_segmented(of_speed, JOINT, **whole)
-    assert not is_segmented(of_angle, JOINT, **whole)
-    assert is_segmented(replace(of_angle, angle=np.sin(TIME)), JOINT, **whole)  # nor is it at rest
+@pytest.mark.parametrize("term", ["back_emf", *LOOP_TERMS])
+def test_a_term_of_a_servo_is_recovered(term):
+    """The back EMF is that part of p2 which is gone where the servo is off."""
+    size = {"back_emf": 0.02, "latency": 0.006}.get(term, 1.2)
+    joint = replace(SIMPLE, **{term: size})
+    off = ENABLED if term == "back_emf" else None
+    data = _simulated(GOAL, joint=joint, enabled=off, gains={"ki": 5.0, "kd": 0.4})
+    assert _values(OutputError(terms=(term,))(data))[term] == pytest.approx(size, rel=0.01)
 
 
 def test_a_fit_with_the_loop_open_follows_the_drive():

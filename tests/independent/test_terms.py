@@ -4,6 +4,7 @@ A joint of the program stands beside none of these: dead zones are of the comman
 inertias of the integrator, and friction that differs by direction of a time stepping written here.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.identify import identify
+from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.conditions import Condition
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
+from butterfly.report.agreement_texts import causes
 from butterfly.verdict import Level
 from tests.independent import defects
 
@@ -74,6 +77,22 @@ def test_what_a_parameter_follows_and_why_is_in_the_second_line(row):
     expected, cause = CAUSES[row]
     assert (followed or [None])[0] == expected
     assert cause in found.judged.lines[1]
+
+
+@pytest.mark.parametrize(("number", "method"), [(0, "harmonic-balance"), (5, "output-error")])
+def test_backlash_is_named_with_its_size(number, method):
+    """Sines by their responses; chirps and sums of sines by their free runs."""
+    found = identify(DataSet.of(defects.draw("backlash", number).logs), METHODS[method])
+    told = re.search(r"backlash, about (\S+) rad \((\S+)°\) from stop", found.judged.lines[1])
+    assert float(told[1]) == pytest.approx(np.radians(0.3), rel=0.3)
+    assert float(told[2]) == pytest.approx(0.3, rel=0.3)
+
+
+def test_a_delay_that_grows_with_the_speed_is_no_backlash():
+    contrast = Contrast(parameter="delay", condition=Condition.SPEED, least=1.0, largest=2.0,
+                        first=0.01, last=0.002, share=0.5, chance=0.0)  # fmt: skip
+    assert contrast.play < 0
+    assert "backlash" not in " ".join(causes(contrast))
 
 
 def test_a_resistance_that_friction_by_load_hides_is_seen_by_free_runs():

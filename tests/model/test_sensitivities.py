@@ -11,7 +11,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import LOOP_TERMS, TERMS
+from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, TERMS
 from butterfly.signals import hold
 from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings, instants
 
@@ -26,6 +26,7 @@ GEAR = {
     "lifting_stribeck": 2.0,
     "lowering_stribeck": 1.0,
 }
+BASE = {"base_compliance": 2e-3, "base_frequency": 25.0, "base_damping": 0.3}
 REGIMES = {
     "sliding": (SLIDING, 1.0),
     "sticking": (replace(SLIDING, **STICKY), 0.5),
@@ -40,11 +41,13 @@ REGIMES = {
     "gear, lag, sticking": (replace(SLIDING, **GEAR, **SLOW, **STICKY), 0.5),
     "bristles": (replace(SLIDING, **BRISTLES), 1.0),
     "lag and bristles": (replace(SLIDING, **LAG, **BRISTLES), 1.0),
+    "base": (replace(SLIDING, **BASE), 1.0),
+    "base, sticking": (replace(SLIDING, **BASE, **STICKY), 0.5),
     "no friction": (replace(SLIDING, coulomb=0.0, load=0.0, stribeck=0.0), 1.0),
 }
 FREE = REGIMES["no friction"][0]
 FRICTION = ("coulomb", "load", "stribeck")
-INVERSE = ["lifting_stribeck", "lowering_stribeck"]  # of a torque
+INVERSE = ["lifting_stribeck", "lowering_stribeck", "base_compliance"]
 START = (0.3, 0.1)
 GRID = np.arange(0, 4.0, 0.01)
 
@@ -56,6 +59,7 @@ class _Log:
         clock = np.random.default_rng(seed)
         self.time = np.cumsum(clock.uniform(0.001, 0.003, 1 + int(grid[-1] / 0.002)))
         self.input = 0.5 * scale * np.sin(4 * self.time)
+        self.slow = self.time > self.time[-1] / 2
         self.intersample, self.grid = intersample, grid
         self.readings = angle_readings(grid.size - 1)
 
@@ -67,14 +71,17 @@ class _Log:
         """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
         p, columns = parameters, Columns.of(names, parameters, added)
         slopes = [self._parabolas(each, p)[:1] for each in p.slopes(self.input).values()]
-        inputs = np.concatenate([self._parabolas(p.delivered(self.input), p), *slopes])
+        delivered = p.delivered(self.input)
+        late = np.cumsum(np.diff(delivered, prepend=delivered[0]) * self.slow)
+        slow = self._parabolas(late, p)[1:]
+        inputs = np.concatenate([self._parabolas(p.delivered(self.input), p), slow, *slopes])
         loaded = p.with_added_mass(added)
         values, rows = differentiate(loaded, self.grid, inputs, START, self.readings, columns)
         return values, rows @ columns.mixture
 
     def _parabolas(self, inputs, parameters):
-        shifted = self.grid - parameters.delay
-        return hold.parabolas(self.time, inputs, shifted, self.intersample)
+        shifted, time = self.grid - parameters.delay, self.time + parameters.slow_delay * self.slow
+        return hold.parabolas(time, inputs, shifted, self.intersample)
 
     def moved(self, name, by, parameters):
         """Return the angles after one parameter was moved."""
@@ -87,8 +94,9 @@ class _Log:
 def _differentiable(p):
     """Return all names by which there is a derivative."""
     without = set() if p.time_constant else {"time_constant", "back_emf"}
-    without |= {*LOOP_TERMS}  # of no joint that its input drives
+    without |= {*LOOP_TERMS, "slow_interval"}  # of no joint that its input drives
     without |= {*GEAR} if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
+    without |= {*GEAR} if p.base_gives else {*BASE_TERMS}
     without |= set() if p.coulomb else {*FRICTION}
     without |= set() if p.motor_friction else {*GEAR}  # not below 0, whose derivative it has there
     return [name for name in (*TERMS, *INITIAL) if name not in without]
@@ -118,7 +126,7 @@ def test_derivatives_by_every_row_are_those_of_differences_of_simulations(regime
         errors[name] = _error(row, lambda h, name=name: log.moved(name, h, parameters), steps)
         moves = parameters.stribeck or name != "stribeck_velocity"
         assert np.linalg.norm(row) > 0 or not moves
-    allowed = dict.fromkeys(names, 1e-5) | {"delay": 1e-3}
+    allowed = dict.fromkeys(names, 1e-5) | {"delay": 1e-3, "slow_delay": 2e-3}
     assert {name: error for name, error in errors.items() if error > allowed[name]} == {}
 
 
@@ -133,6 +141,19 @@ def test_without_friction_the_derivative_by_it_is_that_of_friction_that_begins()
         ]
         nearest = min(np.linalg.norm(each - row) for each in differences)
         assert nearest < 1e-5 * np.linalg.norm(row)
+
+
+@pytest.mark.parametrize("joint", [SLIDING, replace(SLIDING, **STICKY)])
+def test_the_derivative_by_a_compliance_of_0_is_that_of_a_base_that_begins_to_give(joint):
+    log = _Log(0.5, grid=np.arange(0, 4.0, 0.005))
+    values, (row,) = (each.T for each in log.sensitivities(["base_compliance"], joint))
+    np.testing.assert_allclose(values, log.angles(joint), atol=1e-12)
+    h = 1e-8
+    difference = (
+        4 * log.moved("base_compliance", h, joint) - 3 * values
+        - log.moved("base_compliance", 2 * h, joint)
+    ) / (2 * h)  # fmt: skip
+    assert np.linalg.norm(difference - row) < 1e-5 * np.linalg.norm(row)
 
 
 @pytest.mark.parametrize(

@@ -67,8 +67,9 @@ def _example_of_slip(slip):
 
 
 def _said_of(condition):
-    numbers = dict.fromkeys(("least", "largest", "first", "share", "chance"), 0.01)
-    contrast = Contrast(parameter="p4", condition=condition, last=0.02, **numbers)
+    numbers = dict.fromkeys(("least", "first", "share", "chance"), 0.01)
+    ends = {"largest": 0.02, "last": 0.02}
+    contrast = Contrast(parameter="p4", condition=condition, **ends, **numbers)
     return contrast_text(contrast, SimpleNamespace(input_kind=None, joint=JointKind.HINGE))
 
 

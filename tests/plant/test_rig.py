@@ -10,7 +10,7 @@ from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, SimulatedMotor, Simulator
 from butterfly.plant.robot import Clutch
 from butterfly.plant.rollout import simulate_runs
-from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.plant.sensors import Clock, ClockRegime, Encoder, Faults
 from butterfly.signals.excitations import Chirp, FreeDecay, Multisine
 from tests.plant.setting import ADDED, FINE, MOTOR, SINE, robot
 
@@ -22,11 +22,16 @@ ROUGH = replace(
     encoder=Encoder(noise=1e-3),
     faults=Faults(dropped=0.1, duplicated=0.1),
 )
+REGIMES = (
+    ClockRegime(begin=0.1, step=8e-4, delay=2.5e-3),
+    ClockRegime(begin=0.2, step=1.2e-3),
+)
 STEP_BY_STEP = {
     "jitter": replace(PLAIN, clock=Clock(jitter=1e-4)),
     "delay": replace(PLAIN, path=CommandPath(delay=0.0033)),
     "delay, jitter": replace(PLAIN, clock=Clock(jitter=3e-4), path=CommandPath(delay=0.003)),
     "delay of a cycle": replace(PLAIN, path=CommandPath(delay=0.001)),
+    "regimes": replace(PLAIN, clock=Clock(jitter=1e-4, regimes=REGIMES)),
     "inductance": Rig(robot=robot(replace(MOTOR, inductance=0.002), coulomb=3e-4)),
     "Stribeck": Rig(robot=robot(**STICKS)),
     "bristles": Rig(robot=robot(**STICKS, bristle_stiffness=1.0)),

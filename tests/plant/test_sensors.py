@@ -5,6 +5,7 @@ from butterfly.errors import InputError
 from butterfly.plant.sensors import (
     BandLimitedNoise,
     Clock,
+    ClockRegime,
     Encoder,
     Faults,
     FilteredDifference,
@@ -49,6 +50,9 @@ def test_the_encoder_reads_whole_steps_around_the_true_angle():
         lambda: Faults(duplicated=-0.1),
         lambda: Clock(step=0),
         lambda: Clock(step=1e-3, jitter=1e-3),
+        lambda: ClockRegime(begin=1.0, step=0.0),
+        lambda: ClockRegime(begin=1.0, step=1e-3, delay=-1e-3),
+        lambda: Clock(regimes=2 * (ClockRegime(begin=1.0, step=1e-3),)),
         lambda: Encoder(steps=0),
         lambda: Encoder(noise=-1),
         lambda: FilteredDifference(0.0),

@@ -27,7 +27,6 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
     LOCAL,
-    OF_SERVO,
     FreeRunResiduals,
     tried,
 )
@@ -40,6 +39,7 @@ from butterfly.identification.estimators.gauss_newton import (
 )
 from butterfly.identification.estimators.local_parameters import Key
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
+from butterfly.identification.estimators.servo_start import servo_start
 from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
@@ -52,21 +52,15 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
+from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
-from butterfly.identification.servo_drive import driven_alone
-from butterfly.logs.log import Log
-from butterfly.model.linear import resonance_frequency
+from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
-from butterfly.model.prior import NO_PRIOR, Known, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, GEAR, LOOP_TERMS, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.prior import NO_PRIOR, Penalty, Prior
+from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-_PASSES = 4  # of a descent at another delay,
-_PARABOLAS = 2  # and how often one is sought at the vertex of the last ones
-_GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +189,7 @@ class OutputError(Estimator):
         rarer = self._unseen(begun) - {*tried(logs)}
         absent, enough, rounds = rarer, self._has_one_end, 0
         if any(log.closed for log in logs):
-            start, terms = self._by_segments(logs, begun[0], reference.fixed)
+            start, terms = servo_start(self, logs, begun[0], reference.fixed)
             begun = [start, *begun]
             if self.terms is None:
                 absent, rounds = {*tried(logs), *RARER} - {*terms}, FEW
@@ -206,26 +200,10 @@ class OutputError(Estimator):
             (each.without(absent) for each in chain([wide], others)), enough=enough
         )
         rivals: tuple[Samples, ...] = ()
-        always, lacking = tuple(known.uncertain), None
-        plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
-        while self.terms is None and not out_of_time("the choice of terms"):
-            here = wide.without(rarer)
-            same = here.keys == problem.keys and not lacking
-            point, at = (end.point, end.at) if same else here.about(problem, end.point)
-            choice, before = here.choose_terms(point, at, always), {*problem.keys}
-            problem, end, rivals = here.fitted(choice)
-            rounds -= 1
-            if rounds > 0 and {*problem.keys} != before:
-                continue  # where fewer terms ended others may have looked like nothing
-            idle = {*tried(logs)} - {name for name, _ in problem.keys}
-            lacking = wide.without(idle).lacking(problem, end.point)
-            if lacking is None:
-                if plain and contrasts_of(problem.solved(end), problem.conditions):
-                    problem, end, rivals, choice = plain  # it is no such term
-                said = (*said, *choice.findings)
-                break
-            plain = plain or (problem, end, rivals, choice)
-            rarer, always = rarer - {lacking}, (*always, lacking)
+        if self.terms is None and not out_of_time("the choice of terms"):
+            always = tuple(known.uncertain)
+            problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always, rounds)
+            said = (*said, *more)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
@@ -296,7 +274,7 @@ class OutputError(Estimator):
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return FreeRunResiduals.of(
             logs,
-            replace(start, cogging_periods=self.cogging_periods),
+            replace(start, cogging_periods=self.cogging_periods, slow_interval=slow_interval(logs)),
             zeros,
             shared=[name for name in every if name not in owned],
             per_mass=self.per_mass,
@@ -308,76 +286,13 @@ class OutputError(Estimator):
             known=known,
         )
 
-    def _by_segments(
-        self, logs: Sequence[Log], guess: Start, known: Prior
-    ) -> tuple[Start, tuple[str, ...]]:
-        """Return a first guess of servos, whose friction decides where they stop, and their terms.
-
-        Over segments of one period, or as many time constants of the speed, driven by the rebuilt
-        drive alone, no stop is far off. Terms are chosen there unless they are told, at the delay
-        of the set-points at which the rebuilt drive is followed best.
-        """
-        loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
-        fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
-        gear = {*GEAR} & {*(OF_SERVO if self.terms is None else self.terms)}
-        begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
-        start = replace(guess, parameters=replace(guess.parameters, **begun))
-        terms = self.terms
-        if terms is None:
-            terms = candidates(tried(logs), [log.added_mass for log in logs], known)
-        short = replace(
-            self,
-            terms=terms,
-            fixed=tuple({"delay", *self.fixed, *LOOP_TERMS}),
-            horizon=2 * math.pi / fastest,
-        )
-        scanned = "delay" not in {*known.fixed, *self.fixed}
-        delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
-        known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
-        ends: list[tuple[float, float, FreeRunResiduals, Minimum]] = []
-
-        def attempt(delay: float) -> None:
-            told = replace(start.parameters, delay=delay)
-            begun = replace(start, parameters=replace(told, delay=0.0))
-            problem = short.problem([driven_alone(log, told) for log in logs], begun, known)
-            if ends:
-                at = ends[0][2].scale * ends[0][3].point / problem.scale
-                end = problem.descend(at, most=_PASSES)
-            else:
-                end = problem.descend(problem.initial)
-            ends.append((end.at.cost, delay, problem, end))
-            ends.sort(key=lambda each: each[:2])
-
-        attempt(delay)
-        if scanned and any(log.rebuilt for log in logs):
-            step = float(np.median([log.mean_step for log in logs]))
-            while ends[0][1] == max(each[1] for each in ends) and len(ends) < MOST:
-                attempt(ends[0][1] + step)
-            if ends[0][1] == 0.0:
-                attempt(step / 2)
-            for _ in range(_PARABOLAS):
-                costs, delays = np.array([each[:2] for each in ends[:3]]).T / [[ends[0][0]], [step]]
-                bend, slope, _ = np.linalg.solve(np.vander(delays, 3), costs).tolist()
-                lowest = max(-slope / (2 * bend), 0.0) if bend > 0 else delays[0]
-                if np.abs(delays - lowest).min() < MATTERS:
-                    break
-                attempt(lowest * step)
-        _, delay, problem, end = ends[0]
-        terms = self.terms
-        if terms is None:
-            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
-            problem, end, _ = problem.fitted(choice)
-            terms = (*choice.terms, "latency")
-        found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
-        zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
-        return Start(replace(problem.start, **own), zeros), terms
-
-    def _names(self, logs: Iterable[Log], known: Prior) -> tuple[str, ...]:
+    def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
         terms, masses = self.terms, [log.added_mass for log in logs]
         if terms is None:
             terms = candidates(dict.fromkeys((*tried(logs), *RARER)), masses, known)
+            if not slow_interval(logs):
+                terms = tuple(name for name in terms if name != "slow_delay")
         else:
             terms = requested_terms(terms, known.uncertain)
         leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
@@ -389,6 +304,8 @@ class OutputError(Estimator):
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
         fitted = {reference, *(name for name, _ in problem.keys)}
+        if "slow_delay" not in fitted and not start.slow_delay:
+            fitted.add("slow_interval")
         return {
             each.name: getattr(start, each.name)
             for each in fields(start)
@@ -432,6 +349,40 @@ def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None
     for (name, whose), value in zip(owned, own, strict=True):
         local.setdefault(whose, {})[name] = value
     return local
+
+
+def _chosen(
+    wide: FreeRunResiduals,
+    rarer: set[str],
+    found: tuple[FreeRunResiduals, Minimum],
+    always: tuple[str, ...],
+    rounds: int,
+) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]]:
+    """Return the residuals in the terms that help, where they end, rivals, and what is not fitted.
+
+    From where some terms of the ``wide`` residuals were fitted; the ``rarer`` ones are tried where
+    one is lacking. Terms are chosen anew, in a few ``rounds``, where those that were fitted differ.
+    """
+    logs = [each.log for each in wide.simulations]
+    (problem, end), lacking = found, None
+    plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
+    while True:
+        here = wide.without(rarer)
+        same = here.keys == problem.keys and not lacking
+        point, at = (end.point, end.at) if same else here.about(problem, end.point)
+        choice, before = here.choose_terms(point, at, always), {*problem.keys}
+        problem, end, rivals = here.fitted(choice)
+        rounds -= 1
+        if rounds > 0 and {*problem.keys} != before:
+            continue  # where fewer terms ended others may have looked like nothing
+        idle = {*tried(logs)} - {name for name, _ in problem.keys}
+        lacking = wide.without(idle).lacking(problem, end.point)
+        if lacking is None or out_of_time("the choice of terms"):
+            if plain and contrasts_of(problem.solved(end), problem.conditions):
+                problem, end, rivals, choice = plain  # it is no such term
+            return problem, end, rivals, choice.findings
+        plain = plain or (problem, end, rivals, choice)
+        rarer, always = rarer - {lacking}, (*always, lacking)
 
 
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:

@@ -32,7 +32,10 @@ from butterfly.model.terms import COMPANIONS, GEAR
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""
 
-RARER = ("spring", "mass_inertia", "dead_zone", "compression", "motor_friction", "load_friction")
+RARER = (
+    *("spring", "mass_inertia", "dead_zone", "compression", "motor_friction", "load_friction"),
+    "slow_delay",
+)
 """Terms that are tried one after the other beside those, by the rule of contrasts."""
 
 NEGLIGIBLE = 1e-6

@@ -9,6 +9,7 @@ from butterfly.model.kernel.equation import (
     BACK_EMF,
     BASIS,
     COGGING,
+    COULOMB,
     DRIVES,
     GAIN,
     LOWERING_STRIBECK,
@@ -16,12 +17,12 @@ from butterfly.model.kernel.equation import (
     MOTOR_FRICTION,
     PERIODS,
     RATE,
+    STRIBECK,
     WEIGHT,
     M,
     V,
     X,
     Z,
-    least_steps,
     linearise,
 )
 from butterfly.model.kernel.events import (
@@ -33,6 +34,9 @@ from butterfly.model.kernel.events import (
     reverse,
     states_of,
 )
+from butterfly.model.kernel.integrate import count_steps, step
+from butterfly.model.kernel.moving_base import linearise_moving, linearise_stuck
+from butterfly.model.kernel.moving_steps import break_free, hold_still
 from butterfly.model.kernel.servo_loop import (
     MEMORY,
     TORQUE,
@@ -45,6 +49,7 @@ from butterfly.model.kernel.steps import (
     BEGIN,
     COUNT,
     CURRENT,
+    FREED,
     INTERVAL,
     KIND,
     LOOSE,
@@ -53,13 +58,14 @@ from butterfly.model.kernel.steps import (
     PART,
     PARTS,
     PER_STAGE,
+    REST,
     REVERSAL,
     SHARE,
     SIGN,
     STAGE,
     STEP,
+    STUCK,
     TAPE_WIDTH,
-    advance,
     part_of,
     piece_of,
 )
@@ -70,14 +76,15 @@ _MOST = 3 * MAX_REVERSALS + 4  # rows that one part of an interval may take
 
 @compiled
 def differentiate(
-    time, drives, state, c, into, weights, values, column, initial, moved, rows, loop, without_drive
-):
+    time, drives, state, c, into, weights, values, column, initial, moved, rows,
+    loop, without_drive, moving,
+):  # fmt: skip
     """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
     Interval k writes the sum ``into[k]``, unless that is negative. ``initial`` is (4, k)
     derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
     ``loop`` of a servo, unless it is None, drives the joint in place of ``drives``, and in the
-    constants ``without_drive`` where it is off.
+    constants ``without_drive`` where it is off. ``moving`` is None for a base that stands still.
     """
     memory, held, now = np.zeros(MEMORY), 0.0, c
     kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
@@ -90,7 +97,9 @@ def differentiate(
     for i in range(4):  # a slice would take two seconds to compile
         for j in range(column.size):
             tangents[i, j] = initial[i, j]
-    tape[0, CURRENT] = -1.0
+    tape[0, CURRENT], splits = -1.0, False
+    for k in column:
+        splits |= k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
     for k in range(time.size - 1):
         row, h = into[k], time[k + 1] - time[k]
         if row >= 0:
@@ -101,23 +110,23 @@ def differentiate(
             held = torque(k, state, loop, memory, held, kept)
             kept[k, TORQUE] = held
             drive, now = (held, held, held), at(k, loop, c, without_drive)
-        count = least_steps(now, state[V], h)
+        count = count_steps(state, h, now, moving)
         if count == 0:
             state = LOST
         for part in range(count):
             tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
             own = drive if count == 1 else part_of(drive, part, count)
-            state = advance(state, own, h / count, now, tape, column)
+            state = step(state, own, h / count, now, tape, splits, moving)
             if int(tape[0, COUNT]) > _ROWS - 1 - _MOST:
                 _play(
                     time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
-                    loop, without_drive, kept, initial, remembered,
+                    loop, without_drive, moving, kept, initial, remembered,
                 )  # fmt: skip
         if row >= 0:
             values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
     _play(
         time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
-        loop, without_drive, kept, initial, remembered,
+        loop, without_drive, moving, kept, initial, remembered,
     )  # fmt: skip
     _close(time.size - 2, into, weights, tangents, rows)
 
@@ -125,7 +134,7 @@ def differentiate(
 @inner
 def _play(
     time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
-    loop, without_drive, kept, initial, remembered,
+    loop, without_drive, moving, kept, initial, remembered,
 ):  # fmt: skip
     """Carry the derivatives over what the tape tells; then it is empty."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
@@ -152,26 +161,30 @@ def _play(
         if part != latest:
             latest = part
             _begin_part(k, part, parts, tangents, moved, own)
-        if kind in (STEP, REVERSAL):
-            _linearise_step(tape, row, now, ripples, carries, own, moved.shape[0], stages)
+        if kind not in (LOOSE, REST):
+            _linearise_step(tape, row, now, ripples, carries, own, moved.shape[0], stages, moving)
             if loop is not None:
                 _open_circuit(k, loop, stages)
+            if moving is not None and kind in (STUCK, FREED):
+                hold_still(tangents)
             if states == 2:
                 carry_two(share * h, stages, tangents, column)
             else:
                 carry_all(share * h, states, stages, tangents, column)
             if loop is not None:
-                _carry_held(states, now, stages, tangents)
+                _carry_held(states, stages, tangents)
         if kind == STEP and begin == 0.0:
             continue
         if loop is None:
             drive = (drives[k, 0], drives[k, 1], drives[k, 2])
         if parts > 1:
             drive = part_of(drive, part, parts)
-        if kind == STEP:
+        if kind in (STEP, STUCK):
             end(drive, begin, share, h, now, stages, tangents, column)
         elif kind == REVERSAL:
             reverse(drive, begin, share, h, now, stages, tangents, column)
+        elif moving is not None:  # freed
+            break_free(drive, tape, row, h, now, own, stages, tangents, column)
         elif kind == LOOSE:
             break_loose(drive, tape, row, now, own, stages, tangents, column)
         else:
@@ -194,13 +207,13 @@ def _open_circuit(k, loop, stages):
 
 
 @inner
-def _carry_held(states, c, stages, tangents):
+def _carry_held(states, stages, tangents):
     """Add what the derivatives of the held torque do over a step."""
-    driven = M if c.lag > 0.0 else V
     for r in range(states):
         push = 0.0
         for i in range(4):
-            push += stages[i, driven, GAIN] * stages[i, r, WEIGHT + driven]
+            for m in range(V, states):
+                push += stages[i, m, GAIN] * stages[i, r, WEIGHT + m]
         for j in range(tangents.shape[1]):
             tangents[r, j] += push * tangents[HELD, j]
 
@@ -218,7 +231,7 @@ def _begin_part(k, part, parts, tangents, moved, own):
 
 
 @inlined
-def _linearise_step(tape, row, c, ripples, carries, own, count, stages):
+def _linearise_step(tape, row, c, ripples, carries, own, count, stages, moving):
     """Write the derivatives at the four stages of a step, those by ``count`` drives too."""
     begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
     for i in range(4):
@@ -226,16 +239,21 @@ def _linearise_step(tape, row, c, ripples, carries, own, count, stages):
         state = (tape[row, at], tape[row, at + 1], tape[row, at + 2], tape[row, at + 3])
         rate = (tape[row, at + 4], tape[row, at + 5], tape[row, at + 6])
         shape = (tape[row, at + 7], tape[row, at + 8], tape[row, at + 9], tape[row, at + 10])
-        linearise(state, rate, shape, sign, c, ripples, carries, stages, i)
+        if moving is None:
+            linearise(state, rate, shape, sign, c, ripples, carries, stages, i)
+        elif tape[row, KIND] in (STUCK, FREED):
+            linearise_stuck(state, rate, c, stages, i)
+        else:
+            linearise_moving(state, rate, shape, sign, c, stages, i)
         stages[i, X, RATE], stages[i, V, RATE] = state[V], rate[0]
         stages[i, M, RATE], stages[i, Z, RATE] = rate[1], rate[2]
-    driven = M if c.lag > 0.0 else V
     for q in range(count):
         n, three = BASIS + DRIVES + q, (own[q, 0], own[q, 1], own[q, 2])
         if share < 1.0:
             three = piece_of(three, begin, share)
         for i in range(4):
-            stages[i, driven, n] = stages[i, driven, GAIN] * three[(i + 1) // 2]
+            for m in range(V, states_of(c)):
+                stages[i, m, n] = stages[i, m, GAIN] * three[(i + 1) // 2]
 
 
 @inlined

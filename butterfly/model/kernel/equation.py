@@ -13,7 +13,8 @@ from butterfly.model.terms import DRIVE, LOOP_TERMS
 
 State = tuple[float, float, float, float]
 """Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
-deflection of the bristles in rad (a state only with a stiffness of theirs)."""
+deflection of the bristles in rad (a state only with a stiffness of theirs); on a moving base, which
+has neither, the last two are the force of its spring in N and the rate of that in N/s."""
 
 X, V, M, Z = range(4)
 
@@ -45,10 +46,17 @@ class Constants(NamedTuple):
     lifting_stribeck: float
     lowering_stribeck: float
     geared: float  # 1 with any of the last six
+    give: float  # Of a moving base, the rest too
+    swing: float
+    slow: float
+    moment: float
+    moment_offset: float
 
     @classmethod
-    def of(cls, p: LumpedParameters) -> Constants:
+    def of(cls, p: LumpedParameters, *, moving: bool | None = None) -> Constants:
         """Take them from the parameters of the hand with its added mass.
+
+        Those of a base that could move are 0 unless it does, or is ``moving`` for its derivatives.
 
         An estimator may try friction that is negative under a load; it counts as none, since it
         would feed the motion. Bristles that no Coulomb friction bends are left out.
@@ -61,10 +69,14 @@ class Constants(NamedTuple):
             "stribeck": max(p.stribeck, -coulomb),
             "bristle_stiffness": p.bristle_stiffness if coulomb > 0 else 0.0,
         }
+        if moving or p.base_gives:
+            own |= {"give": p.base_compliance, "swing": 1 / p.base_frequency**2}
+            own |= {"slow": 2 * p.base_damping / p.base_frequency}
+            own |= dict(zip(("moment", "moment_offset"), p.moments, strict=True))
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_TERMS)
+THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS)
 COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 
@@ -76,6 +88,7 @@ STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, SPRING = range(8, 14)
 COGGING, COGGING_COSINE, PERIODS = range(14, 17)
 MOTOR_FRICTION, LOAD_FRICTION, MOTOR_STRIBECK, LOAD_STRIBECK = range(17, 21)
 LIFTING_STRIBECK, LOWERING_STRIBECK = range(21, 23)
+GIVE, SWING, SLOW, MOMENT, MOMENT_OFFSET = range(24, 29)
 
 BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
@@ -129,10 +142,11 @@ def pull(x, c):
 @inner
 def friction_level(v, sign, motor, load, c):
     """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
+    level, at_rest = c.coulomb, c.stribeck
     if c.geared != 0.0:
-        level = c.coulomb + abs(c.motor_friction * motor - c.load_friction * load)
-        return level + stribeck_level(sign, motor, load, c) * excess_at(v, c)
-    return c.coulomb if c.stribeck == 0.0 else c.coulomb + c.stribeck * excess_at(v, c)
+        level += abs(c.motor_friction * motor - c.load_friction * load)
+        at_rest = stribeck_level(sign, motor, load, c)
+    return level if at_rest == 0.0 else level + at_rest * excess_at(v, c)
 
 
 @inner
@@ -295,7 +309,7 @@ def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
 def _linearise_lag(v, motor_rate, drive, c, stages, i):
     """Let the motor's torque, a state, drive the joint in the place of its input."""
     stages[i, V, V] += drive * c.back_emf
-    stages[i, V, M] = drive
+    stages[i, V, M], stages[i, V, GAIN] = drive, 0.0
     stages[i, M, GAIN] = 1.0 / c.lag
     stages[i, V, BASIS + BACK_EMF] = 0.0
     stages[i, M, V], stages[i, M, M] = -c.back_emf / c.lag, -1.0 / c.lag

@@ -38,51 +38,50 @@ _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak
 @inner
 def states_of(c):
     """Count the states that the derivatives need."""
-    return 4 if c.lag > 0.0 or c.bristle_stiffness > 0.0 else 2
+    return 4 if c.lag > 0.0 or c.bristle_stiffness > 0.0 or c.swing > 0.0 else 2
 
 
 @inner
 def end(drives, begin, share, h, c, stages, tangents, column):
     """Correct the derivatives at the interval's end, which does not move when ``begin`` does."""
-    by_begin = _by_begin(drives, begin, share, c, stages)
-    by_share = _by_share(drives, begin, share, h, c, stages)
+    by_early = by_begin(drives, begin, share, c, stages)
+    by_late = by_share(drives, begin, share, h, c, stages)
     for j in range(column.size):
         for r in range(states_of(c)):
-            tangents[r, j] += (by_begin[r] - by_share[r]) * tangents[LATE, j]
+            tangents[r, j] += (by_early[r] - by_late[r]) * tangents[LATE, j]
 
 
 @inner
 def reverse(drives, begin, share, h, c, stages, tangents, column):
     """Correct the derivatives where the velocity vanishes: F_v(share) = 0 at the step's end F."""
-    by_begin = _by_begin(drives, begin, share, c, stages)
-    by_share = _by_share(drives, begin, share, h, c, stages)
-    grazes = abs(by_share[V]) < _GRAZING * h
+    by_early = by_begin(drives, begin, share, c, stages)
+    by_late = by_share(drives, begin, share, h, c, stages)
+    grazes = abs(by_late[V]) < _GRAZING * h
     for j in range(column.size):
         for r in range(states_of(c)):
-            tangents[r, j] += by_begin[r] * tangents[LATE, j]
-        later = 0.0 if grazes else -tangents[V, j] / by_share[V]
+            tangents[r, j] += by_early[r] * tangents[LATE, j]
+        later = 0.0 if grazes else -tangents[V, j] / by_late[V]
         for r in range(states_of(c)):
-            tangents[r, j] += by_share[r] * later
+            tangents[r, j] += by_late[r] * later
         tangents[V, j] = 0.0
         tangents[LATE, j] += later
 
 
 @inner
-def _by_begin(drives, begin, share, c, stages):
+def by_begin(drives, begin, share, c, stages):
     """(4,) derivatives of the end of a step by the fraction of the interval where it begins."""
-    driven = M if c.lag > 0.0 else V
-    moved = np.zeros(4)
+    n, moved = states_of(c), np.zeros(4)
     for i in range(4):
-        slope = stages[i, driven, GAIN] * drive_slope(drives, begin + _REACH[i] * share)
-        for r in range(states_of(c)):
-            moved[r] += stages[i, r, WEIGHT + driven] * slope
+        slope = drive_slope(drives, begin + _REACH[i] * share)
+        for r in range(n):
+            for m in range(V, n):
+                moved[r] += stages[i, r, WEIGHT + m] * stages[i, m, GAIN] * slope
     return moved
 
 
 @inner
-def _by_share(drives, begin, share, h, c, stages):
+def by_share(drives, begin, share, h, c, stages):
     """(4,) derivatives of the end of a step by the share of the interval that it takes."""
-    driven = M if c.lag > 0.0 else V
     n = states_of(c)
     moved, direct = np.zeros(4), np.zeros(4)
     for i in range(4):
@@ -93,8 +92,7 @@ def _by_share(drives, begin, share, h, c, stages):
             if i > 0:
                 for m in range(n):
                     direct[r] += reach * h * stages[i, r, m] * stages[i - 1, m, RATE]
-        gain = stages[i, driven, GAIN]
-        direct[driven] += reach * gain * drive_slope(drives, begin + reach * share)
+            direct[r] += reach * stages[i, r, GAIN] * drive_slope(drives, begin + reach * share)
         for r in range(n):
             for m in range(n):
                 moved[r] += stages[i, r, WEIGHT + m] * direct[m]
@@ -144,7 +142,7 @@ def break_loose(drives, tape, row, c, own, stages, tangents, column):
         hold = -stages[0, V, X] * tangents[X, j]
         if 0 <= k < DRIVES:
             hold -= stages[0, V, BASIS + k]
-        hold /= stages[0, V, GAIN]
+        hold /= stages[0, V, M] if c.lag > 0.0 else stages[0, V, GAIN]
         if c.lag == 0.0:
             if k >= DRIVES:
                 q = k - DRIVES

@@ -10,25 +10,20 @@ import math
 
 import numpy as np
 
-from butterfly.compiled import compiled, inner
+from butterfly.compiled import inlined, inner
 from butterfly.model.kernel.equation import (
-    COULOMB,
-    LOWERING_STRIBECK,
-    MOTOR_FRICTION,
-    STRIBECK,
     M,
     V,
     X,
     Z,
     excess_at,
     holds_to,
-    least_steps,
     pull,
     rates,
 )
-from butterfly.model.kernel.servo_loop import MEMORY, at, torque
+from butterfly.model.kernel.moving_base import moving_rates, stuck_rates
 
-STEP, REVERSAL, REST, LOOSE = 0.0, 1.0, 2.0, 3.0
+STEP, REVERSAL, REST, LOOSE, STUCK, FREED = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
 COUNT, CURRENT = 0, 7
 STAGE, PER_STAGE = 8, 11
@@ -47,53 +42,14 @@ _ASTRAY = 0.1  # change by the last chord, as a share of what it changed
 _ROUNDING = 1e-12  # share of an interval
 
 
-@compiled
-def integrate(time, drives, state, c):
-    """Return (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m."""
-    n = time.size
-    angle, velocity = np.empty(n), np.empty(n)
-    angle[0], velocity[0] = state[X], state[V]
-    for k in range(n - 1):
-        row = (drives[k, 0], drives[k, 1], drives[k, 2])
-        state = interval(state, row, time[k + 1] - time[k], c)
-        angle[k + 1], velocity[k + 1] = state[X], state[V]
-    return angle, velocity
+@inlined
+def advance(state, drives, h, c, tape, splits):
+    """Return the state at the end of one interval, split at each reversal of the velocity.
 
-
-@compiled
-def integrate_loop(time, state, c, without_drive, loop):
-    """Return (n,) angles and velocities of a joint in its servo's loop."""
-    n = time.size
-    angle, velocity = np.empty(n), np.empty(n)
-    angle[0], velocity[0] = state[X], state[V]
-    memory, held = np.zeros(MEMORY), 0.0
-    for k in range(n - 1):
-        held = torque(k, state, loop, memory, held, None)
-        now = at(k, loop, c, without_drive)
-        state = interval(state, (held, held, held), time[k + 1] - time[k], now)
-        angle[k + 1], velocity[k + 1] = state[X], state[V]
-    return angle, velocity
-
-
-@inner
-def interval(state, drives, h, c):
-    """Return the state at the end of one interval, in steps that lag and bristles allow."""
-    count = least_steps(c, state[V], h)
-    if count == 1:
-        return advance(state, drives, h, c, None, None)
-    if count == 0:
-        return LOST
-    for k in range(count):
-        state = advance(state, part_of(drives, k, count), h / count, c, None, None)
-    return state
-
-
-@inner
-def advance(state, drives, h, c, tape, column):
-    """Return the state at the end of one interval, split at each reversal of the velocity."""
-    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
-    if (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0:
-        after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
+    ``splits`` says so even of a joint without friction, whose derivatives by friction are wanted.
+    """
+    if never_sticks(c, splits):
+        after = runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape, None)
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)
         return after
@@ -130,7 +86,7 @@ def advance(state, drives, h, c, tape, column):
                 sign *= onward
                 loosened = True
         share = 1.0 - begin
-        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        after = runge_kutta(state, drives, begin, share, h, sign, c, tape, None)
         unchecked = v == 0.0 and not holds  # nothing could hold the joint where it is
         if after[V] * sign >= 0.0 or unchecked:
             if tape is not None:
@@ -138,7 +94,7 @@ def advance(state, drives, h, c, tape, column):
             return after
         if loosened and c.lag > 0.0:
             break  # pushed back at once: friction holds the joint
-        share, after = _to_reversal(state, drives, begin, share, after[V], h, sign, c, tape)
+        share, after = to_reversal(state, drives, begin, share, after[V], h, sign, c, tape, None)
         if tape is not None:
             note(REVERSAL, begin, share, sign, tape)
         state = (after[X], 0.0, after[M], after[Z])
@@ -147,7 +103,7 @@ def advance(state, drives, h, c, tape, column):
 
 
 @inner
-def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
+def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
     """Return the share of the interval in which the velocity falls to 0, and the state then.
 
     After the share ``whole`` it would be ``final`` and have the other sign. A joint that sets out
@@ -158,14 +114,14 @@ def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
     tried = share
     for _ in range(_REFINEMENTS if v != 0.0 else 0):
         tried = share
-        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        after = runge_kutta(state, drives, begin, share, h, sign, c, tape, moving)
         share = min(share * v / (v - after[V]), whole)
     if v != 0.0 and abs(share - tried) <= _ASTRAY * tried:
         return share, after
     lower, upper = 0.0, whole
     for _ in range(_BISECTIONS):
         share = 0.5 * (lower + upper)
-        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        after = runge_kutta(state, drives, begin, share, h, sign, c, tape, moving)
         if after[V] * sign < 0.0:
             upper = share
         else:
@@ -174,13 +130,10 @@ def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
 
 
 @inner
-def _by_friction(column):
-    """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
-    if column is not None:
-        for k in column:
-            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
-                return True
-    return False
+def never_sticks(c, splits):
+    """Tell whether a joint has no rigid friction, and no derivative by it is wanted."""
+    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
+    return (smooth and not splits) or c.bristle_stiffness > 0.0
 
 
 @inner
@@ -198,25 +151,28 @@ def _rest(state, drives, begin, h, c, tape):
 
 
 @inner
-def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
-    """Take one step over ``share`` of the interval h, sliding in the direction ``sign``."""
+def runge_kutta(state, drives, begin, share, h, sign, c, tape, moving):
+    """Take one step over ``share`` of the interval h, sliding in the direction ``sign``.
+
+    On a ``moving`` base, if that is not None, it slides, or friction holds it (False).
+    """
     x, v, m, z = state
     dt = share * h
     half = 0.5 * dt
     d1, d2, d3 = piece_of(drives, begin, share)
-    first = rates(state, d1, sign, c)
+    first = _motion(state, d1, sign, c, moving)
     a1, m1, z1 = first
     v2 = v + half * a1
     state2 = (x + half * v, v2, m + half * m1, z + half * z1)
-    second = rates(state2, d2, sign, c)
+    second = _motion(state2, d2, sign, c, moving)
     a2, m2, z2 = second
     v3 = v + half * a2
     state3 = (x + half * v2, v3, m + half * m2, z + half * z2)
-    third = rates(state3, d2, sign, c)
+    third = _motion(state3, d2, sign, c, moving)
     a3, m3, z3 = third
     v4 = v + dt * a3
     state4 = (x + dt * v3, v4, m + dt * m3, z + dt * z3)
-    fourth = rates(state4, d3, sign, c)
+    fourth = _motion(state4, d3, sign, c, moving)
     a4, m4, z4 = fourth
     if tape is not None:
         record(state, first, d1, 0, c, tape)
@@ -230,6 +186,14 @@ def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
         m + sixth * (m1 + 2.0 * m2 + 2.0 * m3 + m4),
         z + sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4),
     )
+
+
+@inlined
+def _motion(state, drive, sign, c, moving):
+    """Return the rates of a state."""
+    if moving is None:
+        return rates(state, drive, sign, c)
+    return moving_rates(state, drive, sign, c) if moving else stuck_rates(state, c)
 
 
 @inner

@@ -117,7 +117,7 @@ class Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without type
         data = self.viewer.data
         if data.qpos.size:
             dear_imgui.Begin("Hand", None, int(dear_imgui.WindowFlags.AlwaysAutoResize))
-            dear_imgui.Text(caption_text(data.time, data.qpos[0], "angle"))
+            dear_imgui.Text(caption_text(data.time, data.joint("hinge").qpos[0], "angle"))
             dear_imgui.End()
 
 

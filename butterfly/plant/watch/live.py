@@ -79,7 +79,8 @@ class LiveRun:
 
     def _show(self) -> None:
         if not isinstance(self._joint, MujocoJoint):
-            self.data.qpos[0], self.data.qvel[0] = self._joint.angle, self._joint.velocity
+            hinge = self.data.joint("hinge")
+            hinge.qpos[0], hinge.qvel[0] = self._joint.angle, self._joint.velocity
             self.data.time = self.sample[0]
             mujoco.mj_forward(self.model, self.data)
         self._left = self.data.time

@@ -60,7 +60,7 @@ class Painter:
 
     def frame(self, angle: float) -> Image.Image:
         """Return the picture of the robot turned by ``angle`` rad."""
-        self._data.qpos[0] = angle
+        self._data.joint("hinge").qpos[0] = angle
         mujoco.mj_forward(self._model, self._data)
         self._renderer.update_scene(self._data, CAMERA)
         return Image.fromarray(self._renderer.render()).reduce(self._finer)

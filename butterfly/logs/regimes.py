@@ -1,0 +1,161 @@
+"""Regimes of a controller's clock: its mean sampling interval switches, found from stamps alone.
+
+A self-normalised statistic (Shao & Zhang, J. Am. Stat. Assoc. 105, 2010) asks whether the mean of
+the intervals changes once. It needs no variance, so that intervals may hang together, and a drift
+stays below 43. What is found counts if it also shows close by, and a step says more of the
+intervals than a smooth drift does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from butterfly.arrays import Samples
+
+_GAP = 3.0  # median intervals, above which one says nothing of the clock
+_BLOCK = 32  # intervals of which means are taken,
+_MOST = 1000  # and how many means of one piece at most
+_LEAST = 16  # means of a regime
+_WHOLE = 200.0  # of the statistic; of a million even clocks fewer than 200 come to 138
+_NEAR = 80.0  # of the statistic over so many means on either side,
+_BESIDE = 32
+_STEP = 0.01  # of the interval, that counts as a change
+_SMOOTH = 5  # degree of a drift,
+_LESS = 0.95  # and what a step leaves at most of what that leaves of the squares
+_HALVES = 2  # times that a piece without a switch is halved, where two may hide each other
+
+
+class Regime(NamedTuple):
+    """A stretch of a log: the instant in s from which on, and its mean sampling interval in s."""
+
+    begin: float
+    interval: float
+
+
+def find_regimes(time: Samples) -> tuple[Regime, ...]:
+    """Return the regimes of (n,) increasing stamps in s, one at least."""
+    intervals = np.diff(time)
+    rows = np.flatnonzero(intervals <= _GAP * np.median(intervals))
+    regular = intervals[rows]
+    edges = [0, *_switches(regular), regular.size]
+    first = [0, *rows[edges[1:-1]]]
+    return tuple(
+        Regime(float(time[row]), float(regular[begin:end].mean()))
+        for row, (begin, end) in zip(first, pairwise(edges), strict=True)
+    )
+
+
+def between_regimes(logs: Sequence[tuple[Regime, ...]], ends: Iterable[float]) -> float:
+    """Return an interval between those of the fast regimes of logs and of the slow ones.
+
+    It is 0 where no log switches. ``ends``: of each log, in s. The intervals, each weighed by how
+    long it lasts, fall into the two groups with the least variance within (Otsu, IEEE Trans. SMC 9,
+    1979).
+    """
+    if all(len(regimes) == 1 for regimes in logs):
+        return 0.0
+    found = sorted(
+        (here.interval, after - here.begin)
+        for regimes, end in zip(logs, ends, strict=True)
+        for here, after in zip(regimes, [*(each.begin for each in regimes[1:]), end], strict=True)
+    )
+    interval, weight = np.array(found).T
+    fast, slow = np.cumsum(weight)[:-1], np.cumsum(weight[::-1])[-2::-1]
+    sums = np.cumsum(weight * interval)
+    lower, upper = sums[:-1] / fast, (sums[-1] - sums[:-1]) / slow
+    best = int(np.argmax(fast * slow * (upper - lower) ** 2))
+    return float(lower[best] + upper[best]) / 2
+
+
+def _switches(intervals: Samples) -> list[int]:
+    """Return the numbers of the intervals with which a regime begins, the first aside."""
+    found, waiting = [], [(0, intervals.size, 0)]
+    while waiting:
+        begin, end, halved = waiting.pop()
+        if end - begin < 2 * _LEAST * _BLOCK:
+            continue
+        cut = _switch(intervals[begin:end])
+        if cut is not None:
+            found.append(begin + cut)
+        elif halved == _HALVES:
+            continue
+        middle = begin + (cut or (end - begin) // 2)
+        own = halved + (cut is None)
+        waiting += [(begin, middle, own), (middle, end, own)]
+    found.sort()
+    while True:  # without the least that is none
+        pieces = np.split(intervals, found)
+        wrong = [
+            (abs(before.mean() - after.mean()), number)
+            for number, (before, after) in enumerate(pairwise(pieces))
+            if not _is_step(before, after)
+        ]
+        if not wrong:
+            return found
+        del found[min(wrong)[1]]
+
+
+def _switch(intervals: Samples) -> int | None:
+    """Return the number of the interval from which on their mean is another, if there is one."""
+    block = _length(intervals.size)
+    means = _means(intervals, block)
+    if not _changes(means)[_LEAST - 1 : -_LEAST].max(initial=0.0) > _WHOLE:
+        return None
+    sums = np.cumsum(intervals - intervals.mean())[:-1]
+    count = np.arange(1, intervals.size)
+    least = _LEAST * block - 1
+    apart = np.abs(sums) / np.sqrt(count * (intervals.size - count))
+    return int(np.argmax(apart[least:-least])) + least + 1
+
+
+def _is_step(before: Samples, after: Samples) -> bool:
+    """Whether a switch between two pieces is one, close by too, and not a drift."""
+    means = before.mean(), after.mean()
+    if abs(means[1] - means[0]) <= _STEP * min(means):
+        return False
+    block = _length(before.size + after.size)
+    early, late = _means(before[before.size % block :], block), _means(after, block)
+    near = min(_BESIDE, early.size, late.size)
+    close = np.concatenate([early[early.size - near :], late[:near]])
+    if not _changes(close)[near - 1] > _NEAR:
+        return False
+    both = np.concatenate([early, late])
+    drift, _ = np.linalg.qr(legendre.legvander(np.linspace(-1, 1, both.size), _SMOOTH))
+    smooth = both - drift @ (drift.T @ both)
+    step = early.size * early.var() + late.size * late.var()
+    return bool(step < _LESS * (smooth @ smooth))
+
+
+def _length(count: int) -> int:
+    return max(_BLOCK, count // _MOST)
+
+
+def _means(intervals: Samples, block: int) -> Samples:
+    """Return the means of blocks, what is left over at the end aside."""
+    count = intervals.size // block
+    return np.asarray(intervals[: count * block].reshape(count, block).mean(axis=1))
+
+
+def _changes(values: Samples) -> Samples:
+    """(n - 1,) self-normalised statistics: the mean of (n,) values changes after each of them."""
+    values = values - values.mean()
+    sums, before = _partial(values)
+    _, after = _partial(values[::-1])
+    spread = (before[:-1] + after[-2::-1]) / values.size**2
+    floor: float = np.finfo(float).tiny
+    return np.asarray(sums[:-1] ** 2 / values.size / np.maximum(spread, floor))
+
+
+def _partial(values: Samples) -> tuple[Samples, NDArray[np.float64]]:
+    """Return (n,) partial sums, and the sums of squares of those about their own mean's line."""
+    count = np.arange(1.0, values.size + 1)
+    sums = np.cumsum(values)
+    line = sums / count
+    squares = np.cumsum(sums**2) - 2 * line * np.cumsum(count * sums)
+    return sums, squares + line**2 * np.cumsum(count**2)

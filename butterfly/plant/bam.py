@@ -1,0 +1,210 @@
+"""A servo in the form of BAM, Rhoban's models of servos: one JSON object that `bam.model` loads.
+
+With torques tm of the motor and te of gravity, and S = exp(-|w/w_s|^alpha), the friction of its
+models beside a viscous one is
+
+    m1  Kc                       m2  m1 + S Kcs
+    m3  m1 + Kl |te - tm|        m4  m2 + (Kl + S Kls) |te - tm|
+    m5  m2 + |Ke te - Km tm| + S |Kes te - Kms tm|
+    m6  m5 + S (Keq te^2 where |te| < |tm|, else Kmq tm^2), while both oppose each other
+
+(Rhoban/bam 1b5a1ce, bam/model.py), and its motor's torque kt V/R - kt^2 w/R.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from butterfly.errors import InputError
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.prior import NO_PRIOR, Known, Prior
+from butterfly.model.servo import ServoLoop
+from butterfly.model.terms import GEAR, TERMS
+
+_OF_LAWS = {"dynamixel-xl330": "xl330", "feetech-sts": "sts3215"}
+ACTUATORS = (*_OF_LAWS.values(), "mx64", "mx106", "xl320")
+"""BAM's servos that are driven by a voltage."""
+
+_GRAVITY = 9.80665  # m/s², of BAM
+_SAME = 1e-3
+_FAST = 1e6  # rad/s, of a set-point that is not slowed down
+_OF_LOGS = ("law", "kp", "supply", "resistance", "back_emf_constant", "torque_constant")
+_HELD = {"p1", "p2", "p3", "p4", "coulomb", "back_emf", "stribeck", "stribeck_velocity", *GEAR}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BamModel:
+    """What the file holds, and in sentences what it does not, or otherwise."""
+
+    content: dict[str, Any]
+    left_out: tuple[str, ...]
+
+
+def bam_model(
+    parameters: LumpedParameters,
+    kind: InputKind,
+    added: AddedMass = NO_ADDED_MASS,
+    *,
+    actuator: str | None = None,
+    servo: ServoLoop | None = None,
+    known: Prior = NO_PRIOR,
+    ratios: bool = False,
+) -> BamModel:
+    """Return a bare joint as BAM has it: the least of its models that holds all friction.
+
+    BAM's logs say what is carried, here ``added`` tells only what its weight adds to T_c. The
+    ``actuator`` is that of the servo's law if none is given; ``ratios`` are parameters over p1.
+    """
+    parameters.require_gain("export")
+    units = [name for name in ("p1", "p4") if known.fixed.get(name) == 1.0]
+    if ratios or units:
+        found = "ratios to p1" if ratios else f"in units in which {units[0]} is 1"
+        expected = "N m, by an added mass or a parameter that was measured (known: {p3: 0.3})"
+        raise InputError("export", "parameters", found, expected)
+    if kind is not InputKind.VOLTAGE:
+        expected = "a voltage, or a servo's set-points and supply: BAM's motors have kt and R"
+        raise InputError("export", "input", kind, expected)
+    name = actuator or _OF_LAWS.get("" if servo is None else servo.law)
+    if name not in ACTUATORS:
+        expected = f"one of {', '.join(ACTUATORS)}, which of BAM's servos it is"
+        raise InputError("export", "--actuator", name or "nothing", expected)
+    p = replace(parameters, coulomb=parameters.coulomb + parameters.load * added.weight)
+    model = _least(p)
+    damping, source = _back_emf(p, known)
+    content = {
+        "model": model,
+        "actuator": name,
+        "kt": damping / p.p4,
+        "R": damping / p.p4**2,
+        "armature": p.p1,
+        "q_offset": 0.0,
+        "friction_base": p.coulomb,
+        "friction_viscous": p.p2 - damping,
+        **_stribeck_and_gear(p, model),
+    }
+    if name == "sts3215":
+        slowed = servo is not None and math.isfinite(servo.speed_limit)
+        content["max_velocity"] = servo.speed_limit if servo is not None and slowed else _FAST
+        content["error_gain_ratio"] = p.loop_kp
+    notes = (f"kt and R: {source}.", *_notes(p, model, added), *_of_loop(p, name, servo))
+    return BamModel(content=content | {"notes": notes}, left_out=notes)
+
+
+def _least(p: LumpedParameters) -> str:
+    """Return the least model that holds the friction."""
+    if p.lifting_stribeck or p.lowering_stribeck:
+        return "m6"
+    if (p.motor_friction, p.motor_stribeck) != (p.load_friction, p.load_stribeck):
+        return "m5"
+    if p.geared:
+        return "m4" if p.stribeck or p.motor_stribeck else "m3"
+    return "m2" if p.stribeck else "m1"
+
+
+def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
+    """Return kt^2/R in N m s/rad, which with p4 = kt/R tells both, and what told it.
+
+    It cannot be more than p2, of which the rest is viscous friction.
+    """
+    told = {name: each.value for name, each in known.physical.items()}
+    ratio = told.get("gear_ratio", 1.0)
+    if p.back_emf:
+        return min(p.back_emf, p.p2), "as the back EMF in the logs says"
+    for name, damping in (
+        ("torque_constant", abs(p.p4) * ratio * told.get("torque_constant", 0.0)),
+        ("back_emf_constant", abs(p.p4) * ratio * told.get("back_emf_constant", 0.0)),
+        ("resistance", p.p4**2 * told.get("resistance", 0.0)),
+    ):
+        if name in told and damping < p.p2:
+            return damping, f"as the known {name} and p4 say"
+    if not p.p2 > 0:
+        raise InputError("export", "p2", p.p2, "more than 0, by which kt and R are told")
+    return p.p2, (
+        "as if all of p2 were back EMF, which nothing here tells from viscous friction: falls with "
+        "the torque off, or known: {resistance: ...}, would"
+    )
+
+
+def _stribeck_and_gear(p: LumpedParameters, model: str) -> dict[str, float]:
+    """Return the friction that a model has beside Coulomb's; BAM has values of its own for none."""
+    found = {}
+    if model not in {"m1", "m3"}:
+        found = {"friction_stribeck": p.stribeck, "dtheta_stribeck": p.stribeck_velocity}
+        found["alpha"] = 2.0
+    if model in {"m3", "m4"}:
+        found["load_friction_base"] = p.motor_friction
+        if model == "m4":
+            found["load_friction_stribeck"] = p.motor_stribeck
+    elif model in {"m5", "m6"}:
+        for side, bam in (("motor", "motor"), ("load", "external")):
+            found[f"load_friction_{bam}"] = getattr(p, f"{side}_friction")
+            found[f"load_friction_{bam}_stribeck"] = getattr(p, f"{side}_stribeck")
+    if model == "m6":
+        found["load_friction_external_quad"] = p.lifting_stribeck
+        found["load_friction_motor_quad"] = p.lowering_stribeck
+    return found
+
+
+def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
+    """Say what BAM's form does not hold of a joint, or reads otherwise."""
+    told = {"loop_kp", "load"} if added.mass else {"loop_kp"}
+    rest = [
+        TERMS[each.name]
+        for each in fields(LumpedParameters)
+        if each.name not in _HELD | told and getattr(p, each.name) != each.default
+    ]
+    if rest:
+        said = ", ".join(f"{row.symbol} {getattr(p, row.name):.4g} {row.unit}" for row in rest)
+        yield f"BAM's form has no place for {said}.".replace("unit", "V")
+    if any(row.offered and row.name != "latency" for row in rest):
+        held = [name for name in ("stribeck", *GEAR, "back_emf") if getattr(p, name)]
+        yield (
+            "BAM's servo follows worse than ours without these: for values that make up for them, "
+            f'identify with --terms "{",".join(held)}".'
+        )
+    if p.compression:
+        yield f"At V volts BAM's motor is 1 + {p.compression:.4g} |V| times as strong as ours."
+    if model == "m6":
+        yield (
+            "In BAM the larger torque of motor and load tells who drives, here the direction of "
+            "motion: both differ while a load is slowed down."
+        )
+    if p.geared and not p.back_emf:
+        yield (
+            "BAM's friction grows with the motor's torque less its back EMF, here with p4 u, since "
+            "no back EMF was identified."
+        )
+    if p.p3:
+        yield (
+            f"p3 {p.p3:.4g} N m is the joint's own. In a log of BAM it is an arm_mass of "
+            f"{2 * p.p3 / _GRAVITY:.4g} kg m over the log's length, whose inertia, arm_mass "
+            "length²/3, is in armature already: take it off there."
+        )
+    if not math.isclose(added.gravity, _GRAVITY, rel_tol=_SAME):
+        yield f"BAM takes {_GRAVITY} m/s² for gravity; the logs here had {added.gravity:g}."
+    yield (
+        "BAM's logs say mass and length of what is carried, kp and vin; q_offset 0 means angles "
+        "from where the arm hangs."
+    )
+
+
+def _of_loop(p: LumpedParameters, actuator: str, servo: ServoLoop | None) -> Iterator[str]:
+    """Say what BAM's form does not hold of a servo's loop, or reads otherwise."""
+    if p.loop_kp != 1 and actuator != "sts3215":
+        yield f"The P gain is {p.loop_kp:.4g} times what was told: multiply kp in BAM's logs by it."
+    if servo is None or _OF_LAWS.get(servo.law) != actuator:
+        law = "nothing was told of the loop" if servo is None else f"the law was {servo.law}"
+        yield f"BAM's {actuator} follows its set-point by a law of its own; here {law}."
+        return
+    held = {*_OF_LOGS, "speed_limit"} if actuator == "sts3215" else {*_OF_LOGS}
+    rest = [
+        f"{each.name} {value.value if isinstance(value, Known) else value}"
+        for each in fields(ServoLoop)
+        if each.name not in held and (value := getattr(servo, each.name)) != each.default
+    ]
+    if rest:
+        yield f"BAM's {actuator} has a P gain alone, without {', '.join(rest)}."

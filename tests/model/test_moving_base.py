@@ -1,0 +1,119 @@
+"""A base that gives, against Lagrange's equations integrated by scipy, energy and MuJoCo."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from butterfly.errors import InputError
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import GRAVITY, AddedMass, Base, LumpedParameters
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.robot import Robot
+from butterfly.plant.stand_alone import stand_alone
+
+BASE = Base(compliance=2e-3, frequency=25.0, damping=0.3)
+JOINT = LumpedParameters(
+    p1=0.0034, p2=0.012, p3=0.04, p4=0.5, drag=1e-4, bias=-5e-4, spring=2e-3, p3_offset=3e-3,
+    **BASE.terms(),
+)  # fmt: skip
+ADDED = AddedMass(mass=0.3, arm=0.1)
+TIME = np.arange(0.0, 6.0, 1e-3)
+
+
+def _drive(t):
+    return 0.12 * np.sin(5 * t) * np.exp(-t / 8) + 0.05 * np.sin(11 * t)
+
+
+def _simulated(joint, added=ADDED):
+    ends = (TIME[:-1], TIME[:-1] + 5e-4, TIME[1:])
+    inputs = np.column_stack([_drive(each) for each in ends])
+    return simulate(joint.with_added_mass(added), TIME, inputs, 0.1)
+
+
+def _integrated(joint, added, moment):
+    """Angle, and angles, speeds, ways and speeds of the base; ``moment`` yields h and h'."""
+    loaded, mass = joint.with_added_mass(added), BASE.mass + added.mass
+
+    def rates(t, state):
+        x, v, y, w = state
+        h, lever = moment(loaded, x)
+        pull = loaded.p3 * np.sin(x) + loaded.p3_offset * np.cos(x)
+        torque = loaded.p4 * _drive(t) - loaded.p2 * v - loaded.drag * abs(v) * v + loaded.bias
+        force = h * v**2 - BASE.friction * w - y / BASE.compliance
+        inertia = [[loaded.p1, lever], [lever, mass]]
+        speeding = np.linalg.solve(inertia, [torque - loaded.spring * x - pull, force])
+        return v, speeding[0], w, speeding[1]
+
+    start = (0.1, 0.0, 0.0, 0.0)
+    return solve_ivp(rates, (0, TIME[-1]), start, t_eval=TIME, rtol=1e-11, atol=1e-13).y
+
+
+def _of_gravity(loaded, x):
+    own, beside = loaded.p3 / GRAVITY, loaded.p3_offset / GRAVITY
+    return own * np.sin(x) + beside * np.cos(x), own * np.cos(x) - beside * np.sin(x)
+
+
+def test_the_joint_moves_as_lagrange_says_and_its_energy_adds_up():
+    angle, *rest = states = _integrated(JOINT, ADDED, _of_gravity)
+    np.testing.assert_allclose(_simulated(JOINT)[0], angle, atol=1e-9)
+    still = _simulated(replace(JOINT, base_compliance=0.0))[0]
+    assert np.abs(still - angle).max() > 5e-3
+    velocity, way, speed = rest
+    loaded = JOINT.with_added_mass(ADDED)
+    _, lever = _of_gravity(loaded, angle)
+    energy = loaded.p1 * velocity**2 / 2 + lever * velocity * speed - loaded.bias * angle
+    energy += (BASE.mass + ADDED.mass) * speed**2 / 2 + way**2 / BASE.compliance / 2
+    energy += loaded.p3 * (1 - np.cos(angle)) + loaded.p3_offset * np.sin(angle)
+    energy += loaded.spring * angle**2 / 2
+    power = loaded.p4 * _drive(TIME) * velocity - loaded.p2 * velocity**2
+    power -= loaded.drag * abs(velocity) ** 3 + BASE.friction * speed**2
+    supplied = np.concatenate([[0], np.cumsum(np.diff(TIME) * (power[:-1] + power[1:]) / 2)])
+    np.testing.assert_allclose(energy - energy[0], supplied, atol=1e-5 * energy.max())
+    assert states.shape == (4, TIME.size)
+
+
+def test_without_gravity_the_moments_are_those_of_added_masses():
+    added = replace(ADDED, gravity=0.0)
+    joint = replace(JOINT, p3=0.0, p3_offset=0.0)
+    own = added.mass * added.arm
+    angle, *_ = _integrated(joint, added, lambda _, x: (own * np.sin(x), own * np.cos(x)))
+    np.testing.assert_allclose(_simulated(joint, added)[0], angle, atol=1e-9)
+
+
+def test_a_base_that_hardly_gives_is_one_that_stands_still():
+    joint = replace(JOINT, coulomb=0.02, stribeck=3e-3, base_compliance=0.0)
+    still = _simulated(joint)[0]
+    for compliance in (1e-9, 1e-7):
+        giving = _simulated(replace(joint, base_compliance=compliance))[0]
+        assert np.abs(giving - still).max() < 20 * compliance
+
+
+@pytest.mark.parametrize("dry", [0.0, 2e-3, 2e-2])
+def test_mujoco_moves_alike(dry):
+    """Its dry friction is up to a step late."""
+    robot = Robot.of_lumped(replace(JOINT, coulomb=dry))
+    assert robot.base == BASE
+    errors = []
+    for step in (1e-3, 2e-4):
+        commands = _drive(np.arange(0.0, 3.0, step))
+        joints = [kind(robot, ADDED, angle=0.1) for kind in (MujocoJoint, GreyBoxJoint)]
+        joints[0].reset()
+        ours, other = (each.follow(commands, np.full(commands.size, step)) for each in joints)
+        errors.append(np.abs(ours - other).max())
+    assert errors[0] < (1e-9 if not dry else 1e-3)
+    assert errors[1] < 1e-9 or errors[1] < 0.3 * errors[0]
+    assert 'name="base"' in stand_alone(robot, ADDED).text
+
+
+def test_a_base_is_heavier_than_the_hand_and_has_no_states_beside_it():
+    light = replace(JOINT, base_compliance=0.02)
+    robot = Robot.of_lumped(light)
+    assert robot.hand.mass < robot.base.mass < 0.1
+    assert robot.lumped.p1 == pytest.approx(JOINT.p1)
+    with pytest.raises(InputError, match=r"Base: compliance.*expected more than the 0.3 kg"):
+        Robot.of_lumped(light, mass=0.3)
+    for name in ("motor_friction", "bristle_stiffness"):
+        with pytest.raises(InputError, match=f"Base: {name}.*not simulated"):
+            _simulated(replace(JOINT, coulomb=1e-3, **{name: 0.1}))
