@@ -13,6 +13,7 @@ import numpy as np
 from butterfly.compiled import inlined, inner
 from butterfly.model.kernel.equation import (
     COULOMB,
+    COULOMB_SLOPE,
     LOWERING_STRIBECK,
     MOTOR_FRICTION,
     STRIBECK,
@@ -63,7 +64,7 @@ def advance(state, drives, h, c, tape, column):
         if v == 0.0:
             load = pull(x, c)
             motor = m if c.lag > 0.0 else drive_at(drives, begin)
-            lower, upper = holds_to(-1.0, load, c), holds_to(1.0, load, c)
+            lower, upper = holds_to(x, -1.0, load, c), holds_to(x, 1.0, load, c)
             holds = lower < upper
             sign = np.sign(motor + load) * onward
             if holds and lower <= motor <= upper:
@@ -133,7 +134,7 @@ def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
 @inner
 def never_sticks(c, column):
     """Tell whether a joint has no rigid friction, and no derivative by it is wanted."""
-    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
+    smooth = c.coulomb == c.stribeck == c.geared == c.coulomb_slope == 0.0
     return (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0
 
 
@@ -142,7 +143,7 @@ def _by_friction(column):
     """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
     if column is not None:
         for k in column:
-            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
+            if k in (COULOMB, STRIBECK, COULOMB_SLOPE) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
                 return True
     return False
 
