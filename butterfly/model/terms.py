@@ -123,10 +123,11 @@ class FrictionTerms:
     the smaller times ``lifting_stribeck`` where the motor drives the load, ``lowering_stribeck``
     where the load does (Duclusaud, Passault and Rouxel, arXiv 2410.08650, whose M1 to M6 these are,
     with their Stribeck exponent 2, and who drives told by the direction of motion, not by the
-    larger torque), and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it
-    sticks until the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model
-    replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson,
-    Astrom and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and the meaning of each.
+    larger torque), and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N
+    th)``. At rest it sticks until the other torques exceed T_c + T_s; or, with bristles, never
+    quite: the LuGre model replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)``
+    (Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and
+    the meaning of each.
     """
 
     coulomb: float = 0.0

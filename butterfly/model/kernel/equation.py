@@ -149,11 +149,11 @@ def coulomb_at(x, c):
 @inner
 def friction_level(x, v, sign, motor, load, c):
     """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
+    level, at_rest = coulomb_at(x, c), c.stribeck
     if c.geared != 0.0:
-        level = coulomb_at(x, c) + abs(c.motor_friction * motor - c.load_friction * load)
-        return level + stribeck_level(sign, motor, load, c) * excess_at(v, c)
-    level = coulomb_at(x, c)
-    return level if c.stribeck == 0.0 else level + c.stribeck * excess_at(v, c)
+        level += abs(c.motor_friction * motor - c.load_friction * load)
+        at_rest = stribeck_level(sign, motor, load, c)
+    return level if at_rest == 0.0 else level + at_rest * excess_at(v, c)
 
 
 @inner
