@@ -155,7 +155,7 @@ def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
     rest = [
         TERMS[each.name]
         for each in fields(LumpedParameters)
-        if each.name not in _HELD | told and getattr(p, each.name) != each.default
+        if each.name in TERMS.keys() - _HELD - told and getattr(p, each.name) != each.default
     ]
     if rest:
         said = ", ".join(f"{row.symbol} {getattr(p, row.name):.4g} {row.unit}" for row in rest)
