@@ -10,7 +10,7 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
 from butterfly.model.prior import Prior
-from butterfly.model.terms import LOOP_TERMS, PARAMETERS, TERMS, offered
+from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
@@ -77,7 +77,7 @@ def _simulated(robot, term, terms):
     return estimator.of_logs(wild(robot, duration=8.0), START)
 
 
-ELSEWHERE = {"tilt", "back_emf", "slow_delay", *LOOP_TERMS}
+ELSEWHERE = {"tilt", "back_emf", "slow_delay", *LOOP_TERMS, *BASE_TERMS}
 """Terms with a test of their own: the first below, those of servos in test_servo_drive.py, that of
 clocks in test_delays_by_regime.py."""
 
