@@ -52,7 +52,7 @@ from butterfly.signals.frequency_response import first_counted
 TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 """Terms that are tried where none are told."""
 
-OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression")
+OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "latency")
 """Terms that are tried besides of a servo, which has a gear and can be switched off."""
 
 
