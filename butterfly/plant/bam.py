@@ -113,7 +113,7 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
     told = {name: each.value for name, each in known.physical.items()}
     ratio = told.get("gear_ratio", 1.0)
     if p.back_emf:
-        return p.back_emf, "as the back EMF in the logs says"
+        return min(p.back_emf, p.p2), "as the back EMF in the logs says"
     for name, damping in (
         ("torque_constant", abs(p.p4) * ratio * told.get("torque_constant", 0.0)),
         ("back_emf_constant", abs(p.p4) * ratio * told.get("back_emf_constant", 0.0)),
