@@ -51,7 +51,7 @@ class Assistance(StrEnum):
     """What MuJoCo alone cannot do for a robot, and `butterfly.plant.joints.MujocoJoint` does."""
 
     CURRENT = "a current of more than first order"
-    STICKING = "friction that sticks harder than it slides, or grows with torque"
+    STICKING = "friction that sticks harder than it slides, or that torque or angle change"
     BRISTLES = "steps short enough for bristles"
 
 

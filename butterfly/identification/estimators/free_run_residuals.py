@@ -395,7 +395,9 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = start.motion(angle, velocity, weight=weight, input=command * np.sin(_PHASES))
+    mass = max([1e-3, *(log.added_mass.mass for log in logs)])
+    own = {"weight": weight, "mass": mass, "input": command * np.sin(_PHASES)}
+    motion = start.motion(angle, velocity, **own)
     sizes = {
         "p1": inertia,
         "p3": torque / swing,

@@ -382,7 +382,8 @@ def _chosen(
             if plain and contrasts_of(problem.solved(end), problem.conditions):
                 problem, end, rivals, choice = plain  # it is no such term
             return problem, end, rivals, choice.findings
-        plain = plain or (problem, end, rivals, choice)
+        if lacking != "slow_delay":  # which stamps tell from all else
+            plain = plain or (problem, end, rivals, choice)
         rarer, always = rarer - {lacking}, (*always, lacking)
 
 
