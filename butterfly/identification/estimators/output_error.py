@@ -187,13 +187,12 @@ class OutputError(Estimator):
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
         rarer = self._unseen(begun) - {*tried(logs)}
-        absent, enough, rounds = rarer, self._has_one_end, 0
+        absent, enough = rarer, self._has_one_end
         if any(log.closed for log in logs):
             start, terms = servo_start(self, logs, begun[0], reference.fixed)
             begun = [start, *begun]
             if self.terms is None:
-                absent, rounds = {*tried(logs), *RARER} - {*terms}, FEW
-                enough = SCANNED not in terms
+                absent, enough = {*tried(logs), *RARER} - {*terms}, SCANNED not in terms
         wide = self.problem(logs, begun[0], reference.fixed)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
         problem, end, said = lowest_end(
@@ -202,7 +201,7 @@ class OutputError(Estimator):
         rivals: tuple[Samples, ...] = ()
         if self.terms is None and not out_of_time("the choice of terms"):
             always = tuple(known.uncertain)
-            problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always, rounds)
+            problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always)
             said = (*said, *more)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
@@ -357,25 +356,25 @@ def _chosen(
     rarer: set[str],
     found: tuple[FreeRunResiduals, Minimum],
     always: tuple[str, ...],
-    rounds: int,
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]]:
     """Return the residuals in the terms that help, where they end, rivals, and what is not fitted.
 
     From where some terms of the ``wide`` residuals were fitted; the ``rarer`` ones are tried where
-    one is lacking. Terms are chosen anew, in a few ``rounds``, where those that were fitted differ.
+    one is lacking.
     """
     logs = [each.log for each in wide.simulations]
     (problem, end), lacking = found, None
     plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
     while True:
         here = wide.without(rarer)
-        same = here.keys == problem.keys and not lacking
-        point, at = (end.point, end.at) if same else here.about(problem, end.point)
-        choice, before = here.choose_terms(point, at, always), {*problem.keys}
+        point, at = (end.point, end.at)
+        if lacking or here.keys != problem.keys:
+            point, at = here.about(problem, end.point)
+        if not lacking and here.keys != problem.keys:  # at 0 some look like nothing
+            end = here.descend(point, at)
+            point, at = end.point, end.at
+        choice = here.choose_terms(point, at, always)
         problem, end, rivals = here.fitted(choice)
-        rounds -= 1
-        if rounds > 0 and {*problem.keys} != before:
-            continue  # where fewer terms ended others may have looked like nothing
         idle = {*tried(logs)} - {name for name, _ in problem.keys}
         lacking = wide.without(idle).lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
