@@ -45,7 +45,7 @@ from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
+from butterfly.model.terms import COMPANIONS, TERMS, lower_bounds, offered
 from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
 
@@ -194,7 +194,7 @@ class FreeRunResiduals:
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent."""
         absent = {
-            self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
+            self.keys[k][0]: getattr(LumpedParameters, self.keys[k][0], 0.0)
             for k in range(len(self.keys))
             if k not in kept
         }
@@ -256,7 +256,7 @@ class FreeRunResiduals:
     def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
         """Return (n,) scaled values, and the equations about them, at those of fewer parameters."""
         found = dict(zip(problem.keys, (point * problem.scale).tolist(), strict=True))
-        absent = {key: getattr(FrictionTerms, key[0], 0.0) for key in self.keys}
+        absent = {key: getattr(LumpedParameters, key[0], 0.0) for key in self.keys}
         values = np.array(list((absent | found).values())) / self.scale
         return values, self.weighed(self.equations(values).counting(self.loss), values)
 
