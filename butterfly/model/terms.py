@@ -78,7 +78,7 @@ class Term:
     size: Callable[[float, float, float], float] | None = None
     # What a residual torque of this shape is called; empty for one that is not looked for
     looks_like: str = ""
-    follows: str = ""  # The term without which it says nothing
+    follows: frozenset[str] = frozenset()  # Terms without one of which it says nothing
     # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()
 
@@ -347,7 +347,8 @@ _ROWS = (
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "v_s, by which most of that excess is lost",
          lower=1e-3, size=lambda _torque, speed, _rate: 0.1 * speed,
-         follows="stribeck", offered=frozenset({_OUTPUT})),
+         follows=frozenset({"stribeck", "motor_stribeck", "load_stribeck"}),
+         offered=frozenset({_OUTPUT})),
     Term("motor_friction", "motor friction", "–",
          "of a gear: growth of friction with the motor's torque",
          lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction, size=_tenth,
@@ -383,9 +384,10 @@ _ROWS = (
          lower=0.0, state="base", size=_thousandth, offered=frozenset({_OUTPUT})),
     Term("base_frequency", "base frequency", "rad/s", "natural frequency of the bare base",
          lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,
-         follows="base_compliance", offered=frozenset({_OUTPUT})),
+         follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("base_damping", "base damping", "–", "damping ratio of the bare base",
-         lower=0.0, state="base", size=_tenth, offered=frozenset({_OUTPUT})),
+         lower=0.0, state="base", size=_tenth,
+         follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
          basis=lambda m: -np.sin(m.periods * m.angle),
          potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
@@ -440,9 +442,8 @@ GEAR = tuple(
 TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in the order in which they are printed."""
 
-COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
-COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["stribeck"])
-"""What comes with a term, by the term's name."""
+FOLLOWERS = {row.name for row in _ROWS if row.follows}
+"""What says nothing without another term."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """What grows with the scale of all torques."""
@@ -491,6 +492,12 @@ def made_up(parameters: FrictionTerms, motion: Motion, rows: Sequence[Term]) -> 
         moving = parameters.motion(motion.angle, motion.velocity, motor=motor)
         torque = torque_of(parameters, moving, rows)
     return torque
+
+
+def companions(names: Iterable[str]) -> set[str]:
+    """Return the names of what comes with some terms."""
+    leaders = {*names}
+    return {row.name for row in _ROWS if row.follows & leaders}
 
 
 def offered(estimator: str) -> tuple[str, ...]:

@@ -45,11 +45,11 @@ from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, TERMS, lower_bounds, offered
+from butterfly.model.terms import TERMS, companions, lower_bounds, offered
 from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
 
-TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
+TRIED = (*CANDIDATES, *companions({SCANNED}))
 """Terms that are tried where none are told."""
 
 OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression")
@@ -249,8 +249,11 @@ class FreeRunResiduals:
         return problem, problem.descend(first), rivals
 
     def without(self, names: Container[str]) -> FreeRunResiduals:
-        """Return the residuals without some terms."""
-        kept = np.flatnonzero([name not in names for name, _ in self.keys])
+        """Return the residuals without some terms, and what says nothing without them."""
+        lost = {name for name, _ in self.keys if name in names}
+        left = {name for name, _ in self.keys} - lost
+        lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
+        kept = np.flatnonzero([name not in lost for name, _ in self.keys])
         return self.keeping(kept, self.initial[kept])
 
     def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
@@ -285,10 +288,9 @@ class FreeRunResiduals:
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
             return ()
         last = doubtful[-1]
-        leader = next((name for name, with_it in COMPANIONS.items() if with_it == last), last)
-        return tuple(
-            n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
-        )
+        together = {last, *TERMS[last].follows}
+        together |= companions(together)
+        return tuple(name for name in names if name in together)
 
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, in the parameters themselves."""

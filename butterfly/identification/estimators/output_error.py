@@ -59,7 +59,7 @@ from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, GEAR, LOOP_TERMS, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import GEAR, LOOP_TERMS, OF_ANGLE, PARAMETERS, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -339,9 +339,8 @@ class OutputError(Estimator):
             terms = candidates(dict.fromkeys((*tried(logs), *RARER)), masses, known)
         else:
             terms = requested_terms(terms, known.uncertain)
-        leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
         settled = {*terms, *self.fixed, *known.parameters}
-        brought = {COMPANIONS[name] for name in leaders} - settled
+        brought = companions({*terms, *known.uncertain}) - settled
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
     def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
