@@ -276,7 +276,7 @@ def design(
         As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
     swing
         Largest swing allowed, in rad (1 if not given), or on a slide in m (what its logs have
-        shown if not given).
+        shown if not given, as those of a servo, whose runs are set-points).
 
     Raises
     ------

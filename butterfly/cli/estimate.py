@@ -266,9 +266,9 @@ def design(
 ) -> ExitCode:
     """Rank candidate next experiments by how much they would tell.
 
-    Sines, multisines and free decays with each added mass of the data set and with none; each is
-    simulated with the estimate, of which the verdict stands first. Values that no joint has are
-    refused.
+    Sines, multisines and free decays with each added mass of the data set and with none, of a servo
+    as set-points in its loop; each is simulated with the estimate, of which the verdict stands
+    first. Values that no joint has are refused.
 
     Parameters
     ----------
@@ -276,7 +276,8 @@ def design(
         A manifest, a folder of logs, a saved result (whose estimate it is) or a shipped data set's
         name.
     swing
-        Largest swing allowed (on a slide in m); 1 if not given, or what a slide's logs have shown.
+        Largest swing allowed (on a slide in m); 1, or what logs of a slide or servo have shown, if
+        not given.
     limit
         Candidates to print, at most.
     """

@@ -70,7 +70,8 @@ def compare_three(
         joint = MujocoJoint(robot, added, angle=angle, velocity=velocity)
         loop = own.loop(driven, zero)
         if loop is None:
-            mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive)
+            slow = parameters.slow_delay, parameters.slow_interval
+            mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive, slow)
         else:
             states = replay_loop(joint, log, own.grid, loop)
             mujoco = zero + SimulatedMotion(((own.grid, *states),)).at(log.time)

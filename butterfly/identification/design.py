@@ -2,14 +2,16 @@
 
 Each candidate is simulated with the estimate; the sensitivities of its angle to the parameters are
 its information, weighed against the misfit that the model has shown so far (Walter & Pronzato,
-Identification of Parametric Models from Experimental Data, 1997, ch. 6).
+Identification of Parametric Models from Experimental Data, 1997, ch. 6). A servo is planned
+set-points, and falls with its torque off: it takes no other input.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,11 +20,13 @@ from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.levels import LOST
-from butterfly.identification.simulation import LONGEST_STEP
-from butterfly.logs.log import Sine
+from butterfly.identification.servo_drive import driven
+from butterfly.identification.simulation import LONGEST_STEP, Simulation
+from butterfly.logs.log import InitialState, InputKind, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import LARGEST_SWING, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
+from butterfly.model.servo import ServoLoop
 from butterfly.progress import Track, in_threads, out_of_time, untracked
 from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, initial_angle
 
@@ -41,14 +45,26 @@ class Candidate:
     """A next experiment and what it is expected to bring."""
 
     added_mass: AddedMass  # what the hand carries
-    signal: Excitation  # the input, as an experiment can be driven with it
+    signal: Excitation  # the input, as an experiment can be driven with it: a servo's set-point
     swing: float  # largest angle in rad predicted, on a slide way in m
     errors: Samples  # (n,) standard errors expected after it, over those before
     warning: str = ""  # why it should not be relied on; empty if it may
+    servo: ServoLoop | None = None  # in whose loop it is
 
     @property
     def what(self) -> str:
         """The input, in words."""
+        if self.servo is None:
+            return self._input
+        if isinstance(self.signal, FreeDecay):
+            return f"fall from {self.signal.angle:g} rad with the torque off"
+        gains = ((name, getattr(self.servo, name).value) for name in ("kp", "ki", "kd"))
+        told = ", ".join(f"{name} {gain:g}" for name, gain in gains if gain)
+        unit = "rad/s" if self.servo.of_speed else "rad"
+        return f"set-point: {self._input} {unit} ({told})"
+
+    @property
+    def _input(self) -> str:
         if isinstance(self.signal, Sine):
             return f"sine of {self.signal.omega:g} rad/s, amplitude {self.signal.amplitude:g}"
         if isinstance(self.signal, Multisine):
@@ -71,6 +87,7 @@ def rank_experiments(
     misfit: float,
     *,
     largest_swing: float = LARGEST_SWING,
+    servos: Sequence[Log] = (),
     track: Track = untracked,
 ) -> list[Candidate]:
     """Rank sines, multisines and free decays on each added mass by the uncertainty they leave.
@@ -80,24 +97,37 @@ def rank_experiments(
 
     ``estimate``: with its covariance; ``masses``: added masses that are at hand, none being one;
     ``misfit``: relative error of the model on the logs so far, 1 - FIT/100; ``largest_swing``:
-    allowed, in rad.
+    allowed, in rad; ``servos``: logs of a servo, in whose loops, and as long, runs are planned.
     """
     require_number("design", positive=True, unit="rad", swing=largest_swing)
     if not np.isfinite(estimate.covariance).all():
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance to improve on"
         )
-    jobs = [
-        (mass, each)
-        for mass in masses
+    jobs: list[tuple[AddedMass, Excitation, Log | None]] = [
+        (mass, each, None)
+        for mass in ([] if servos else masses)
         for each in _inputs(estimate.parameters, mass, largest_swing)
     ]
+    jobs += [
+        (mass, each, log)
+        for mass in masses
+        for log in servos
+        for each in _setpoints(
+            estimate.parameters.with_added_mass(mass),
+            log,
+            math.sqrt(2) * max(each.rms_speed for each in servos),
+            min(largest_swing, LARGEST_SWING),
+            fall=log is servos[0],
+        )
+    ]
 
-    def judge(job: tuple[AddedMass, Excitation]) -> Candidate | None:
-        mass, signal = job
+    def judge(job: tuple[AddedMass, Excitation, Log | None]) -> Candidate | None:
+        mass, signal, log = job
         if mass != masses[0] and out_of_time("candidates with some of the added masses"):
             return None
-        return judged_candidate(estimate, mass, signal, misfit=misfit, limit=largest_swing)
+        limits = {"misfit": misfit, "limit": largest_swing}
+        return judged_candidate(estimate, mass, signal, log, **limits)
 
     judged = in_threads(judge, jobs, track, "Judging candidates")
     candidates = (each for each in judged if each is not None)
@@ -115,15 +145,18 @@ def next_experiments(
 
     ``data``: from which the estimate was made; how well it is followed says how far to trust the
     model; ``estimate``: with its covariance; ``largest_swing``: allowed, in rad or m;
-    `LARGEST_SWING`, or what a slide's logs have shown, if not given.
+    `LARGEST_SWING`, or what the logs of a slide or a servo have shown, if not given.
     """
     estimate.parameters.require_gain("design")
+    servos = [*{log.servo: log for log in data.logs if log.closed}.values()]
     if largest_swing is None:
         seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
-        largest_swing = seen if data.joint is JointKind.SLIDE else LARGEST_SWING
+        largest_swing = seen if servos or data.joint is JointKind.SLIDE else LARGEST_SWING
     misfit = 1 - float(np.median(data.simulations.fits(estimate))) / 100
     masses = masses_at_hand(data)
-    return rank_experiments(estimate, masses, misfit, largest_swing=largest_swing, track=track)
+    return rank_experiments(
+        estimate, masses, misfit, largest_swing=largest_swing, servos=servos, track=track
+    )
 
 
 def masses_at_hand(data: DataSet) -> list[AddedMass]:
@@ -157,17 +190,43 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list
     return inputs
 
 
+def _setpoints(
+    loaded: LumpedParameters, log: Log, fastest: float, limit: float, *, fall: bool
+) -> list[Excitation]:
+    """Propose set-points in the loop of a log, from slow ones to the ``fastest``, and a fall."""
+    of_speed = log.servo is not None and log.servo.of_speed
+    inputs: list[Excitation] = []
+    for swing in (limit * share for share in _SWINGS):
+        for omega in (float(f"{fastest / swing / 4**k:.3g}") for k in range(4)):
+            peak = float(f"{swing * (omega if of_speed else 1):.2g}")
+            inputs.append(Sine(omega=omega, amplitude=peak))
+    base = float(f"{fastest / limit / _RESONANCE:.3g}")
+    peak = float(f"{(fastest if of_speed else limit) / 2:.2g}")
+    inputs.append(Multisine(base=base, harmonics=_HARMONICS, peak=peak))
+    if fall and loaded.p3 != 0.0:  # which lets it
+        inputs.append(FreeDecay(angle=limit))
+    return inputs
+
+
 def judged_candidate(
-    estimate: Estimate, mass: AddedMass, signal: Excitation, *, misfit: float, limit: float
+    estimate: Estimate,
+    mass: AddedMass,
+    signal: Excitation,
+    servo: Log | None = None,
+    *,
+    misfit: float,
+    limit: float,
 ) -> Candidate:
-    """Return what a candidate would tell, and why not to rely on it."""
+    """Return what a candidate would tell, and why not to rely on it; in a ``servo``'s loop."""
     parameters = estimate.parameters
-    angle = _respond(parameters, mass, signal)
+    respond = _responder(parameters, mass, signal, servo)
+    angle = respond(parameters)
+    loop = None if servo is None else servo.servo
     errors = estimate.standard_errors
     columns = []
     for name, error in zip(estimate.names, errors.tolist(), strict=True):
         moved = replace(parameters, **{name: getattr(parameters, name) + error})
-        columns.append(_respond(moved, mass, signal) - angle)
+        columns.append(respond(moved) - angle)
     jacobian = np.column_stack(columns)  # per standard error
     motion = max(float(np.std(angle)), 1e-9)
     correlation = estimate.covariance / np.outer(errors, errors)
@@ -180,7 +239,9 @@ def judged_candidate(
     warning = ""
     if swing > limit:
         warning = f"swings {swing:.2g} {mass.joint.way}"
-    elif drive < _OF_FRICTION * friction:
+    elif loop is not None and not loop.of_speed and swing < LOST * _peak(signal) < math.inf:
+        warning = f"follows its set-point to {100 * swing / _peak(signal):.0f} % only"
+    elif loop is None and drive < _OF_FRICTION * friction:
         warning = "the drive hardly exceeds Coulomb friction"
     elif spread > LOST:
         warning = f"hypersensitive: its angle is known to {100 * spread:.0f} % of its swing only"
@@ -190,6 +251,7 @@ def judged_candidate(
         swing=swing,
         errors=np.sqrt(np.diag(after)),
         warning=warning,
+        servo=loop,
     )
 
 
@@ -200,7 +262,31 @@ def _peak(signal: Excitation) -> float:
     return signal.peak if isinstance(signal, Multisine) else math.inf
 
 
-def _respond(parameters: LumpedParameters, mass: AddedMass, signal: Excitation) -> Samples:
+def _responder(
+    parameters: LumpedParameters, mass: AddedMass, signal: Excitation, servo: Log | None
+) -> Callable[[LumpedParameters], Samples]:
+    """Return what simulates a candidate: by its input, or in a servo's loop as long as its log."""
+    if servo is None:
+        return partial(_respond, mass=mass, signal=signal)
+    time = np.arange(0.0, min(float(np.ptp(servo.time)), DURATION), servo.mean_step)
+    every, start = np.ones(time.size), initial_angle(signal)
+    planned = Log(
+        time,
+        input=signal.sample(time),
+        angle=start * every,
+        input_kind=InputKind.SETPOINT,
+        intersample=servo.intersample,
+        servo=servo.servo,
+        supply=None if servo.supply is None else servo.supply.mean() * every,
+        enabled=0 * every if isinstance(signal, FreeDecay) else None,
+        added_mass=mass,
+    )
+    simulation = Simulation(driven(planned), parameters)
+    begin = InitialState(start, 0.0)
+    return lambda moved: simulation.run(moved, 0.0, begin).at(time)
+
+
+def _respond(parameters: LumpedParameters, *, mass: AddedMass, signal: Excitation) -> Samples:
     """Simulate a candidate from rest, its bias aside."""
     time = np.arange(0.0, DURATION, LONGEST_STEP)
     instants = np.column_stack([time[:-1], time[:-1] + LONGEST_STEP / 2, time[1:]])

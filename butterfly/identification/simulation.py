@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
-from butterfly.logs.log import InitialState, Log
+from butterfly.logs.log import InitialState, Intersample, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.linear import resonance_frequency
@@ -36,6 +36,7 @@ the joint turns back or sticks is then no matter of its mean."""
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
 FINEST = 100
 """Steps in one of a log at most: what is faster no log shows."""
+_DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by both delays
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
@@ -78,7 +79,7 @@ class Simulation:
         grid = uniform_grid(log.time, step)
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
-        self._latest: tuple[tuple[float, DriveTerms], Samples] | None = None
+        self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
         self._reader: tuple[complex | None, Samples, Samples] | None = None
 
     @property
@@ -191,22 +192,34 @@ class Simulation:
     def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
         """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
 
-        The first derivative is that by the delay (see `hold.parabolas`); those by the terms of the
-        drive follow if so many ``drives`` are asked for.
+        The first derivative is that by the delay (see `hold.parabolas`); those by the slow delay
+        and by the terms of the drive follow if so many ``drives`` are asked for.
         """
         looped = needs_loop(self.log)  # delivers by itself
-        latest, key = self._latest, (parameters.delay, IDEAL if looped else parameters.drive)
+        drive = IDEAL if looped else parameters.drive
+        slow = (0.0, 0.0) if looped else (parameters.slow_delay, parameters.slow_interval)
+        latest, key = self._latest, (parameters.delay, *slow, drive)
+        time = self.log.arrivals(*slow) if slow[0] else self._command[0]
         if latest is None or latest[0] != key:
-            delivered = self._parabolas(key[1].delivered(self._command[1]), parameters.delay)
+            delivered = self._parabolas(time, drive.delivered(self._command[1]), parameters.delay)
             self._latest = latest = key, delivered
         if drives > len(latest[1]) and not looped:
-            slopes = parameters.slopes(self._command[1]).values()
-            by_drive = (self._parabolas(each, parameters.delay)[:1] for each in slopes)
-            self._latest = latest = key, np.concatenate([latest[1], *by_drive])
+            commands = self._command[1]
+            slopes = list(parameters.slopes(commands).values())[: drives - _DELAYS]
+            more = [self._parabolas(time, each, parameters.delay)[0] for each in slopes]
+            late = self._slow(drive.delivered(commands), slow[1])
+            more.insert(0, self._parabolas(time, late, parameters.delay)[1])
+            self._latest = latest = key, np.concatenate([latest[1][:2], more])
         return latest[1][: max(drives, 2)]
 
-    def _parabolas(self, inputs: Samples, delay: float) -> Samples:
-        return hold.parabolas(self._command[0], inputs, self.grid - delay, self.log.intersample)
+    def _slow(self, inputs: Samples, limit: float) -> Samples:
+        """Return what the steps alone of (n,) inputs make that come while the clock is slow."""
+        held = self.log.intersample is Intersample.ZERO_ORDER_HOLD
+        steps = np.diff(inputs, prepend=0.0 if held else inputs[0])
+        return np.cumsum(steps * self.log.is_slow(limit))
+
+    def _parabolas(self, time: Samples, inputs: Samples, delay: float) -> Samples:
+        return hold.parabolas(time, inputs, self.grid - delay, self.log.intersample)
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

@@ -185,7 +185,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     if wrapping is not None:
         _refuse_wrapped(clean, wrapping, repairs)
         clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
-    regimes = find_regimes(clean.time)
+    regimes = clean.regimes or find_regimes(clean.time)
     clean = replace(clean, regimes=regimes) if len(regimes) > 1 else clean
     driven = clean.input_kind is not InputKind.NONE
     regular = intervals[~is_gap] if is_gap.any() else intervals

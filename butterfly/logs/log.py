@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.regimes import Regime
+from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
@@ -171,7 +171,8 @@ class Log:
     integrated
         Whether the angle was not recorded, and is the integral of the velocity.
     regimes
-        Of its clock, where its mean interval switches (see `butterfly.logs.regimes`).
+        Of its clock, where its mean interval switches (see `butterfly.logs.regimes`): `examine` of
+        `butterfly.logs.health` finds them.
     """
 
     time: Samples
@@ -436,7 +437,12 @@ class Log:
         """(n,) whether the mean interval of its clock is above a limit in s at each command."""
         time, regimes = self.command[0], self.clock_regimes
         last = np.searchsorted([each.begin for each in regimes], time, side="right") - 1
-        return np.array([each.interval > limit for each in regimes])[np.maximum(last, 0)]
+        return np.array([0 < limit < each.interval for each in regimes])[np.maximum(last, 0)]
+
+    def arrivals(self, late: float, limit: float) -> Samples:
+        """(n,) stamps in s of `command`, ``late`` by so many s where the clock `is_slow`."""
+        time = self.command[0]
+        return np.maximum.accumulate(time + late * self.is_slow(limit)) if late else time
 
     @property
     def clock_regimes(self) -> tuple[Regime, ...]:
@@ -541,6 +547,12 @@ class Log:
         if self.excitation is None:
             return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
+
+
+def slow_interval(logs: Sequence[Log]) -> float:
+    """Return the sampling interval in s above which clocks are slow; 0 where none switches."""
+    ends = [float(log.time[-1]) for log in logs]
+    return between_regimes([log.clock_regimes for log in logs], ends)
 
 
 def _integral(time: Samples, velocity: Samples) -> Samples:

@@ -105,7 +105,7 @@ class Columns:
 
     @property
     def drives(self) -> int:
-        """How many of p4, delay and `DRIVE`, in this order, are needed of the input."""
+        """How many of p4, delay, slow_delay and `DRIVE`, in this order, are needed of the input."""
         gains = COLUMNS[LOOP_TERMS[0]]
         last = int(self.column.max(initial=-1, where=self.column < gains))
         return max(last + 1 - len(Constants._fields), 0)
@@ -131,8 +131,9 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
-    already delayed, and as far as `Columns.drives` asks for them its derivatives by delay and the
-    terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and rad/s.
+    already delayed, and as far as `Columns.drives` asks for them its derivatives by both delays and
+    the terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and
+    rad/s.
     """
     if not columns.column.size:
         angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
@@ -167,6 +168,7 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str,
         "load": {name: slope * added.weight for name, slope in level.items()},
         "stribeck": {} if held else {"stribeck": 1.0},
         "delay": {"delay": loaded.p4},
+        "slow_delay": {"slow_delay": loaded.p4},
         **{name: {name: loaded.p4} for name in DRIVE},
         "mass_inertia": {"p1": added.swung},
         "tilt": {"p3": -added.gravity_moment * math.sin(loaded.tilt)},

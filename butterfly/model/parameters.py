@@ -306,6 +306,9 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
         moment of added masses; p3 and p3_offset are what is left of the hand's.
     delay
         From recorded input to torque, in s.
+    slow_delay, slow_interval
+        What is added to the delay, in s, where the mean sampling interval of a log's clock is above
+        the other, in s (see `butterfly.logs.regimes`).
     back_emf
         The back EMF's share k_emf k_i/R of p2, in N m s/rad; it counts only with the next.
     time_constant
@@ -324,6 +327,8 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
     p3_offset: float = 0.0
     tilt: float = 0.0
     delay: float = 0.0
+    slow_delay: float = 0.0
+    slow_interval: float = 0.0
     back_emf: float = 0.0
     time_constant: float = 0.0
     gravity: float = GRAVITY

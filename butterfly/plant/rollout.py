@@ -135,19 +135,25 @@ def _by_mujoco(
                 yield rig.record(run, time, command, true, rng)
 
 
-def replay_input(joint: Joint, log: Log, delay: float = 0.0, drive: DriveTerms = IDEAL) -> Samples:
+def replay_input(
+    joint: Joint,
+    log: Log,
+    delay: float = 0.0,
+    drive: DriveTerms = IDEAL,
+    slow: tuple[float, float] = (0.0, 0.0),
+) -> Samples:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
-    The input is what its drive delivers, held at its mean over each step, its hold and a delay
-    in s accounted for. Steps are short: MuJoCo's Coulomb friction, which creeps at rest, is the
-    sharper the shorter they are.
+    The input is what its drive delivers, held at its mean over each step, its hold and a delay in s
+    accounted for, and the ``slow`` delay and interval of its clock's regimes. Steps are short:
+    MuJoCo's Coulomb friction, which creeps at rest, is the sharper the shorter they are.
     """
     joint.reset()
     counts = np.ceil(np.diff(log.time) / _REPLAY_STEP * (1 - 1e-9)).astype(np.intp)
     numbers = np.concatenate([[0], np.cumsum(counts)])
     instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
-    inputs = drive.delivered(log.input)
-    means = hold.mean(log.time, inputs, instants - delay, log.intersample)
+    inputs = drive.delivered(log.command[1])
+    means = hold.mean(log.arrivals(*slow), inputs, instants - delay, log.intersample)
     angles: Samples = joint.follow(means, np.diff(instants))[numbers]
     _require_motion(angles, log)
     return angles

@@ -30,6 +30,7 @@ _FOLLOWS = {
     Condition.TIME: "time in the log",
     Condition.DIRECTION: "the sign of the input",
     Condition.LOG: "the log",
+    Condition.REGIME: "the clock's mean sampling interval",
 }
 
 _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
@@ -48,6 +49,9 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a base that gives"),
     (Condition.FREQUENCY, "p4"): ("a lag of the drive", "a base that gives"),
     (Condition.FREQUENCY, "coulomb"): _FRICTION,
+    (Condition.REGIME, "delay"): (
+        "the two regimes of the clock have a delay each, which output-error fits (slow_delay)",
+    ),
     (Condition.TIME, "p4"): ("the motor's resistance, which grows as it warms up", "the supply"),
 }
 """What may make a parameter follow a condition, the likeliest first."""

@@ -10,10 +10,12 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification import design
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.logs.log import Sine
+from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.servo import ServoLoop
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Robot
@@ -112,3 +114,64 @@ def test_a_swing_that_is_none_is_refused(found):
     for swing in (0.0, -1.0, float("nan"), "wide"):
         with pytest.raises(InputError, match="swing"):
             rank_experiments(found, [MASSES[1]], 0.05, largest_swing=swing)
+
+
+SERVO = LumpedParameters(
+    p1=0.0066, p2=0.05, p3=0.02, p4=0.12, coulomb=0.02, load_friction=0.1, back_emf=0.04
+)
+LAW = ServoLoop.of({"law": "dynamixel-xl330", "kp": 800, "supply": 7.4})
+HEAVY = AddedMass(mass=0.4, arm=0.1)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    """Candidates after logs with one mass, of which load and Coulomb friction are one number."""
+    return _ranked([NO_ADDED_MASS, HEAVY], LAW)
+
+
+def _ranked(masses, servo):
+    names = ("p1", "p4", "coulomb", "load_friction")
+    values = np.array([getattr(SERVO, name) for name in names])
+    errors = np.array([0.05, 0.05, 0.5, 0.5]) * values
+    covariance = np.diag(errors**2)
+    covariance[2, 3] = covariance[3, 2] = -0.99 * errors[2] * errors[3]
+    fixed = {"p2": SERVO.p2, "p3": SERVO.p3, "back_emf": SERVO.back_emf}
+    found = Estimate(method="any", names=names, values=values, covariance=covariance,
+                     lower=values - errors, upper=values + errors, fixed=fixed)  # fmt: skip
+    time = np.arange(0.0, 4.0, 0.01)
+    log = Log(time, input=np.sin(4 * time), angle=0.9 * np.sin(4 * time), servo=servo,
+              input_kind=InputKind.SETPOINT, added_mass=HEAVY)  # fmt: skip
+    return rank_experiments(found, masses, 0.02, servos=[log])
+
+
+def test_a_servo_is_planned_set_points_that_move_it_as_predicted(planned):
+    robot = Robot.of_lumped(SERVO)
+    rig = Rig(robot=robot, simulator=Simulator.GREY_BOX, clock=Clock(step=0.01), servo=LAW)
+    for each in planned:
+        assert each.servo is LAW
+        falls = isinstance(each.signal, FreeDecay)
+        assert ("torque off" if falls else "set-point: ") in each.what
+        own = replace(rig, torque_off=((0.0, 4.0),)) if falls else rig
+        (log,) = simulate_runs(own, [(each.added_mass, each.signal)], 4.0, [1])
+        assert np.abs(log.angle).max() == pytest.approx(each.swing, rel=0.02), each.what
+    assert max(each.swing for each in planned if not each.warning) <= 1.0
+
+
+def test_another_mass_tells_load_friction_from_coulomb_friction(planned):
+    """The same slow motion with another mass than the logs', with which both are one number."""
+    left = {(str(each.signal), each.added_mass): each.errors[2:] for each in planned}
+    slow = {str(c.signal) for c in planned if isinstance(c.signal, Sine) and c.signal.omega < 10}
+    assert len(slow) == 7
+    for signal in slow:
+        assert (left[signal, NO_ADDED_MASS] < 0.9 * left[signal, HEAVY]).all(), signal
+
+
+def test_set_points_are_as_fast_as_the_logs_and_speeds_of_a_law_of_speed(planned):
+    """Those were 0.9 rad at 4 rad/s, and set-points of speed are in rad/s."""
+    sines = [each.signal for each in planned if isinstance(each.signal, Sine)]
+    assert max(each.omega * each.amplitude for each in sines) == pytest.approx(3.6, rel=0.05)
+    law = ServoLoop.of({"law": "odrive-velocity", "kp": 0.5, "ki": 0.1})
+    of_speed = _ranked([NO_ADDED_MASS], law)
+    peaks = {round(each.signal.amplitude, 1) for each in of_speed if "sine of" in each.what[:20]}
+    assert max(peaks) == pytest.approx(3.6, rel=0.05)
+    assert all("rad/s (kp 0.5, ki 0.1)" in each.what for each in of_speed if "set" in each.what)

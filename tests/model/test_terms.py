@@ -25,7 +25,16 @@ YIELDED = {"compression": lambda c: COMMAND / (1 + c * COMMAND), "dead_zone": la
 
 STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]
-SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt", "mass_inertia"]
+SETTING = [
+    "p1",
+    "delay",
+    "slow_delay",
+    "slow_interval",
+    "stribeck_velocity",
+    "cogging_periods",
+    "tilt",
+    "mass_inertia",
+]
 SETTING += LOOP_TERMS
 
 

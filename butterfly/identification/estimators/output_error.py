@@ -55,7 +55,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
-from butterfly.logs.log import Log
+from butterfly.logs.log import Log, slow_interval
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
@@ -216,7 +216,8 @@ class OutputError(Estimator):
                     problem, end, rivals, choice = plain  # it is no such term
                 said = (*said, *choice.findings)
                 break
-            plain = plain or (problem, end, rivals, choice)
+            if lacking != "slow_delay":  # which stamps tell apart from all else
+                plain = plain or (problem, end, rivals, choice)
             rarer, always = rarer - {lacking}, (*always, lacking)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
@@ -288,7 +289,7 @@ class OutputError(Estimator):
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return FreeRunResiduals.of(
             logs,
-            replace(start, cogging_periods=self.cogging_periods),
+            replace(start, cogging_periods=self.cogging_periods, slow_interval=slow_interval(logs)),
             zeros,
             shared=[name for name in every if name not in owned],
             per_mass=self.per_mass,
@@ -332,11 +333,13 @@ class OutputError(Estimator):
         zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
         return Start(replace(guess.parameters, **own), zeros), choice
 
-    def _names(self, logs: Iterable[Log], known: Prior) -> tuple[str, ...]:
+    def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
         terms, masses = self.terms, [log.added_mass for log in logs]
         if terms is None:
             terms = candidates(dict.fromkeys((*tried(logs), *RARER)), masses, known)
+            if not slow_interval(logs):
+                terms = tuple(name for name in terms if name != "slow_delay")
         else:
             terms = requested_terms(terms, known.uncertain)
         settled = {*terms, *self.fixed, *known.parameters}
@@ -347,6 +350,8 @@ class OutputError(Estimator):
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
         fitted = {reference, *(name for name, _ in problem.keys)}
+        if "slow_delay" not in fitted and not start.slow_delay:
+            fitted.add("slow_interval")
         return {
             each.name: getattr(start, each.name)
             for each in fields(start)

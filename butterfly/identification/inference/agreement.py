@@ -151,7 +151,8 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         limits = _LIMITS.get(each.condition, (0.0,))
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
-        if _matters(equations, each, ends or [each.at_mean], conditions):
+        of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
+        if _matters(equations, each, ends or [each.at_mean], conditions, of):
             pairs = list(zip(limits, ends, strict=True))
             accepted.append(_Accepted(_contrast(each, place, chance), each, pairs))
     return sorted(accepted, key=lambda each: -each.contrast.share)
@@ -201,8 +202,10 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            # a gap is crossed in a time that falls with the speed; a delay follows nothing else
-            follows = name in PARAMETERS and (name == "delay") is (condition is Condition.SPEED)
+            # a gap is crossed in a time that falls with the speed, and a clock's regimes may differ
+            # by a message; a delay follows nothing else
+            of_delay = condition in {Condition.SPEED, Condition.REGIME}
+            follows = name in PARAMETERS and (name == "delay") is of_delay
             held = not follows or equations.on_bound[place]
             if held or not (np.ptp(x) > 0 and weight.sum() > 0):
                 continue
@@ -346,9 +349,9 @@ def _matters(
     each: _Tried,
     rivals: list[Samples],
     conditions: Conditions,
-    of: tuple[str, ...] = ("p1", "p4"),
+    of: tuple[str, ...],
 ) -> bool:
-    """Whether a contrast explains much, or moves p1 or p4, and logs as a whole say it as well."""
+    """Whether a contrast explains much, or moves some parameters, and whole logs say it as well."""
     kept = np.isin(equations.names, of) & (equations.values != 0)
     moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
     if not each.of_logs < 1 - CONFIDENCE:

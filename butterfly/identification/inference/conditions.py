@@ -10,8 +10,9 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.levels import FEW
-from butterfly.logs.log import Log
+from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass
+from butterfly.signals.frequency_response import STEADY_SECONDS, first_counted
 
 
 class Condition(StrEnum):
@@ -24,6 +25,7 @@ class Condition(StrEnum):
     SPEED = "speed"
     TIME = "time"
     DIRECTION = "direction"
+    REGIME = "regime"
     WEIGHED = "weighed"
     LOG = "log"
     ALL = "all"
@@ -34,7 +36,8 @@ class Conditions:
     """Under which conditions the logs of k cells were recorded."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, 1/speed, time since the start in s, sign of the input
+    # rad^2, omega^2 in rad^2/s^2, 1/speed, time since the start in s, sign of the input, share in
+    # which the clock is slow
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
     steady: bool = False  # whether residuals are those of steady responses, whose errors are known
@@ -50,6 +53,13 @@ class Conditions:
             Condition.SWING: np.array([np.var(part) for part in angles]),
             Condition.TIME: np.array([part.mean() for part in times]),
         }
+        if limit := slow_interval(logs):
+            window = STEADY_SECONDS if steady else np.inf
+            slow = (
+                log.is_slow(limit)[-log.time.size :][first_counted(log, window) :] for log in logs
+            )
+            parts = (part.mean() for each in slow for part in np.array_split(each, cells))
+            values[Condition.REGIME] = np.fromiter(parts, np.float64)
         if cells == 1:
             del values[Condition.TIME]
         # fewer of either sign differ by chance

@@ -34,7 +34,7 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 
 RARER = (
     *("spring", "mass_inertia", "base_compliance", "dead_zone", "compression"),
-    *("motor_friction", "load_friction"),
+    *("motor_friction", "load_friction", "slow_delay"),
 )
 """Terms that are tried one after the other beside those, by the rule of contrasts."""
 

@@ -9,6 +9,7 @@ from butterfly.model.kernel.equation import (
     BACK_EMF,
     BASIS,
     COGGING,
+    COULOMB,
     DRIVES,
     GAIN,
     LOWERING_STRIBECK,
@@ -16,6 +17,7 @@ from butterfly.model.kernel.equation import (
     MOTOR_FRICTION,
     PERIODS,
     RATE,
+    STRIBECK,
     WEIGHT,
     M,
     V,
@@ -95,7 +97,9 @@ def differentiate(
     for i in range(4):  # a slice would take two seconds to compile
         for j in range(column.size):
             tangents[i, j] = initial[i, j]
-    tape[0, CURRENT] = -1.0
+    tape[0, CURRENT], splits = -1.0, False
+    for k in column:
+        splits |= k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
     for k in range(time.size - 1):
         row, h = into[k], time[k + 1] - time[k]
         if row >= 0:
@@ -112,7 +116,7 @@ def differentiate(
         for part in range(count):
             tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
             own = drive if count == 1 else part_of(drive, part, count)
-            state = step(state, own, h / count, now, tape, column, moving)
+            state = step(state, own, h / count, now, tape, splits, moving)
             if int(tape[0, COUNT]) > _ROWS - 1 - _MOST:
                 _play(
                     time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,

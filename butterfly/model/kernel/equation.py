@@ -76,7 +76,7 @@ class Constants(NamedTuple):
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
-THROUGH_DRIVE = ("p4", "delay", *DRIVE, *LOOP_TERMS)
+THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS)
 COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter that acts through the drives."""
 
@@ -142,10 +142,11 @@ def pull(x, c):
 @inner
 def friction_level(v, sign, motor, load, c):
     """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
+    level, at_rest = c.coulomb, c.stribeck
     if c.geared != 0.0:
-        level = c.coulomb + abs(c.motor_friction * motor - c.load_friction * load)
-        return level + stribeck_level(sign, motor, load, c) * excess_at(v, c)
-    return c.coulomb if c.stribeck == 0.0 else c.coulomb + c.stribeck * excess_at(v, c)
+        level += abs(c.motor_friction * motor - c.load_friction * load)
+        at_rest = stribeck_level(sign, motor, load, c)
+    return level if at_rest == 0.0 else level + at_rest * excess_at(v, c)
 
 
 @inner

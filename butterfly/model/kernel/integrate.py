@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from butterfly.compiled import compiled, inner
+from butterfly.compiled import compiled, inlined
 from butterfly.model.kernel.equation import V, X, least_steps
 from butterfly.model.kernel.moving_base import least_base_steps
 from butterfly.model.kernel.moving_steps import advance_moving
@@ -43,7 +43,7 @@ def integrate_loop(time, state, c, without_drive, loop, moving):
     return angle, velocity
 
 
-@inner
+@inlined
 def count_steps(state, h, c, moving):
     """Count the steps that an interval takes; 0 for a joint that no step could follow."""
     count = least_steps(c, state[V], h)
@@ -53,22 +53,19 @@ def count_steps(state, h, c, moving):
     return max(count, of_base) if count * of_base > 0 else 0
 
 
-@inner
-def step(state, drives, h, c, tape, column, moving):
+@inlined
+def step(state, drives, h, c, tape, splits, moving):
     """Return the state at the end of one step."""
     if moving is None:
-        return advance(state, drives, h, c, tape, column)
-    return advance_moving(state, drives, h, c, tape, column)
+        return advance(state, drives, h, c, tape, splits)
+    return advance_moving(state, drives, h, c, tape, splits)
 
 
-@inner
+@inlined
 def interval(state, drives, h, c, moving):
     """Return the state at the end of one interval, in as many steps as it takes."""
     count = count_steps(state, h, c, moving)
-    if count == 1:
-        return step(state, drives, h, c, None, None, moving)
-    if count == 0:
-        return LOST
     for k in range(count):
-        state = step(state, part_of(drives, k, count), h / count, c, None, None, moving)
-    return state
+        own = drives if count == 1 else part_of(drives, k, count)
+        state = step(state, own, h / count, c, None, False, moving)
+    return state if count else LOST

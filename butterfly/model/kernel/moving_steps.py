@@ -43,9 +43,9 @@ _REFINEMENTS = 3  # tangents to the instant at which a joint breaks loose
 
 
 @inner
-def advance_moving(state, drives, h, c, tape, column):
+def advance_moving(state, drives, h, c, tape, splits):
     """Return the state at the end of one interval, as `steps.advance` does of a base at rest."""
-    if never_sticks(c, column):
+    if never_sticks(c, splits):
         after = runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape, True)
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)

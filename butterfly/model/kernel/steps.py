@@ -12,10 +12,6 @@ import numpy as np
 
 from butterfly.compiled import inlined, inner
 from butterfly.model.kernel.equation import (
-    COULOMB,
-    LOWERING_STRIBECK,
-    MOTOR_FRICTION,
-    STRIBECK,
     M,
     V,
     X,
@@ -46,10 +42,13 @@ _ASTRAY = 0.1  # change by the last chord, as a share of what it changed
 _ROUNDING = 1e-12  # share of an interval
 
 
-@inner
-def advance(state, drives, h, c, tape, column):
-    """Return the state at the end of one interval, split at each reversal of the velocity."""
-    if never_sticks(c, column):
+@inlined
+def advance(state, drives, h, c, tape, splits):
+    """Return the state at the end of one interval, split at each reversal of the velocity.
+
+    ``splits`` says so even of a joint without friction, whose derivatives by friction are wanted.
+    """
+    if never_sticks(c, splits):
         after = runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape, None)
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)
@@ -131,20 +130,10 @@ def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
 
 
 @inner
-def never_sticks(c, column):
+def never_sticks(c, splits):
     """Tell whether a joint has no rigid friction, and no derivative by it is wanted."""
     smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
-    return (smooth and not _by_friction(column)) or c.bristle_stiffness > 0.0
-
-
-@inner
-def _by_friction(column):
-    """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
-    if column is not None:
-        for k in column:
-            if k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK:
-                return True
-    return False
+    return (smooth and not splits) or c.bristle_stiffness > 0.0
 
 
 @inner
