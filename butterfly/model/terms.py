@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import dawsn, j1
+from scipy.special import dawsn, j0, j1, jv
 
 from butterfly.arrays import Samples
 
@@ -44,6 +44,8 @@ class Motion(NamedTuple):
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
     motor: Any = 0.0  # Torque of the motor in N m
     load: Any = 0.0  # What gravity, springs and the like pull with, in N m
+    moment: Any = 0.0  # First moment in kg m of what swings
+    base: Any = (1.0, 1.0)  # Frequency in rad/s and damping ratio of a base under this
     way: Any = 0.0  # Sign of what a gear carries of both,
     way_at_rest: Any = 0.0  # and of what its excess at rest grows with
 
@@ -105,6 +107,19 @@ def stribeck_describing_function(
     """
     b = a * omega / velocity
     return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)
+
+
+def base_describing_function(omega: Samples, a: Samples, m: Motion) -> NDArray[np.complex128]:
+    """Gain, per compliance, of what a base takes from the torque on a joint that swings by a rad.
+
+    With Q = 1 - (w/w_b)^2 + 2 j zeta w/w_b of a base that hardly gives, h' = H cos th pulls with
+    H cos(th) s'' where Q s = w^2 times the fundamental of H sin th.
+    """
+    natural, damping = m.base
+    pushed = m.moment * gravity_describing_function(a)
+    force = omega**2 * pushed / (1 - (omega / natural) ** 2 + 2j * damping * omega / natural)
+    along, across = j0(a) - jv(2, a), j0(a) + jv(2, a)
+    return np.asarray(-(omega**2) * m.moment * (along * force.real + 1j * across * force.imag))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -387,7 +402,8 @@ _ROWS = (
          offered=frozenset({_OUTPUT})),
     Term("base_compliance", "base compliance", "m/N",
          "of the spring on which the base gives; 0 for one that stands still",
-         lower=0.0, state="base", size=_thousandth, offered=frozenset({_OUTPUT})),
+         lower=0.0, state="base", size=_thousandth, describing=base_describing_function,
+         offered=frozenset({_HARMONIC, _OUTPUT})),
     Term("base_frequency", "base frequency", "rad/s", "natural frequency of the bare base",
          lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),

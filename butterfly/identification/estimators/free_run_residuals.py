@@ -229,7 +229,8 @@ class FreeRunResiduals:
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out."""
         logs = [each.log for each in self.simulations]
-        optional = {name for name in (*tried(logs), *RARER) if name not in always}
+        every = {*tried(logs), *RARER}
+        optional = every.difference(always) | companions(every)
         masses = [log.added_mass for log in logs]
         cells = independent_cells_of(len(logs), len(self.keys))
         conditions = Conditions.of(logs, cells)
@@ -239,9 +240,12 @@ class FreeRunResiduals:
 
     def fitted(self, choice: TermChoice) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...]]:
         """Return the residuals in what was chosen, where their descent ends, and the rivals."""
-        names = [label for label in self.labels if label in choice.names]
+        wanted = {*choice.names, *companions(choice.names)}
+        names = [label for label in self.labels if label in wanted]
+        here = dict(zip(self.labels, self.initial.tolist(), strict=True))
         first, *others = (
-            np.array([values[name] for name in names]) for values in (choice.values, *choice.rivals)
+            np.array([values.get(name, here[name]) for name in names])
+            for values in (choice.values, *choice.rivals)
         )
         kept = np.flatnonzero([label in names for label in self.labels])
         problem = self.keeping(kept, first)
