@@ -173,9 +173,10 @@ class Phasors:
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         swung = np.array([mass.swung for mass in self.masses])
+        mass = np.array([mass.mass for mass in self.masses])
         loaded = [self.standing.with_added_mass(mass) for mass in self.masses]
         pushed = {name: np.array([each.on_base[name] for each in loaded]).T for name in _ON_BASE}
-        motion = settings.motion(0.0, 0.0, weight=weight, carried=swung, **pushed)
+        motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung, **pushed)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()
