@@ -29,8 +29,10 @@ from butterfly.identification.estimators.local_parameters import (
 )
 from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
+    BASE,
     CANDIDATES,
     RARER,
     SCANNED,
@@ -38,7 +40,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import FEW, MOST, ROUNDING
+from butterfly.identification.levels import FEW, MOST, ROUNDING, SPREADS
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
@@ -295,6 +297,24 @@ class FreeRunResiduals:
         together = {last, *TERMS[last].follows}
         together |= companions(together)
         return tuple(name for name in names if name in together)
+
+    def untold(self, end: Minimum) -> str | None:
+        """Return what of the shape of a base's motion could as well be 0, or twice as large."""
+        names = [name for name, _ in self.keys]
+        shape = [names.index(name) for name in sorted(companions({BASE})) if name in names]
+        if not shape:
+            return None
+        found = self.solved(end, cells=1)
+        covariance, _ = cluster_covariance(found.rows, found.residuals, found.prior)
+        told = np.abs(found.values[shape]) / np.sqrt(np.diag(covariance)[shape])
+        return names[shape[int(np.argmin(told))]] if np.min(told) < SPREADS else None
+
+    def holding(self, name: str, point: Samples) -> FreeRunResiduals:
+        """Return the residuals with a parameter held at its value of (n,) scaled ones."""
+        kept = np.flatnonzero([key != (name, None) for key in self.keys])
+        value = float((point * self.scale)[self.keys.index((name, None))])
+        fewer = self.keeping(kept, point[kept])
+        return replace(fewer, start=replace(fewer.start, **{name: value}))
 
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, in the parameters themselves."""

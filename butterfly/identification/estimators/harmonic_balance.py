@@ -34,7 +34,6 @@ from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (
-    BASE,
     HarmonicBalanceFit,
     Phasors,
 )
@@ -49,6 +48,7 @@ from butterfly.identification.inference.identifiability import refuse_without_sc
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
+    BASE,
     CANDIDATES,
     RARER,
     TermChoice,

@@ -20,6 +20,7 @@ from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
+    BASE,
     NEGLIGIBLE,
     RARER,
     candidates,
@@ -40,9 +41,6 @@ from butterfly.model.terms import (
 from butterfly.signals.frequency_response import ResponsePoint
 
 _ON_BASE = ("moment", "base")
-BASE = "base_compliance"
-"""The term of a base that gives."""
-
 _NATURAL = (
     1.0,
     10.0,

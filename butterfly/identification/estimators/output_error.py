@@ -210,6 +210,13 @@ class OutputError(Estimator):
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
+        while held := problem.untold(end):
+            at = problem.keys.index((held, None))
+            number = float(end.point[at] * problem.scale[at])
+            said = (*said, Finding(FindingKind.HELD, (held,), number=number))
+            rivals = tuple(np.delete(each, at) for each in rivals)
+            problem = problem.holding(held, end.point)
+            end = problem.descend(problem.initial)
 
         solved = cells = problem.solved(end)
         if with_scatter := _weighed(problem, end):

@@ -43,6 +43,9 @@ NEGLIGIBLE = 1e-6
 
 _SPEEDS = (0.03, 0.5, 10)  # least and largest Stribeck velocity over the largest speed; how many
 
+BASE = "base_compliance"
+"""The term of a base that gives."""
+
 SCANNED = "stribeck"
 """The term whose velocity is tried."""
 
