@@ -109,6 +109,7 @@ class HarmonicBalance(Estimator):
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         if BASE in (self.terms or ()):
             fit = fit.on_likeliest_base(requested_terms(self.terms or (), {_OF_REST}))
+        fit, robot = robot.settled(fit)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
         always, optional = fit.phasors.names, self._optional
         chosen, fit, robot = self._searched(fit, robot, conditions, optional)
