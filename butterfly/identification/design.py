@@ -282,8 +282,14 @@ def _responder(
         added_mass=mass,
     )
     simulation = Simulation(driven(planned), parameters)
-    begin = InitialState(start, 0.0)
-    return lambda moved: simulation.run(moved, 0.0, begin).at(time)
+    begin, far = InitialState(start, 0.0), 1e3 * LARGEST_SWING
+
+    def respond(moved: LumpedParameters) -> Samples:
+        with np.errstate(all="ignore"):  # of a loop that is not stable
+            angle = simulation.run(moved, 0.0, begin).at(time)
+        return np.clip(np.nan_to_num(angle, nan=far), -far, far)
+
+    return respond
 
 
 def _respond(parameters: LumpedParameters, *, mass: AddedMass, signal: Excitation) -> Samples:

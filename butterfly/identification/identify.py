@@ -33,7 +33,6 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.servo_drive import driven_alone
-from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, current_search, untracked
 
@@ -211,9 +210,12 @@ def _runs(data: DataSet, estimate: Estimate, track: Track = untracked) -> tuple[
 def _opened(data: DataSet, estimate: Estimate) -> list[FreeRun]:
     """Simulate the logs of servos by their drives alone, recorded or rebuilt."""
     runs = []
-    for number, (log, recorded) in enumerate(zip(data.logs, data.recorded, strict=True)):
+    for number, log in enumerate(data.logs):
+        if not log.closed:
+            continue
         setting = data.simulations.setting(number, estimate)
-        rebuilt = recorded.input_kind is InputKind.SETPOINT
-        alone = driven_alone(log, setting.parameters) if rebuilt else log.opened
-        runs += [FreeRun.of(alone, setting)] if log.closed else []
+        alone = driven_alone(log, setting.parameters)
+        if log.rebuilt:  # of set-points that arrived late
+            setting = replace(setting, parameters=replace(setting.parameters, delay=0.0))
+        runs.append(FreeRun.of(alone, setting))
     return runs

@@ -70,7 +70,8 @@ def lumped_numbers(
             "unit": unit_of(each.name, input_kind, joint),
         }
         for each in fields(LumpedParameters)
-        if each.name in PARAMETERS or getattr(parameters, each.name) != each.default
+        if each.name in PARAMETERS
+        or (each.name in TERMS and getattr(parameters, each.name) != each.default)
     }
 
 

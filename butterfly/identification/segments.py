@@ -49,6 +49,7 @@ class Segments:
         warm: bool = False,
     ) -> None:
         self.log = log
+        horizon = math.inf if log.closed else horizon
         before, after = (
             edges_of(part, _count(part, horizon)) for part in np.split(log.time, [first])
         )
@@ -233,14 +234,15 @@ def is_segmented(
     beginning does not count, or if its velocity there is known; but not that of a joint that no
     gravity brings back: the noise of its first sample would stay for good. ``free`` starts are
     fitted also of a log that begins at rest, as noise of its first sample is of weight. A servo's
-    loop brings the joint back from any start.
+    loop is simulated whole: it brings the joint back from any start, but one of speed.
     """
-    if log.closed:
-        return False
-    longer = log.time[-1] - log.time[0] > horizon
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0
-    doubtful = loaded.p3 == 0 or begins_in_motion or (free and first == 0)
+    if log.closed and log.servo is not None:
+        longer, doubtful = False, begins_in_motion or log.servo.of_speed
+    else:
+        longer = log.time[-1] - log.time[0] > horizon
+        doubtful = loaded.p3 == 0 or begins_in_motion or (free and first == 0)
     return bool((longer or (doubtful and not velocity_known)) and loaded.p1 > 0)
 
 

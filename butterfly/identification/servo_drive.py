@@ -14,7 +14,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
-from butterfly.logs.log import InputKind, Log
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.kernel import servo_loop as kernel
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.parameters import LumpedParameters
@@ -87,11 +87,12 @@ def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:
     return InputKind.VOLTAGE if kind is InputKind.DUTY and known else kind
 
 
-def driven(log: Log) -> Log:
+def driven(log: Log, delay: float = 0.0) -> Log:
     """Return the log of a servo with its drive as input, rebuilt if it was not recorded.
 
-    The input of a set-point becomes what the law makes of it at each sample, V where the supply of
-    a duty is known. A recorded duty is multiplied by a recorded supply.
+    The input of a set-point becomes what the law makes of it, ``delay`` in s later, and of the
+    motion: its means over each step where the input is held, V where the supply of a duty is
+    known. A recorded duty is multiplied by a recorded supply.
     """
     servo = log.servo
     if log.input_kind is InputKind.DUTY and log.supply is not None:
@@ -99,36 +100,59 @@ def driven(log: Log) -> Log:
     if log.input_kind is not InputKind.SETPOINT or servo is None:
         return log
     kind = drive_kind(servo, supplied=log.supply is not None)
+    told = replace(log, setpoint=log.input)
     nothing = np.zeros(log.time.size)
-    setpoint = log.input
+    setpoint, enabled = _late(told, "setpoint", delay), log.enabled
+    if enabled is not None:
+        enabled = np.rint(_late(told, "enabled", delay))
     if servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit):
         setpoint, _ = kernel.slewed(setpoint, nothing, servo.speed_limit * log.mean_step)
-    told = Loop.of(
+    loop = Loop.of(
         replace(servo, clock=log.mean_step),
         None,
         period=log.mean_step,
-        columns=(setpoint, nothing, _supply(log, servo, None), log.enabled),
+        columns=(setpoint, nothing, _supply(log, servo, None), enabled),
     )
-    drive = kernel.outputs(log.angle, _rate(log), told)
+    drive = kernel.outputs(*(_seen(log, servo, each) for each in (log.angle, _rate(log))), loop)
     lead = log.lead
     if lead is not None:
         lead = replace(lead, input=np.full(lead.time.size, drive[0]), setpoint=lead.input)
-    return replace(
-        log, input=drive, setpoint=log.input, input_kind=kind, excitation=None, lead=lead
-    )
+    made: dict[str, Any] = {"input": drive, "enabled": enabled, "input_kind": kind, "rebuilt": True}
+    return replace(told, **made, excitation=None, lead=lead)
 
 
 def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
-    """Return a log in a loop by its drive alone, rebuilt anew where gains were identified."""
-    factors = {name: getattr(parameters, f"loop_{name}") for name in ("kp", "ki", "kd")}
+    """Return a log in a loop by its drive alone, rebuilt anew with gains and delay as identified.
+
+    A drive that was recorded stays.
+    """
     servo = log.servo
-    if servo is None or log.setpoint is None or set(factors.values()) == {1.0}:
+    if servo is None or not log.rebuilt:
         return log.opened
     gains: dict[str, Any] = {
-        name: Known(value=factor * getattr(servo, name).value) for name, factor in factors.items()
+        name: Known(value=getattr(parameters, f"loop_{name}") * getattr(servo, name).value)
+        for name in ("kp", "ki", "kd")
     }
-    told = replace(log, input=log.setpoint, input_kind=InputKind.SETPOINT)
-    return driven(replace(told, servo=replace(servo, **gains))).opened
+    raw: dict[str, Any] = {"input": log.setpoint, "input_kind": InputKind.SETPOINT}
+    raw["servo"] = replace(servo, **gains)
+    return driven(replace(log, **raw), parameters.delay).opened
+
+
+def _late(log: Log, name: str, delay: float) -> Samples:
+    """(n,) values of a column that arrives later than it says: means over the steps of a hold."""
+    time, column = log.held(name)
+    if log.intersample is Intersample.FIRST_ORDER_HOLD:
+        return np.interp(log.time - delay, time, column)
+    edges = np.append(log.time, log.time[-1] + log.mean_step)
+    return hold.mean(time, column, edges - delay, log.intersample)
+
+
+def _seen(log: Log, servo: ServoLoop, column: Samples) -> Samples:
+    """(n,) means of what firmware has seen of a motion in the step after each sample."""
+    if log.intersample is Intersample.FIRST_ORDER_HOLD:
+        return column
+    share = max(1.0 - servo.period / log.mean_step, 0.0) / 2  # it holds for a period what it saw
+    return column + share * np.append(np.diff(column), 0.0)
 
 
 def _rate(log: Log) -> Samples:

@@ -157,7 +157,8 @@ class Averaging:
         self._rests = log.initial_state.velocity == 0
         mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
         velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]
-        self._motion = settings.motion(angle, velocity, weight=log.added_mass.weight)
+        added = log.added_mass
+        self._motion = settings.motion(angle, velocity, weight=added.weight, mass=added.mass)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
         self._places: dict[int, _Place] = {}

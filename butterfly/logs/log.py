@@ -168,8 +168,9 @@ class Log:
         What distinguishes the log from the others of its data set (see `with_unique_names`).
     reading
         How its file was read.
-    integrated
-        Whether the angle was not recorded, and is the integral of the velocity.
+    integrated, rebuilt
+        Whether the angle was not recorded, and is the integral of the velocity; and whether the
+        input was not, and is what the servo's law made of its set-point.
     regimes
         Of its clock, where its mean interval switches (see `butterfly.logs.regimes`): `examine` of
         `butterfly.logs.health` finds them.
@@ -194,6 +195,7 @@ class Log:
     name: str = ""
     reading: FileReading = AS_WRITTEN
     integrated: bool = False
+    rebuilt: bool = False
     regimes: tuple[Regime, ...] = ()
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@ from butterfly.model.kernel.equation import COLUMNS, Constants
 from butterfly.model.kernel.integrate import integrate, integrate_loop
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS
+from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, DRIVE, GEAR, LOOP_TERMS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
@@ -165,6 +165,7 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str,
         "p2": {"viscous": 1.0},
         "back_emf": {"back_emf": 1.0, "viscous": -1.0},
         "coulomb": level,
+        "load_drag": {"drag": added.mass},
         "load": {name: slope * added.weight for name, slope in level.items()},
         "stribeck": {} if held else {"stribeck": 1.0},
         "delay": {"delay": loaded.p4},
@@ -202,8 +203,8 @@ def _require_derivative(
     if name == "time_constant" and not loaded.time_constant > 0:
         expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
         raise InputError("sensitivities", name, loaded.time_constant, expected)
-    if name in GEAR and loaded.bristle_stiffness > 0:
-        expected = "0: bristles with friction that grows with torque are not simulated"
+    if name in BEYOND_MUJOCO and loaded.bristle_stiffness > 0:
+        expected = "0: bristles with friction that torque or angle change are not simulated"
         raise InputError("sensitivities", "bristle_stiffness", loaded.bristle_stiffness, expected)
     if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb

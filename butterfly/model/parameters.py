@@ -122,9 +122,9 @@ class Friction(FrictionTerms):
             raise InputError(
                 "Friction", "coulomb", self.coulomb, "more than 0, for bristles to bend"
             )
-        if self.bristle_stiffness > 0 and self.geared:
+        if self.bristle_stiffness > 0 and (self.geared or self.coulomb_slope):
             found = f"{self.bristle_stiffness:g} N m/rad"
-            expected = "0: bristles with friction that grows with torque are not simulated"
+            expected = "0: bristles with friction that torque or angle change are not simulated"
             raise InputError("Friction", "bristle_stiffness", found, expected)
 
 
@@ -362,6 +362,7 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
             p1=self.p1 + added.inertia + self.mass_inertia * added.swung,
             p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
             coulomb=self.coulomb + self.load * added.weight,
+            drag=self.drag + self.load_drag * added.mass,
             **self._base_under(added),
         )
 

@@ -53,6 +53,7 @@ class Law:
     ki: float = 1.0
     kd: float = 1.0
     on_error: bool = False  # whether kd acts on the rate of the error, not of the joint
+    rate_lag: float = 0.0  # s by which firmware sees a velocity later than an angle
     limit: float = math.inf  # of the output
     clock: float = 1e-3  # s
     source: str = ""
@@ -78,19 +79,21 @@ _MAKERS = {
         kp=_RATE / (128 * _FULL), ki=_RATE / (65.536 * _FULL),
         source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
     "feetech-sts": Law(
-        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166, on_error=True,
-        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; D's worth nobody publishes, here "
-               "s/rad"),
+        structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
+        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; what D does nobody publishes: "
+               "here it damps, in s/rad"),
     "odrive": Law(
         structure=LawStructure.CASCADE, output=Output.TORQUE, ki=_TURN, kd=_TURN, clock=1 / 8000,
+        rate_lag=2 / 1000,
         source="odriverobotics/ODrive f9b5419, Controller::update; kp pos_gain, kd vel_gain, "
-               "ki vel_integrator_gain"),
+               "ki vel_integrator_gain; its encoder's PLL of 1000 rad/s"),
     "odrive-velocity": Law(
         structure=LawStructure.SPEED, output=Output.TORQUE, kp=_TURN, ki=_TURN, clock=1 / 8000,
-        source="the same without pos_gain; kp vel_gain, ki vel_integrator_gain"),
+        rate_lag=2 / 1000, source="the same without pos_gain; kp vel_gain, ki vel_integrator_gain"),
     "moteus": Law(
         structure=LawStructure.PID, output=Output.TORQUE, kp=_TURN, ki=_TURN, kd=_TURN,
-        clock=1 / 30000, source="mjbots/moteus db1a762, PID::Apply"),
+        clock=1 / 30000, rate_lag=2 * _TURN / 400,
+        source="mjbots/moteus db1a762, PID::Apply; its encoder's PLL of 400 Hz"),
 }
 # fmt: on
 

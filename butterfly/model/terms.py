@@ -41,6 +41,7 @@ class Motion(NamedTuple):
     stribeck_velocity: float  # In rad/s
     input: Any = 0.0  # As the drive delivers it
     weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
+    mass: Any = 0.0  # Added mass in kg, where it is not in the drag already
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
     motor: Any = 0.0  # Torque of the motor in N m
     load: Any = 0.0  # What gravity, springs and the like pull with, in N m
@@ -115,20 +116,24 @@ class FrictionTerms:
 
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
-    where in a gear T_c grows by ``|motor_friction motor - load_friction load|``, torques in N m of
-    the motor and of gravity and the like, T_s by the same with ``motor_stribeck`` and
-    ``load_stribeck``, and while both oppose each other by the square of the smaller times
-    ``lifting_stribeck`` where the motor drives the load, ``lowering_stribeck`` where the load does
-    (Duclusaud, Passault and Rouxel, arXiv 2410.08650, whose M1 to M6 these are, with their Stribeck
-    exponent 2, and who drives told by the direction of motion, not by the larger torque),
-    and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it
-    sticks until the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model
-    replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson,
-    Astrom and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and the meaning of each.
+    where T_c grows by ``coulomb_slope th``, as far as it stays above 0, and drag by ``load_drag``
+    times the added mass; in a gear T_c grows by ``|motor_friction motor - load_friction load|``,
+    torques in N m of the motor and of gravity and the like, T_s by the same with
+    ``motor_stribeck`` and ``load_stribeck``, and while both oppose each other by the square of
+    the smaller times ``lifting_stribeck`` where the motor drives the load, ``lowering_stribeck``
+    where the load does (Duclusaud, Passault and Rouxel, arXiv 2410.08650, whose M1 to M6 these are,
+    with their Stribeck exponent 2, and who drives told by the direction of motion, not by the
+    larger torque), and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N
+    th)``. At rest it sticks until the other torques exceed T_c + T_s; or, with bristles, never
+    quite: the LuGre model replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)``
+    (Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and
+    the meaning of each.
     """
 
     coulomb: float = 0.0
     load: float = 0.0
+    coulomb_slope: float = 0.0
+    load_drag: float = 0.0
     mass_inertia: float = 0.0
     stribeck: float = 0.0
     stribeck_velocity: float = 0.1
@@ -175,8 +180,9 @@ class FrictionTerms:
 
     @property
     def sticks_harder(self) -> bool:
-        """True for Stribeck friction without bristles, or one that grows with torque."""
-        return (self.stribeck > 0 and self.bristle_stiffness == 0) or self.geared
+        """True for Stribeck friction without bristles, or one that torque or angle change."""
+        harder = self.stribeck > 0 and self.bristle_stiffness == 0
+        return harder or self.geared or self.coulomb_slope != 0
 
     def level(self, velocity: float) -> float:
         """Return g(v) in N m at a velocity in rad/s, of a joint without torques."""
@@ -327,6 +333,15 @@ _ROWS = (
          describing=lambda _w, a, m: m.weight * coulomb_describing_function(a),
          looks_like="Coulomb friction that grows with the added weight",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
+    Term("coulomb_slope", "T_c slope", "N m/rad", "growth of T_c with the angle",
+         basis=lambda m: m.angle * m.direction, dry=True,
+         looks_like="Coulomb friction that grows with the angle",
+         offered=frozenset({_WEAK, _OUTPUT})),
+    Term("load_drag", "load drag", "N m s²/(rad² kg)", "growth of drag with the added mass",
+         lower=0.0, basis=lambda m: m.mass * abs(m.velocity) * m.velocity,
+         describing=lambda w, a, m: m.mass * 8j * a * w**2 / (3 * np.pi),
+         looks_like="quadratic drag that grows with the added mass",
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("mass_inertia", "mass inertia", "–",
          "inertia of added masses about their own centre over m l²",
          lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
@@ -457,8 +472,12 @@ SHARES = dict.fromkeys(GROWING, 1.0)
 SHARES |= {row.name: -1.0 for row in _ROWS if row.unit in {"1/(N m)", "m/N"}}
 """Power of the scale with which each changes that does."""
 
-TORQUES = {row.name for row in _ROWS if row.basis or row.derivative} & GROWING - {"load"}
+TORQUES = {row.name for row in _ROWS if row.basis or row.derivative} & GROWING
+TORQUES -= {"load", "load_drag", "coulomb_slope"}
 """Of these, what acts by itself."""
+
+BEYOND_MUJOCO = (*GEAR, "coulomb_slope")
+"""Friction that MuJoCo alone does not have."""
 
 DRY = tuple(row for row in _ROWS if row.dry)
 """What holds the joint at rest."""

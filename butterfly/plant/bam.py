@@ -113,7 +113,7 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
     told = {name: each.value for name, each in known.physical.items()}
     ratio = told.get("gear_ratio", 1.0)
     if p.back_emf:
-        return p.back_emf, "as the back EMF in the logs says"
+        return min(p.back_emf, p.p2), "as the back EMF in the logs says"
     for name, damping in (
         ("torque_constant", abs(p.p4) * ratio * told.get("torque_constant", 0.0)),
         ("back_emf_constant", abs(p.p4) * ratio * told.get("back_emf_constant", 0.0)),
@@ -123,6 +123,8 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
             return damping, f"as the known {name} and p4 say"
     if not p.p2 > 0:
         raise InputError("export", "p2", p.p2, "more than 0, by which kt and R are told")
+    if told.keys() & {"torque_constant", "back_emf_constant", "resistance"}:
+        return p.p2, "as if all of p2 were back EMF; what is known of the motor would have more"
     return p.p2, (
         "as if all of p2 were back EMF, which nothing here tells from viscous friction: falls with "
         "the torque off, or known: {resistance: ...}, would"
@@ -153,16 +155,21 @@ def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
     """Say what BAM's form does not hold of a joint, or reads otherwise."""
     told = {"loop_kp", "load"} if added.mass else {"loop_kp"}
     rest = [
-        f"{TERMS[each.name].symbol} {getattr(p, each.name):.4g} {TERMS[each.name].unit}"
+        TERMS[each.name]
         for each in fields(LumpedParameters)
-        if each.name not in _HELD | told and getattr(p, each.name) != each.default
+        if each.name in TERMS.keys() - _HELD - told and getattr(p, each.name) != each.default
     ]
     if rest:
+        said = ", ".join(f"{row.symbol} {getattr(p, row.name):.4g} {row.unit}" for row in rest)
+        yield f"BAM's form has no place for {said}.".replace("unit", "V")
+    if any(row.offered and row.name != "latency" for row in rest):
         held = [name for name in ("stribeck", *GEAR, "back_emf") if getattr(p, name)]
         yield (
-            f"BAM's form has no place for {', '.join(rest)}: values fitted without them "
-            f'(identify --terms "{",".join(held)}") make up for some.'
-        ).replace("/unit", "/V")
+            "BAM's servo follows worse than ours without these: for values that make up for them, "
+            f'identify with --terms "{",".join(held)}".'
+        )
+    if p.compression:
+        yield f"At V volts BAM's motor is 1 + {p.compression:.4g} |V| times as strong as ours."
     if model == "m6":
         yield (
             "In BAM the larger torque of motor and load tells who drives, here the direction of "

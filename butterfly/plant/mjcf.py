@@ -19,7 +19,7 @@ from butterfly.model.parameters import (
     LumpedParameters,
     VoltageDrive,
 )
-from butterfly.model.terms import GEAR
+from butterfly.model.terms import BEYOND_MUJOCO
 from butterfly.plant.robot import Assistance, Clutch, Robot
 
 MODEL = "models/butterfly_hand/hand.xml"
@@ -74,6 +74,8 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
         model.actuator("bristles").biasprm[3:5] = loaded.coulomb, loaded.holding
     else:
         model.joint("hinge").frictionloss[0] = loaded.coulomb
+    if robot.friction.load_drag:
+        model.dof_dampingpoly[hinge_of(model), 0] = loaded.drag
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
@@ -96,10 +98,10 @@ def built(
     at 1 ms.
     """
     friction = robot.loaded(added)
-    if robot.friction.geared and not assisted:
-        found = ", ".join(name for name in GEAR if getattr(robot.friction, name))
-        expected = "none: MuJoCo alone has no friction that grows with torque (`butterfly export` "
-        raise InputError("Friction", "terms", found, expected + "leaves it out)")
+    beyond = [name for name in BEYOND_MUJOCO if getattr(robot.friction, name)]
+    if beyond and not assisted:
+        expected = "none: MuJoCo alone has no friction that torque or angle change (`export` leaves"
+        raise InputError("Friction", "terms", ", ".join(beyond), f"{expected} it out)")
     if Assistance.STICKING in robot.assistance and not assisted:
         raise InputError(
             "Friction",
@@ -117,7 +119,7 @@ def built(
     inertial.set("mass", repr(robot.hand.mass))
     inertial.set("diaginertia", " ".join([repr(robot.hand.inertia)] * 3))
     joint = named(root, "hinge")
-    joint.set("damping", f"{robot.friction.viscous!r} {robot.friction.drag!r}")
+    joint.set("damping", f"{robot.friction.viscous!r} {friction.drag!r}")
     joint.set("stiffness", repr(robot.friction.spring))
     joint.set("frictionloss", repr(0.0 if friction.bristle_stiffness else friction.coulomb))
     body = named(root, "added_mass")

@@ -51,7 +51,7 @@ class Assistance(StrEnum):
     """What MuJoCo alone cannot do for a robot, and `butterfly.plant.joints.MujocoJoint` does."""
 
     CURRENT = "a current of more than first order"
-    STICKING = "friction that sticks harder than it slides, or grows with torque"
+    STICKING = "friction that sticks harder than it slides, or that torque or angle change"
     BRISTLES = "steps short enough for bristles"
 
 
@@ -115,13 +115,14 @@ class Robot:
             inertia=plain.p1 - mass * (distance**2 + offset**2),
             tilt=plain.tilt,
         )
-        friction = Friction(viscous=plain.p2 - plain.back_emf, **plain.terms())
+        back_emf = min(plain.back_emf, plain.p2)  # of p2 a part, whatever noise makes of it
+        friction = Friction(viscous=plain.p2 - back_emf, **plain.terms())
         drive: Drive = TorqueDrive(gain=plain.p4)
-        if plain.back_emf:  # of a motor of 1 Ohm
+        if back_emf:  # of a motor of 1 Ohm
             drive = VoltageDrive(
                 resistance=1.0,
                 torque_constant=plain.p4,
-                back_emf_constant=plain.back_emf / plain.p4,
+                back_emf_constant=back_emf / plain.p4,
                 inductance=plain.time_constant,
             )
         return cls(hand=hand, drive=drive, friction=friction, base=base)

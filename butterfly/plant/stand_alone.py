@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.files import write_file
 from butterfly.model.kernel.equation import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import DRIVE, GEAR
+from butterfly.model.terms import BEYOND_MUJOCO, DRIVE
 from butterfly.plant.mjcf import built, mjcf, named, text_of
 from butterfly.plant.robot import Robot
 
@@ -72,10 +72,10 @@ def stand_alone(
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
-    if friction.geared:
+    if beyond := [name for name in BEYOND_MUJOCO if getattr(friction, name)]:
         left_out.append(
-            "MuJoCo has no friction that grows with torque: set dof_frictionloss yourself in each "
-            f"step, for {', '.join(name for name in GEAR if getattr(friction, name))}"
+            "MuJoCo has no friction that torque or angle change: set dof_frictionloss yourself in "
+            f"each step, for {', '.join(beyond)}"
         )
     for flaw, remedy in (
         (resolution, "does not round commands: set ctrl to multiples of {:g}"),
@@ -182,7 +182,7 @@ def _sliding(robot: Robot) -> Robot:
     if not friction.sticks_harder:
         return robot
     always: dict[str, float] = {"coulomb": friction.holding, "stribeck": 0.0}
-    return replace(robot, friction=replace(friction, **always | dict.fromkeys(GEAR, 0.0)))
+    return replace(robot, friction=replace(friction, **always | dict.fromkeys(BEYOND_MUJOCO, 0.0)))
 
 
 def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:

@@ -129,13 +129,13 @@ def planned():
     return _ranked([NO_ADDED_MASS, HEAVY], LAW)
 
 
-def _ranked(masses, servo):
+def _ranked(masses, servo, latency=0.0):
     names = ("p1", "p4", "coulomb", "load_friction")
     values = np.array([getattr(SERVO, name) for name in names])
     errors = np.array([0.05, 0.05, 0.5, 0.5]) * values
     covariance = np.diag(errors**2)
     covariance[2, 3] = covariance[3, 2] = -0.99 * errors[2] * errors[3]
-    fixed = {"p2": SERVO.p2, "p3": SERVO.p3, "back_emf": SERVO.back_emf}
+    fixed = {"p2": SERVO.p2, "p3": SERVO.p3, "back_emf": SERVO.back_emf, "latency": latency}
     found = Estimate(method="any", names=names, values=values, covariance=covariance,
                      lower=values - errors, upper=values + errors, fixed=fixed)  # fmt: skip
     time = np.arange(0.0, 4.0, 0.01)
@@ -175,3 +175,11 @@ def test_set_points_are_as_fast_as_the_logs_and_speeds_of_a_law_of_speed(planned
     peaks = {round(each.signal.amplitude, 1) for each in of_speed if "sine of" in each.what[:20]}
     assert max(peaks) == pytest.approx(3.6, rel=0.05)
     assert all("rad/s (kp 0.5, ki 0.1)" in each.what for each in of_speed if "set" in each.what)
+
+
+def test_a_loop_that_is_not_stable_is_planned_nothing_without_a_warning():
+    runs_away = ServoLoop.of({"law": "moteus", "kp": 2000.0, "kd": 1.0})
+    ranked = _ranked([NO_ADDED_MASS], runs_away, latency=0.05)
+    told = [each.warning for each in ranked if not isinstance(each.signal, FreeDecay)]
+    assert all(warning.startswith("swings") for warning in told)
+    assert np.isfinite([each.errors for each in ranked]).all()

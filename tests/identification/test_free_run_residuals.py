@@ -11,7 +11,7 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.multistart import Start
 from butterfly.logs.log import Intersample, Sine
 from butterfly.logs.regimes import Regime
-from butterfly.model.terms import GEAR, LOOP_TERMS, offered
+from butterfly.model.terms import BASE_TERMS, GEAR, LOOP_TERMS, offered
 from tests.conftest import MASSES
 from tests.identification.simulated import RICH, simulated
 
@@ -24,6 +24,8 @@ ROBOT = replace(
     cogging_cosine=-1e-4,
     cogging_periods=3.0,
 )
+
+OTHERS = {*LOOP_TERMS, *BASE_TERMS}  # what no joint has besides all the rest
 
 
 def _log(mass, omega, amplitude, hold):
@@ -41,7 +43,7 @@ def problem(request):
         [_log(mass, *drive, request.param) for mass in MASSES[:2] for drive in drives]
     )
     local = {"per_mass": ("zero",), "per_log": ("velocity",)}
-    terms = tuple(name for name in offered("output-error") if name not in LOOP_TERMS)
+    terms = tuple(name for name in offered("output-error") if name not in OTHERS)
     estimator = OutputError(terms=terms, **local, window=8.0, cogging_periods=3.0)
     found = estimator.problem(data.logs, Start(ROBOT, data.equilibria))
     # At rest, without a dead zone or friction of a gear, it has two slopes.

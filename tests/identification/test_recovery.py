@@ -10,7 +10,7 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
 from butterfly.model.prior import Prior
-from butterfly.model.terms import LOOP_TERMS, PARAMETERS, TERMS, offered
+from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
@@ -20,6 +20,8 @@ PRESENT = {
     "coulomb": {"coulomb": 1.2e-3},
     "drag": {"drag": 8e-4},
     "load": {"load": 1.5e-3},
+    "coulomb_slope": {"coulomb_slope": 1e-3, "coulomb": 2e-3},
+    "load_drag": {"load_drag": 8e-3},
     "bias": {"bias": -2e-3},
     "p3_offset": {"p3_offset": -3e-3},
     "stribeck": {"stribeck": 5e-4, "coulomb": 2e-4},
@@ -75,8 +77,9 @@ def _simulated(robot, term, terms):
     return estimator.of_logs(wild(robot, duration=8.0), START)
 
 
-ELSEWHERE = {"tilt", "back_emf", *LOOP_TERMS}
-"""Terms with a test of their own: the first below, those of servos in test_servo_drive.py."""
+ELSEWHERE = {"tilt", "back_emf", "slow_delay", *LOOP_TERMS, *BASE_TERMS}
+"""Terms with a test of their own: the first below, those of servos in test_servo_drive.py, that of
+clocks in test_delays_by_regime.py."""
 
 METHODS = {"harmonic-balance": _balanced, "weak-form": _averaged, "output-error": _simulated}
 

@@ -14,7 +14,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import simulated
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.servo_drive import driven, driven_alone
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters
@@ -126,10 +126,34 @@ def test_the_drive_is_rebuilt_as_the_law_says_and_0_while_off():
     supply = np.linspace(7.4, 6.9, TIME.size)
     log = _log("dynamixel-xl330", supply=supply, servo=ServoLoop.of({"law": "dynamixel-xl330",
                                                                      "kp": 800}))  # fmt: skip
-    duty = np.clip((GOAL - 0.3 * np.sin(2 * TIME)) * 4096 / (2 * np.pi) * 800 / (256 * 885), -1, 1)
+    share = 0.5 - 0.5 * 1e-3 / np.mean(np.diff(TIME))  # of a step, when its mean angle is seen
+    seen = log.angle + share * np.append(np.diff(log.angle), 0.0)
+    duty = np.clip((GOAL - seen) * 4096 / (2 * np.pi) * 800 / (256 * 885), -1, 1)
     np.testing.assert_allclose(log.input, supply * duty * ENABLED, atol=1e-12)
     assert log.input_kind is InputKind.VOLTAGE
     assert np.all(log.setpoint == GOAL)
+
+
+def test_a_rebuilt_drive_is_that_of_set_points_that_arrive_late():
+    servo = ServoLoop.of({"law": "pid-torque", "kp": 2.0})
+    goal = np.sin(3 * TIME)
+    log = driven(Log(TIME, input=goal, angle=0 * TIME, input_kind="setpoint", servo=servo))
+    alone = driven_alone(log, replace(JOINT, delay=0.02, loop_kp=1.5))
+    wanted = 3.0 * np.sin(3 * (TIME - 0.02))  # steps hold what was there half a step before
+    np.testing.assert_allclose(alone.input[20:], wanted[20:], atol=0.006)
+    recorded = replace(log, rebuilt=False)
+    assert driven_alone(recorded, JOINT).input is recorded.input
+
+
+@pytest.mark.parametrize(
+    ("law", "gain", "lag"), [("odrive-velocity", "kp", 2e-3), ("moteus", "kd", 8e-4)]
+)
+def test_firmware_sees_a_velocity_through_its_filter(law, gain, lag):
+    servo = ServoLoop.of({"law": law, "kp": 1e-9, gain: 2.0, "clock": 4.25e-3})  # a sample's
+    told = {"input_kind": "setpoint", "servo": servo, "velocity": 40 * TIME}
+    log = driven(Log(TIME, input=0 * TIME, angle=0 * TIME, **told))
+    seen = -log.input / (2.0 / (2 * np.pi))
+    np.testing.assert_allclose(seen[50:], 40 * (TIME[50:] - lag), atol=0.01)
 
 
 SIMPLE = LumpedParameters(p1=0.0066, p2=0.031, p3=0.3, p4=0.09, coulomb=0.01)

@@ -11,7 +11,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, TERMS
+from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, LOOP_TERMS, TERMS
 from butterfly.signals import hold
 from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings, instants
 
@@ -30,6 +30,8 @@ BASE = {"base_compliance": 2e-3, "base_frequency": 25.0, "base_damping": 0.3}
 REGIMES = {
     "sliding": (SLIDING, 1.0),
     "sticking": (replace(SLIDING, **STICKY), 0.5),
+    "uneven": (replace(SLIDING, coulomb_slope=6e-4, load_drag=1e-4), 1.0),
+    "uneven, sticking": (replace(SLIDING, **STICKY, coulomb_slope=-2e-3), 0.5),
     "lag": (replace(SLIDING, **LAG), 1.0),
     "lag, sticking": (replace(SLIDING, **SLOW, **STICKY), 0.5),
     "gear": (replace(SLIDING, **GEAR), 1.0),
@@ -95,9 +97,9 @@ def _differentiable(p):
     """Return all names by which there is a derivative."""
     without = set() if p.time_constant else {"time_constant", "back_emf"}
     without |= {*LOOP_TERMS, "slow_interval"}  # of no joint that its input drives
-    without |= {*GEAR} if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
+    without |= {*BEYOND_MUJOCO} if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
     without |= {*GEAR} if p.base_gives else {*BASE_TERMS}
-    without |= set() if p.coulomb else {*FRICTION}
+    without |= set() if p.coulomb else {*FRICTION, "coulomb_slope"}
     without |= set() if p.motor_friction else {*GEAR}  # not below 0, whose derivative it has there
     return [name for name in (*TERMS, *INITIAL) if name not in without]
 
@@ -232,6 +234,7 @@ def test_scaling_all_torques_and_the_inertia_together_moves_nothing(regime):
     """It is the factor that only a known added mass tells."""
     parameters, scale = REGIMES[regime]
     names = ["p1", "p2", "p3", "p3_offset", "p4", "coulomb", "stribeck", "drag", "bias", "spring"]
+    names += ["coulomb_slope"]
     names += ["cogging", "cogging_cosine", "back_emf", "bristle_stiffness", "bristle_damping"]
     names += INVERSE
     names = [name for name in names if getattr(parameters, name)]

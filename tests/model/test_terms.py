@@ -65,11 +65,11 @@ def test_a_potential_has_the_basis_for_slope_and_is_0_at_angle_0(name):
 @pytest.mark.parametrize(("a", "w"), [(0.02, 14.0), (0.8, 3.0), (2.9, 1.2)])
 @pytest.mark.parametrize("name", [n for n, row in TERMS.items() if row.describing])
 def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
-    row, still = TERMS[name], _motion(0.0, 0.0, weight=ADDED.weight, carried=1.0)
+    row, still = TERMS[name], _motion(0.0, 0.0, weight=ADDED.weight, mass=ADDED.mass, carried=1.0)
 
     def torque(t):
         angle, velocity = a * math.cos(t), -a * w * math.sin(t)
-        motion = PLAIN.motion(angle, velocity, weight=ADDED.weight)
+        motion = PLAIN.motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass)
         inertial = row.derivative == 2 or name == "mass_inertia"
         return -(w**2) * angle if inertial else float(row.basis(motion))
 
@@ -86,6 +86,8 @@ def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
 def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
     row = TERMS[name]
     moving = {name: VALUE} if name not in DRIVE else {name: VALUE, "p4": 0.5}
+    more = 3 * VALUE if name == "coulomb_slope" else 0.0  # friction that stays above 0
+    moving = {"coulomb": more} | moving
     if name in GEAR:
         moving |= {"p4": 0.5, "bias": LOAD}
     bare = replace(PLAIN, **moving)
@@ -93,12 +95,12 @@ def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
     gain = loaded.p4 * float(loaded.delivered(np.array([COMMAND]))[0])
     state = (angle, velocity, 0.0, 0.0)
     acceleration, *_ = rates(state, gain, float(np.sign(velocity)), Constants.of(loaded))
-    motion = _motion(angle, velocity, weight=ADDED.weight, input=COMMAND)
+    motion = _motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass, input=COMMAND)
     if name in GEAR:  # the table takes the load from the parameters
         motion = loaded.motion(angle, velocity, motor=gain)
         assert motion.load == pytest.approx(LOAD)
     expected = gain + LOAD if name in GEAR else 0.0
-    expected -= VALUE * float(row.basis(motion))
+    expected -= VALUE * float(row.basis(motion)) + more * float(motion.direction)
     if name in DRIVE:
         expected = 0.5 * YIELDED[name](VALUE)  # of which the basis is the derivative
         step = 1e-6
@@ -112,20 +114,23 @@ def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
 @pytest.mark.parametrize(("angle", "velocity"), STATES)
 def test_mujoco_has_the_torque_of_every_row(name, angle, velocity):
     """Accelerations of a hand with the term, less those of the same hand without it."""
-    motion = _motion(angle, velocity, weight=ADDED.weight)
+    motion = _motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass)
     if name in GEAR:
         motion = replace(PLAIN, **{name: VALUE}, bias=LOAD).motion(angle, velocity, motor=COMMAND)
     expected = -VALUE * float(TERMS[name].basis(motion))
     with_term, without = (
         _mujoco_torque(_robot(each), ADDED, angle, velocity) for each in (name, None)
     )
+    if name == "coulomb_slope":
+        expected -= (3 * VALUE - 1e-3) * float(motion.direction)
     soft = 2e-3 * VALUE * ADDED.weight if TERMS[name].dry else 1e-9  # frictionloss is a soft one
     assert with_term - without == pytest.approx(expected, abs=soft)
 
 
 def _robot(name):
     hand = Hand(mass=0.2, com_distance=0.0, inertia=0.004)
-    friction = dict(SETTINGS, coulomb=1e-3, bias=LOAD)
+    coulomb = 3 * VALUE if name == "coulomb_slope" else 1e-3  # which stays above 0
+    friction = dict(SETTINGS, coulomb=coulomb, bias=LOAD)
     if name in {"p3", "p3_offset"}:
         moved = {"p3": "com_distance", "p3_offset": "com_offset"}[name]
         hand = replace(hand, **{moved: VALUE / (0.2 * 9.81)})

@@ -120,7 +120,8 @@ def test_constant_and_resistance_are_those_known_and_move_it_alike(known, consta
     damping = content["kt"] ** 2 / content["R"] + content["friction_viscous"]
     assert damping == pytest.approx(JOINT.p2)
     assert content["friction_viscous"] >= 0
-    assert ("falls with the torque off" in content["notes"][0]) == (constant == 0.1 / 0.15)
+    assert ("as if all of p2" in content["notes"][0]) == (constant == 0.1 / 0.15)
+    assert ("would have more" in content["notes"][0]) == (known == {"resistance": 40.0})
 
 
 def test_what_bam_has_no_place_for_is_said_in_the_file():

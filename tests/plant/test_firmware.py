@@ -14,6 +14,7 @@ from butterfly.plant.firmware import Servo
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import replay_loop, simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.signals.excitations import Table
@@ -149,3 +150,8 @@ def test_torque_off_takes_the_back_emf_with_it(simulator, inductance):
     decay = np.ptp(late[-80:]) / np.ptp(late[:80])
     assert decay == pytest.approx(np.exp(-bare.p2 / bare.p1 / 2 * 1.2), rel=0.02)
     assert decay > 0.9  # with the back EMF it is 0.3
+
+
+def test_noise_that_makes_more_back_emf_than_damping_is_no_joint_that_is_driven_by_its_friction():
+    found = LumpedParameters(p1=0.01, p2=0.03, p3=0.3, p4=0.1, back_emf=0.031)
+    assert Robot.of_lumped(found).lumped.p2 == pytest.approx(0.03)

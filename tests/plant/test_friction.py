@@ -180,6 +180,21 @@ def test_friction_that_grows_with_torque_is_mujoco_s_as_its_steps_shrink(inducta
     assert np.ptp(wanted) > 0.5
 
 
+def test_friction_that_differs_by_angle_is_mujoco_s_as_its_steps_shrink():
+    uneven = robot(coulomb=2e-3, coulomb_slope=3e-3, load_drag=0.05)
+    wanted = _steps(GreyBoxJoint(uneven, ADDED, angle=0.3), 1e-3)
+    errors = [
+        np.abs(_steps(MujocoJoint(uneven, ADDED, angle=0.3), step) - wanted).max()
+        for step in (1e-3, 1e-4)
+    ]
+    assert errors[1] < min(2e-3, 0.5 * errors[0])
+    assert np.ptp(wanted) > 0.5
+    plain = robot(coulomb=2e-3, load_drag=0.05)
+    assert (
+        np.abs(_steps(GreyBoxJoint(plain, ADDED, angle=0.3), 1e-3) - wanted).max() > 20 * errors[1]
+    )
+
+
 def _steps(joint, step):
     """Angles in 1 s of a swing that the motor drives, and is driven by."""
     joint.reset()

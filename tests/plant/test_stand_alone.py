@@ -189,9 +189,9 @@ def test_friction_of_a_gear_is_left_out_and_named():
     geared = Robot.of_lumped(replace(PLAIN, motor_friction=0.1, load_stribeck=0.2))
     (sentence,) = stand_alone(geared).left_out
     assert sentence.endswith("in each step, for motor_friction, load_stribeck")
-    with pytest.raises(InputError, match="MuJoCo alone has no friction that grows with torque"):
+    with pytest.raises(InputError, match="MuJoCo alone has no friction that torque or angle"):
         mjcf(geared)
-    with pytest.raises(InputError, match="bristles with friction that grows with torque"):
+    with pytest.raises(InputError, match="bristles with friction that torque or angle change"):
         replace(geared.friction, coulomb=1e-3, bristle_stiffness=5.0)
 
 

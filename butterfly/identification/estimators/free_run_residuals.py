@@ -52,7 +52,7 @@ from butterfly.signals.frequency_response import first_counted
 TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
 """Terms that are tried where none are told."""
 
-OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression")
+OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "latency")
 """Terms that are tried besides of a servo, which has a gear and can be switched off."""
 
 
@@ -388,7 +388,9 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     torque, speed = inertia * swing * rate**2, swing * rate
     weight = max([1e-3, *(log.added_mass.weight for log in logs)])
     angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
-    motion = start.motion(angle, velocity, weight=weight, input=command * np.sin(_PHASES))
+    mass = max([1e-3, *(log.added_mass.mass for log in logs)])
+    own = {"weight": weight, "mass": mass, "input": command * np.sin(_PHASES)}
+    motion = start.motion(angle, velocity, **own)
     sizes = {
         "p1": inertia,
         "p3": torque / swing,

@@ -145,7 +145,8 @@ class Phasors:
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         swung = np.array([mass.swung for mass in self.masses])
-        motion = settings.motion(0.0, 0.0, weight=weight, carried=swung)
+        mass = np.array([mass.mass for mass in self.masses])
+        motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()

@@ -27,7 +27,6 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.free_run_residuals import (
     LOCAL,
-    OF_SERVO,
     FreeRunResiduals,
     tried,
 )
@@ -40,6 +39,7 @@ from butterfly.identification.estimators.gauss_newton import (
 )
 from butterfly.identification.estimators.local_parameters import Key
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
+from butterfly.identification.estimators.servo_start import servo_start
 from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
@@ -56,14 +56,11 @@ from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log, slow_interval
-from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, GEAR, LOOP_TERMS, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
-
-_GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,36 +186,24 @@ class OutputError(Estimator):
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
+        rarer = self._unseen(begun) - {*tried(logs)}
+        absent, enough, rounds = rarer, self._has_one_end, 0
         if any(log.closed for log in logs):
-            start, choice = self._by_segments(logs, begun[0], reference.fixed)
+            start, terms = servo_start(self, logs, begun[0], reference.fixed)
             begun = [start, *begun]
-            if choice is not None:
-                told = replace(self, terms=(*choice.terms, "latency"))
-                found = told._fit(logs, begun, later, known)  # noqa: SLF001 - its own
-                return found._replace(estimate=found.estimate.with_findings(*choice.findings))
-        wide, rarer = self.problem(logs, begun[0], reference.fixed), self._unseen(begun)
+            if self.terms is None:
+                absent, rounds = {*tried(logs), *RARER} - {*terms}, FEW
+                enough = SCANNED not in terms
+        wide = self.problem(logs, begun[0], reference.fixed)
         others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
         problem, end, said = lowest_end(
-            (each.without(rarer) for each in chain([wide], others)), enough=self._has_one_end
+            (each.without(absent) for each in chain([wide], others)), enough=enough
         )
         rivals: tuple[Samples, ...] = ()
-        always, lacking = tuple(known.uncertain), None
-        plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
-        while self.terms is None and not out_of_time("the choice of terms"):
-            here = wide.without(rarer)
-            point, at = here.about(problem, end.point) if lacking else (end.point, end.at)
-            choice = here.choose_terms(point, at, always)
-            problem, end, rivals = here.fitted(choice)
-            absent = {*tried(logs)} - {name for name, _ in problem.keys}
-            lacking = wide.without(absent).lacking(problem, end.point)
-            if lacking is None:
-                if plain and contrasts_of(problem.solved(end), problem.conditions):
-                    problem, end, rivals, choice = plain  # it is no such term
-                said = (*said, *choice.findings)
-                break
-            if lacking != "slow_delay":  # which stamps tell apart from all else
-                plain = plain or (problem, end, rivals, choice)
-            rarer, always = rarer - {lacking}, (*always, lacking)
+        if self.terms is None and not out_of_time("the choice of terms"):
+            always = tuple(known.uncertain)
+            problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always, rounds)
+            said = (*said, *more)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
@@ -301,38 +286,6 @@ class OutputError(Estimator):
             known=known,
         )
 
-    def _by_segments(
-        self, logs: Sequence[Log], guess: Start, known: Prior
-    ) -> tuple[Start, TermChoice | None]:
-        """Return a first guess of servos, whose friction decides where they stop, and their terms.
-
-        Over segments of one period, or as many time constants of the speed, driven by the rebuilt
-        drive alone, no stop is far off. Terms are chosen there unless they are told.
-        """
-        loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
-        fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
-        gear = {*GEAR} & {*(OF_SERVO if self.terms is None else self.terms)}
-        begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
-        start = replace(guess, parameters=replace(guess.parameters, **begun))
-        terms = self.terms
-        if terms is None:
-            terms = candidates(tried(logs), [log.added_mass for log in logs], known)
-        short = replace(
-            self,
-            terms=terms,
-            fixed=tuple({"delay", *self.fixed, *LOOP_TERMS}),
-            horizon=2 * math.pi / fastest,
-        )
-        problem = short.problem([log.opened for log in logs], start, known)
-        end, choice = problem.descend(problem.initial), None
-        if self.terms is None:
-            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
-            problem, end, _ = problem.fitted(choice)
-        found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        own = {name: value for (name, whose), value in found if whose is None}
-        zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
-        return Start(replace(guess.parameters, **own), zeros), choice
-
     def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
         terms, masses = self.terms, [log.added_mass for log in logs]
@@ -396,6 +349,41 @@ def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None
     for (name, whose), value in zip(owned, own, strict=True):
         local.setdefault(whose, {})[name] = value
     return local
+
+
+def _chosen(
+    wide: FreeRunResiduals,
+    rarer: set[str],
+    found: tuple[FreeRunResiduals, Minimum],
+    always: tuple[str, ...],
+    rounds: int,
+) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]]:
+    """Return the residuals in the terms that help, where they end, rivals, and what is not fitted.
+
+    From where some terms of the ``wide`` residuals were fitted; the ``rarer`` ones are tried where
+    one is lacking. Terms are chosen anew, in a few ``rounds``, where those that were fitted differ.
+    """
+    logs = [each.log for each in wide.simulations]
+    (problem, end), lacking = found, None
+    plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
+    while True:
+        here = wide.without(rarer)
+        same = here.keys == problem.keys and not lacking
+        point, at = (end.point, end.at) if same else here.about(problem, end.point)
+        choice, before = here.choose_terms(point, at, always), {*problem.keys}
+        problem, end, rivals = here.fitted(choice)
+        rounds -= 1
+        if rounds > 0 and {*problem.keys} != before:
+            continue  # where fewer terms ended others may have looked like nothing
+        idle = {*tried(logs)} - {name for name, _ in problem.keys}
+        lacking = wide.without(idle).lacking(problem, end.point)
+        if lacking is None or out_of_time("the choice of terms"):
+            if plain and contrasts_of(problem.solved(end), problem.conditions):
+                problem, end, rivals, choice = plain  # it is no such term
+            return problem, end, rivals, choice.findings
+        if lacking != "slow_delay":  # which stamps tell from all else
+            plain = plain or (problem, end, rivals, choice)
+        rarer, always = rarer - {lacking}, (*always, lacking)
 
 
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:

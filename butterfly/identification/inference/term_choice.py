@@ -34,7 +34,7 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 
 RARER = (
     *("spring", "mass_inertia", "dead_zone", "compression", "motor_friction", "load_friction"),
-    "slow_delay",
+    *("slow_delay", "coulomb_slope", "load_drag"),
 )
 """Terms that are tried one after the other beside those, by the rule of contrasts."""
 
@@ -103,7 +103,7 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
     if len(effects) < FEW:
-        lost |= {"load", "mass_inertia"}
+        lost |= {"load", "load_drag", "mass_inertia"}
     if known.weightless(carried):
         lost |= {*GEAR}
     if known.weightless(carried) or any(mass.own_inertia for mass in carried):

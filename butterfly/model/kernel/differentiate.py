@@ -10,6 +10,7 @@ from butterfly.model.kernel.equation import (
     BASIS,
     COGGING,
     COULOMB,
+    COULOMB_SLOPE,
     DRIVES,
     GAIN,
     LOWERING_STRIBECK,
@@ -99,7 +100,9 @@ def differentiate(
             tangents[i, j] = initial[i, j]
     tape[0, CURRENT], splits = -1.0, False
     for k in column:
-        splits |= k in (COULOMB, STRIBECK) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
+        splits |= (
+            k in (COULOMB, STRIBECK, COULOMB_SLOPE) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
+        )
     for k in range(time.size - 1):
         row, h = into[k], time[k + 1] - time[k]
         if row >= 0:

@@ -51,6 +51,7 @@ class Constants(NamedTuple):
     slow: float
     moment: float
     moment_offset: float
+    coulomb_slope: float
 
     @classmethod
     def of(cls, p: LumpedParameters, *, moving: bool | None = None) -> Constants:
@@ -88,7 +89,7 @@ STRIBECK_VELOCITY, STIFFNESS, DAMPING, DRAG, BIAS, SPRING = range(8, 14)
 COGGING, COGGING_COSINE, PERIODS = range(14, 17)
 MOTOR_FRICTION, LOAD_FRICTION, MOTOR_STRIBECK, LOAD_STRIBECK = range(17, 21)
 LIFTING_STRIBECK, LOWERING_STRIBECK = range(21, 23)
-GIVE, SWING, SLOW, MOMENT, MOMENT_OFFSET = range(24, 29)
+GIVE, SWING, SLOW, MOMENT, MOMENT_OFFSET, COULOMB_SLOPE = range(24, 30)
 
 BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
@@ -117,7 +118,7 @@ def rates(state, drive, sign, c):
         torque = motor
     bend_rate = 0.0
     load = pull(x, c)
-    level = friction_level(v, sign, torque, load, c)
+    level = friction_level(x, v, sign, torque, load, c)
     if c.bristle_stiffness > 0.0:
         bend_rate = v - c.bristle_stiffness * abs(v) * bend / level
         torque -= c.bristle_stiffness * bend + c.bristle_damping * bend_rate
@@ -140,9 +141,15 @@ def pull(x, c):
 
 
 @inner
-def friction_level(v, sign, motor, load, c):
+def coulomb_at(x, c):
+    """Coulomb torque in N m at an angle."""
+    return c.coulomb if c.coulomb_slope == 0.0 else max(c.coulomb + c.coulomb_slope * x, 0.0)
+
+
+@inner
+def friction_level(x, v, sign, motor, load, c):
     """Friction g(v) in N m towards ``sign``, under the torques of motor and load in N m."""
-    level, at_rest = c.coulomb, c.stribeck
+    level, at_rest = coulomb_at(x, c), c.stribeck
     if c.geared != 0.0:
         level += abs(c.motor_friction * motor - c.load_friction * load)
         at_rest = stribeck_level(sign, motor, load, c)
@@ -192,14 +199,14 @@ def slopes(sign, motor, load, c):
 
 
 @inner
-def holds_to(sign, load, c):
+def holds_to(x, sign, load, c):
     """Torque of the motor in N m up to which friction holds a joint against sliding to ``sign``.
 
     The excess of torque over friction is concave in it: tangents come to its zero from one side.
     """
     motor = -load
     for _ in range(_TANGENTS):
-        lacking = friction_level(0.0, sign, motor, load, c) - sign * (motor + load)
+        lacking = friction_level(x, 0.0, sign, motor, load, c) - sign * (motor + load)
         by_motor, _, at_rest, _ = slopes(sign, motor, load, c)
         rise = 1.0 - sign * (by_motor + at_rest)
         if rise <= 0.0:
@@ -214,7 +221,7 @@ def holds_to(sign, load, c):
 def friction_at(x, v, motor, c):
     """Friction in N m of a joint at an angle and a velocity under the torque of its motor."""
     load = pull(x, c)
-    return friction_level(v, np.sign(v if v != 0.0 else motor + load), motor, load, c)
+    return friction_level(x, v, np.sign(v if v != 0.0 else motor + load), motor, load, c)
 
 
 @inner
@@ -240,7 +247,7 @@ def least_steps(c, v, h):
     if c.bristle_stiffness > 0.0:
         damping = (c.viscous + c.bristle_damping) / c.p1
         fastest = max(
-            c.bristle_stiffness * abs(v) / friction_level(v, 0.0, 0.0, 0.0, c),
+            c.bristle_stiffness * abs(v) / friction_level(0.0, v, 0.0, 0.0, 0.0, c),
             damping,
             math.sqrt(c.bristle_stiffness / c.p1),
         )
@@ -279,14 +286,15 @@ def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
     narrowing = 2.0 * at_rest * excess * share * width  # -dg/dv
     stages[i, V, GAIN] = drive
     stages[i, V, X] = lift * (c.p3_offset * sine - c.p3 * cosine - c.spring)
-    stages[i, V, V] = -push * (c.viscous + 2.0 * c.drag * speed) - drive * c.back_emf
-    stages[i, V, V] -= rub * narrowing
+    braked = push * (c.viscous + 2.0 * c.drag * speed) + drive * c.back_emf
+    stages[i, V, V] = -braked - rub * narrowing
     stages[i, V, BASIS + P1] = -push * rate[0]
     stages[i, V, BASIS + VISCOUS] = -push * v
     stages[i, V, BASIS + BACK_EMF] = -drive * v
-    stages[i, V, BASIS + P3] = -lift * sine
-    stages[i, V, BASIS + P3_OFFSET] = -lift * cosine
-    stages[i, V, BASIS + COULOMB] = rub
+    stages[i, V, BASIS + P3], stages[i, V, BASIS + P3_OFFSET] = -lift * sine, -lift * cosine
+    slides = rub if c.coulomb_slope == 0.0 or coulomb_at(x, c) > 0.0 else 0.0
+    stages[i, V, X] += slides * c.coulomb_slope
+    stages[i, V, BASIS + COULOMB], stages[i, V, BASIS + COULOMB_SLOPE] = slides, slides * x
     stages[i, V, BASIS + STRIBECK] = rub * excess
     stages[i, V, BASIS + STRIBECK_VELOCITY] = rub * narrowing * share
     stages[i, V, BASIS + DRAG] = -push * speed * v
@@ -320,7 +328,7 @@ def _linearise_lag(v, motor_rate, drive, c, stages, i):
 @inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
     """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
-    level = friction_level(v, 0.0, 0.0, 0.0, c)
+    level = friction_level(0.0, v, 0.0, 0.0, 0.0, c)
     share = v / c.stribeck_velocity
     narrowing = 2.0 * c.stribeck * excess * share / c.stribeck_velocity
     slip = c.bristle_stiffness * abs(v) / level

@@ -133,7 +133,7 @@ def break_loose(drives, tape, row, c, own, stages, tangents, column):
     x, motor = tape[row, STAGE], tape[row, STAGE + 1]
     final, at = tape[row, STAGE + 2], tape[row, STAGE + 3]
     load, still, none = pull(x, c), (x, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    most = holds_to(sign, load, c)
+    most = holds_to(x, sign, load, c)
     shape = (math.sin(x), math.cos(x), 1.0, most)
     linearise(still, none, shape, sign, c, True, True, stages, 0)
     loose = (most - motor) / (final - motor) if c.lag > 0.0 else 0.0

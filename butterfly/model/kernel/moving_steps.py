@@ -50,11 +50,12 @@ def advance_moving(state, drives, h, c, tape, splits):
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)
         return after
-    begin, most = 0.0, friction_level(0.0, 0.0, 0.0, 0.0, c)
+    begin = 0.0
     for _ in range(MAX_REVERSALS):
         sign, loosened = np.sign(state[V]), False
         if state[V] == 0.0:
             push = held(state, drive_at(drives, begin), c)
+            most = friction_level(state[X], 0.0, 0.0, 0.0, 0.0, c)
             sign = np.sign(push)
             if abs(push) <= most:
                 share, sign = _to_loose(state, drives, begin, h, most, c)

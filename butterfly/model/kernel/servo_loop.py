@@ -60,6 +60,7 @@ class Loop(NamedTuple):
     period: float  # in s, of the updates
     every: int  # intervals of the grid in one
     ahead: float  # in s, of the joint as it is seen: half a period of a faster clock, less latency
+    rate_ahead: float  # and of its velocity, which a filter may show later
     emf: float  # V per rad/s,
     drop: float  # and V, the most that the current's limit allows over the resistance
     on_error: float  # whether kd acts on the error's rate, or on that of the joint alone
@@ -96,6 +97,7 @@ class Loop(NamedTuple):
         gains = told[0] * p.loop_kp, told[1] * p.loop_ki, told[2] * p.loop_kd
         if servo is None:
             structure, gains, told = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        ahead = 0.0 if servo is None else max(period - known.period, 0.0) / 2 - p.latency
         volts = (rule.output is Output.DUTY and known.supply) or 1.0
         return cls(
             structure,
@@ -107,7 +109,8 @@ class Loop(NamedTuple):
             slew=float(known.slew) * period,
             period=period,
             every=every,
-            ahead=0.0 if servo is None else max(period - known.period, 0.0) / 2 - p.latency,
+            ahead=ahead,
+            rate_ahead=ahead - rule.rate_lag,
             emf=float(reach[0]),
             drop=float(reach[1]),
             on_error=float(rule.on_error),
@@ -176,7 +179,7 @@ def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step b
         kept[k, BY_COMPRESSION] = -past * abs(past) * weaker * weaker
         _rise(k, seen, of_p, error, loop, kept)
         kept[k, GATE], kept[k, LOOKS_BACK] = gate, looks_back
-        kept[k, SEEN_SPEED], kept[k, SEEN_RATE] = v, rate
+        kept[k, SEEN_SPEED], kept[k, SEEN_RATE] = state[V] + loop.ahead * rate, rate
         for of_output, of_rise in (
             (BY_SETPOINT, RISE_BY_SETPOINT),
             (BY_ANGLE, RISE_BY_ANGLE),
@@ -201,7 +204,7 @@ def _seen(state, loop, memory):
     """Return angle and velocity as the firmware sees them, and the rate of the velocity."""
     rate = memory[LOOKED] * (state[V] - memory[SPEED_BEFORE]) / loop.period
     x = state[X] + loop.zero + loop.ahead * (state[V] + 0.5 * loop.ahead * rate)
-    return x, state[V] + loop.ahead * rate, rate
+    return x, state[V] + loop.rate_ahead * rate, rate
 
 
 @inner
@@ -234,7 +237,7 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
         number, speed = column[j], tangents[V, j]
         rate = kept[k, LOOKS_BACK] * (speed - remembered[SPEED_BEFORE, j]) / loop.period
         x = tangents[X, j] + loop.ahead * (speed + 0.5 * loop.ahead * rate)
-        v, setpoint = speed + loop.ahead * rate, 0.0
+        v, setpoint = speed + loop.rate_ahead * rate, 0.0
         if number == _LATENCY:
             x -= kept[k, SEEN_SPEED]
             v -= kept[k, SEEN_RATE]

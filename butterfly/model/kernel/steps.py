@@ -62,7 +62,7 @@ def advance(state, drives, h, c, tape, splits):
         if v == 0.0:
             load = pull(x, c)
             motor = m if c.lag > 0.0 else drive_at(drives, begin)
-            lower, upper = holds_to(-1.0, load, c), holds_to(1.0, load, c)
+            lower, upper = holds_to(x, -1.0, load, c), holds_to(x, 1.0, load, c)
             holds = lower < upper
             sign = np.sign(motor + load) * onward
             if holds and lower <= motor <= upper:
@@ -132,7 +132,7 @@ def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
 @inner
 def never_sticks(c, splits):
     """Tell whether a joint has no rigid friction, and no derivative by it is wanted."""
-    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and c.geared == 0.0
+    smooth = c.coulomb == c.stribeck == c.geared == c.coulomb_slope == 0.0
     return (smooth and not splits) or c.bristle_stiffness > 0.0
 
 
