@@ -234,6 +234,7 @@ class OutputError(Estimator):
             masses=masses,
             known=known,
             horizon=self.horizon or math.inf,
+            besides=_waits(logs, whole.names),
         )
         return JointFit(estimate, whole, unweighted, owned)
 
@@ -384,6 +385,17 @@ def _chosen(
         if lacking != "slow_delay":  # which stamps tell from all else
             plain = plain or (problem, end, rivals, choice)
         rarer, always = rarer - {lacking}, (*always, lacking)
+
+
+def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
+    """(n, n) covariance of what waits for firmware's looks leave open: nobody tells their phase.
+
+    A set-point waits from nothing to a period, of which the delay holds the mean.
+    """
+    periods = [log.servo.period for log in logs if log.closed and log.servo is not None]
+    if not periods or "delay" not in names:
+        return None
+    return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
 
 
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:
