@@ -54,10 +54,14 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     step = float(grid[1] - grid[0])
     setpoint, late = inputs[0] @ _SIMPSON, inputs[1] @ _SIMPSON
     servo = log.servo if log.closed else None
-    slews = servo is not None and servo.rule.structure is LawStructure.PID
-    if servo is not None and slews and math.isfinite(servo.speed_limit):
+    slews = servo is not None and _slews(servo)
+    if servo is not None and slews:
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
-    late_grid = grid - parameters.delay  # off and on are told as set-points are
+    late_grid, kicked = grid - parameters.delay, None  # off and on are told as set-points are
+    if servo is not None and servo.kick < math.inf and not slews:
+        time, goals = log.goal
+        moved = hold.parabolas(time, _limited(goals, servo.kick), late_grid, log.intersample)
+        kicked = moved[0] @ _SIMPSON, moved[1] @ _SIMPSON
     enabled = None if log.enabled is None else _on_grid(log, "enabled", late_grid)
     return Loop.of(
         servo,
@@ -66,6 +70,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
         period=every * step,
         every=every,
         columns=(setpoint, late, _supply(log, servo, grid), enabled),
+        kicked=kicked,
     )
 
 
@@ -105,13 +110,18 @@ def driven(log: Log, delay: float = 0.0) -> Log:
     setpoint, enabled = _late(told, "setpoint", delay), log.enabled
     if enabled is not None:
         enabled = np.rint(_late(told, "enabled", delay))
-    if servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit):
+    kicked = None
+    if _slews(servo):
         setpoint, _ = kernel.slewed(setpoint, nothing, servo.speed_limit * log.mean_step)
+    elif servo.kick < math.inf:
+        limited = replace(told, setpoint=_limited(log.input, servo.kick))
+        kicked = _late(limited, "setpoint", delay), nothing
     loop = Loop.of(
         replace(servo, clock=log.mean_step),
         None,
         period=log.mean_step,
         columns=(setpoint, nothing, _supply(log, servo, None), enabled),
+        kicked=kicked,
     )
     drive = kernel.outputs(*(_seen(log, servo, each) for each in (log.angle, _rate(log))), loop)
     lead = log.lead
@@ -136,6 +146,16 @@ def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
     raw: dict[str, Any] = {"input": log.setpoint, "input_kind": InputKind.SETPOINT}
     raw["servo"] = replace(servo, **gains)
     return driven(replace(log, **raw), parameters.delay).opened
+
+
+def _slews(servo: ServoLoop) -> bool:
+    """Whether its firmware follows a set-point at a limited speed."""
+    return servo.rule.structure is LawStructure.PID and math.isfinite(servo.speed_limit)
+
+
+def _limited(goals: Samples, most: float) -> Samples:
+    """(n,) set-points of the same steps, but none larger than ``most``."""
+    return np.asarray(goals[0] + np.cumsum(np.clip(np.diff(goals, prepend=goals[0]), -most, most)))
 
 
 def _late(log: Log, name: str, delay: float) -> Samples:

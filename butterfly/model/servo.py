@@ -250,6 +250,12 @@ class ServoLoop:
         return kp, ki, kd
 
     @property
+    def kick(self) -> float:
+        """Largest step of a set-point that the limit of the output lets D answer for a period."""
+        limit, kd = self.rule.limit if self.limit is None else self.limit, self.told[2]
+        return limit * self.period / kd if self.rule.on_error and kd else math.inf
+
+    @property
     def reach(self) -> tuple[float, float]:
         """What the command may differ by from a share of the speed, and this share."""
         amperes = {Output.CURRENT: 1.0, Output.TORQUE: self.torque_constant}

@@ -123,6 +123,8 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
             return damping, f"as the known {name} and p4 say"
     if not p.p2 > 0:
         raise InputError("export", "p2", p.p2, "more than 0, by which kt and R are told")
+    if told.keys() & {"torque_constant", "back_emf_constant", "resistance"}:
+        return p.p2, "as if all of p2 were back EMF; what is known of the motor would have more"
     return p.p2, (
         "as if all of p2 were back EMF, which nothing here tells from viscous friction: falls with "
         "the torque off, or known: {resistance: ...}, would"

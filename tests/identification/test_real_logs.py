@@ -6,6 +6,7 @@ import pytest
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -36,6 +37,16 @@ def test_every_estimator_finds_the_known_robot(estimates):
     for name in ("harmonic balance", "weak form with drag"):
         assert 0.0044 <= estimates[name].parameters.coulomb <= 0.0053
     assert estimates["output error"].parameters.p2 < 6e-4
+
+
+def test_the_clock_s_two_regimes_have_a_delay_each_about_a_message_apart(estimates):
+    """Where it switches within a log the phase jumps by 0.94 ms (six logs: 0.86 to 0.98)."""
+    found = estimates["output error"]
+    place = found.names.index("slow_delay")
+    assert found.lower[place] <= -0.94e-3 <= found.upper[place] < 0
+    assert 1.12e-3 < found.fixed["slow_interval"] < 1.20e-3
+    follows = {(each.parameter, each.condition) for each in estimates["weak form"].agreement}
+    assert ("delay", Condition.REGIME) in follows
 
 
 @pytest.mark.parametrize("name", ["default", "output error"])

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
@@ -11,9 +12,13 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators.free_run_residuals import tried
+from butterfly.identification.estimators.multistart import starts
 from butterfly.identification.estimators.output_error import OutputError
+from butterfly.identification.estimators.servo_start import servo_start
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import simulated
+from butterfly.identification.segments import is_segmented
 from butterfly.identification.servo_drive import driven, driven_alone
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
@@ -52,6 +57,12 @@ def _log(law, **more):
     servo = ServoLoop.of({"law": law, "supply": 7.0, **LOOPS[law]})
     told = {"input_kind": "setpoint", "servo": servo, "enabled": ENABLED} | more
     return driven(Log(TIME, input=GOAL, angle=0.3 * np.sin(2 * TIME), **told))
+
+
+@pytest.mark.parametrize("input_kind", ["voltage", "torque"])
+def test_back_emf_is_tried_of_drives_that_feel_it(input_kind):
+    log = replace(_log("moteus"), input_kind=input_kind)
+    assert ("back_emf" in tried([log])) == (input_kind == "voltage")
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.003])
@@ -197,6 +208,43 @@ def test_a_term_of_a_servo_is_recovered(term):
     off = ENABLED if term == "back_emf" else None
     data = _simulated(GOAL, joint=joint, enabled=off, gains={"ki": 5.0, "kd": 0.4})
     assert _values(OutputError(terms=(term,))(data))[term] == pytest.approx(size, rel=0.01)
+
+
+def test_d_answers_a_step_of_the_set_point_with_the_limit_for_a_period_at_most():
+    servo = ServoLoop.of({"law": "dynamixel-x", "kp": 1e-6, "kd": 500, "limit": 0.4})
+    goal = np.where(TIME > 0.5, 1.0, 0.0)
+    log = driven(Log(TIME, input=goal, angle=0 * TIME, input_kind="setpoint", servo=servo))
+    pushes = log.input.sum() * log.mean_step  # of a duty of 0.4 for a millisecond
+    assert pushes == pytest.approx(0.4 * 1e-3, rel=0.01)
+
+
+def test_the_delay_of_a_servo_is_known_but_for_the_wait_for_its_next_look():
+    data = _simulated(GOAL, GOAL[::-1].copy())
+    widths = {}
+    for clock in (1e-3, 4e-3):
+        logs = [replace(log, servo=replace(log.servo, clock=clock)) for log in data.logs]
+        estimate = OutputError(terms=()).of_logs(logs, starts(data, ()), data.known)
+        widths[clock] = (estimate.upper - estimate.values)[estimate.names.index("delay")]
+    assert widths[4e-3] > 1.9 * 4e-3 / 12**0.5
+    assert widths[1e-3] < widths[4e-3]
+
+
+def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
+    data = _simulated(GOAL, GOAL[::-1].copy(), joint=replace(SIMPLE, delay=0.018))
+    (first,) = islice(starts(data, ()), 1)
+    begun, _ = servo_start(OutputError(terms=()), data.logs, first, data.known)
+    assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
+    assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
+
+
+def test_a_loop_of_speed_keeps_where_it_began_and_a_fit_finds_out():
+    whole, still = {"horizon": np.inf, "velocity_known": False}, np.maximum(TIME - 0.5, 0.0)
+    of_speed, of_angle = (
+        replace(_log(law), angle=still) for law in ("dynamixel-x-velocity", "dynamixel-x")
+    )
+    assert is_segmented(of_speed, JOINT, **whole)
+    assert not is_segmented(of_angle, JOINT, **whole)
+    assert is_segmented(replace(of_angle, angle=np.sin(TIME)), JOINT, **whole)  # nor is it at rest
 
 
 def test_a_fit_with_the_loop_open_follows_the_drive():

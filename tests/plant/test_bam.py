@@ -11,10 +11,10 @@ from butterfly.errors import InputError
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.kernel.equation import Constants, friction_level
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.servo import ServoLoop
+from butterfly.model.terms import DRY, FrictionTerms, torque_of
 from butterfly.plant.bam import bam_model
 
 JOINT = LumpedParameters(p1=0.004, p2=0.1, p3=0, p4=0.15, coulomb=0.02, back_emf=0.09)
@@ -64,7 +64,8 @@ def test_the_least_model_that_holds_it_has_the_same_friction(model, by, bam):
     theirs = (lambda *at: _friction(told, *at)) if by == "formulas" else bam(told).compute_frictions
     for motor, load, velocity in np.random.default_rng(0).uniform(-1, 1, (50, 3)):
         way = np.sign(motor + load)  # else motion may be against the larger torque
-        ours = friction_level(velocity, way, motor, load, Constants.of(joint))
+        motion = FrictionTerms.motion(joint, 0.0, velocity, motor=motor, load=load)
+        ours = way * torque_of(joint, motion._replace(direction=way), DRY)
         assert np.ravel(theirs(motor, load, velocity))[0] == pytest.approx(ours, rel=1e-12)
 
 
@@ -120,7 +121,8 @@ def test_constant_and_resistance_are_those_known_and_move_it_alike(known, consta
     damping = content["kt"] ** 2 / content["R"] + content["friction_viscous"]
     assert damping == pytest.approx(JOINT.p2)
     assert content["friction_viscous"] >= 0
-    assert ("falls with the torque off" in content["notes"][0]) == (constant == 0.1 / 0.15)
+    assert ("as if all of p2" in content["notes"][0]) == (constant == 0.1 / 0.15)
+    assert ("would have more" in content["notes"][0]) == (known == {"resistance": 40.0})
 
 
 def test_what_bam_has_no_place_for_is_said_in_the_file():

@@ -43,7 +43,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.levels import FEW, MOST, ROUNDING, SPREADS
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
@@ -59,8 +59,15 @@ OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "laten
 
 
 def tried(logs: Iterable[Log]) -> tuple[str, ...]:
-    """Return the terms that are tried of some logs where none are told."""
-    return (*TRIED, *OF_SERVO) if any(log.setpoint is not None for log in logs) else TRIED
+    """Return the terms that are tried of some logs where none are told.
+
+    A drive that is told a current or a torque makes it against any back EMF.
+    """
+    kinds = {log.input_kind for log in logs if log.setpoint is not None}
+    if not kinds:
+        return TRIED
+    against = {"back_emf"} if kinds <= {InputKind.CURRENT, InputKind.TORQUE} else set()
+    return (*TRIED, *(name for name in OF_SERVO if name not in against))
 
 
 LOCAL = ("zero", "bias", "velocity")

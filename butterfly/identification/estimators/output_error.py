@@ -241,6 +241,7 @@ class OutputError(Estimator):
             masses=masses,
             known=known,
             horizon=self.horizon or math.inf,
+            besides=_waits(logs, whole.names),
         )
         return JointFit(estimate, whole, unweighted, owned)
 
@@ -387,8 +388,20 @@ def _chosen(
             if plain and contrasts_of(problem.solved(end), problem.conditions):
                 problem, end, rivals, choice = plain  # it is no such term
             return problem, end, rivals, choice.findings
-        plain = plain or (problem, end, rivals, choice)
+        if lacking != "slow_delay":  # which stamps tell from all else
+            plain = plain or (problem, end, rivals, choice)
         rarer, always = rarer - {lacking}, (*always, lacking)
+
+
+def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
+    """(n, n) covariance of what waits for firmware's looks leave open: nobody tells their phase.
+
+    A set-point waits from nothing to a period, of which the delay holds the mean.
+    """
+    periods = [log.servo.period for log in logs if log.closed and log.servo is not None]
+    if not periods or "delay" not in names:
+        return None
+    return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
 
 
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:

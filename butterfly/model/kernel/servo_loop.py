@@ -70,6 +70,8 @@ class Loop(NamedTuple):
     compression: float
     setpoint: Samples  # (n - 1,) mean over each interval, delayed
     late: Samples  # (n - 1,) its derivative by the delay
+    kicked: Samples  # (n - 1,) and both where D acts on the error, whose steps the output limits
+    late_kicked: Samples
     supply: Samples  # (n - 1,) by which the output is multiplied
     on: Samples  # (n - 1,) whether the joint is driven
 
@@ -81,12 +83,14 @@ class Loop(NamedTuple):
         *,
         period: float,
         columns: tuple[Samples, Samples, Samples | None, Samples | None],
+        kicked: tuple[Samples, Samples] | None = None,
         every: int = 1,
         zero: float = 0.0,
     ) -> Loop:
         """Take them from a servo and the parameters of its joint; of no servo the drive is told.
 
-        The ``columns`` are set-point, its derivative, supply (the loop's if None) and what is on.
+        The ``columns`` are set-point, its derivative, supply (the loop's if None) and what is on;
+        the first two of them are ``kicked``, if that is None.
         Without ``parameters`` the torque is what the firmware puts out.
         """
         setpoint, late, supply, enabled = columns
@@ -120,6 +124,8 @@ class Loop(NamedTuple):
             compression=p.compression,
             setpoint=setpoint,
             late=late,
+            kicked=kicked[0] if kicked else setpoint,
+            late_kicked=kicked[1] if kicked else late,
             supply=np.full(setpoint.size, volts) if supply is None else supply.copy(),
             on=np.ones(setpoint.size) if enabled is None else np.rint(enabled),
         )
@@ -149,8 +155,8 @@ def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step b
         error -= v if loop.structure == SPEED else x
     seen = 1.0 if abs(error) > loop.dead_band else 0.0
     error *= seen
-    pace = loop.on_error * looks_back * (loop.setpoint[k] - memory[GOAL_BEFORE]) / loop.period
-    memory[SPEED_BEFORE], memory[GOAL_BEFORE], memory[LOOKED] = state[V], loop.setpoint[k], 1.0
+    pace = loop.on_error * looks_back * (loop.kicked[k] - memory[GOAL_BEFORE]) / loop.period
+    memory[SPEED_BEFORE], memory[GOAL_BEFORE], memory[LOOKED] = state[V], loop.kicked[k], 1.0
     rise, steep, damping, of_p = error, loop.kp, loop.kd, 1.0
     if loop.structure == CASCADE:
         wanted = max(-loop.speed_limit, min(loop.speed_limit, loop.kp * error))
@@ -245,7 +251,9 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
             setpoint = loop.late[k] / loop.p4
         elif number < 0 and initial[X, j] < 0.0 and loop.structure < SPEED:
             setpoint = -1.0  # the encoder's zero
-        pace = loop.late[k] - loop.late[max(k - loop.every, 0)] if number == _DELAY else 0.0
+        pace = 0.0
+        if number == _DELAY:
+            pace = loop.late_kicked[k] - loop.late_kicked[max(k - loop.every, 0)]
         output = kept[k, BY_PACE] * pace / loop.p4
         output += kept[k, BY_SETPOINT] * setpoint + kept[k, BY_ANGLE] * x + kept[k, BY_VELOCITY] * v
         output += kept[k, BY_INTEGRAL] * remembered[INTEGRAL, j]
