@@ -46,6 +46,7 @@ from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
+    BASE,
     RARER,
     SCANNED,
     TermChoice,
@@ -58,7 +59,7 @@ from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import OF_ANGLE, PARAMETERS, companions, offered
+from butterfly.model.terms import GEAR, OF_ANGLE, PARAMETERS, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -382,7 +383,12 @@ def _chosen(
         rounds -= 1
         if rounds > 0 and {*problem.keys} != before:
             continue  # where fewer terms ended others may have looked like nothing
-        idle = {*tried(logs)} - {name for name, _ in problem.keys}
+        fitted = {name for name, _ in problem.keys}
+        idle = {*tried(logs)} - fitted
+        if BASE in fitted:  # on which friction of gears is not simulated
+            idle |= {*GEAR}
+        elif fitted & {*GEAR}:
+            idle.add(BASE)
         lacking = wide.without(idle).lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):
