@@ -56,6 +56,7 @@ from butterfly.identification.inference.term_choice import (
     requested_terms,
     scanned_terms,
 )
+from butterfly.identification.levels import FEW
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -141,8 +142,9 @@ class HarmonicBalance(Estimator):
             while self.terms is None and (idle := fit.idle):
                 chosen = chosen.without(idle)
                 fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.names))
-            if self.terms is None and BASE in fit.phasors.names:
+            for _ in range(FEW if BASE in fit.phasors.names else 0):
                 fit = HarmonicBalanceFit.of(fit.on_likeliest_base().phasors)
+                fit, robot = robot.settled(fit)
             lacking = fit.lacking(always, conditions) if self.terms is None else None
             if lacking is not None:
                 plain, always = plain or (chosen, fit, robot), (*always, lacking)
@@ -261,7 +263,10 @@ def _judged(
         chosen = replace(chosen, settings=chosen.settings | fit.phasors.base)
     solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
     more = solved.values[fit.solved.values.size :]
-    rivals = (np.append(each, more) for each in (chosen.rival_values if chosen else ()))
+    others = chosen.rival_values if chosen else ()
+    if BASE in fit.phasors.names:
+        others = (*others, *fit.on_other_bases)
+    rivals = (np.append(each, more) for each in others)
     whole = reference.whole(solved)
     besides = np.zeros((len(whole.names), len(whole.names)))
     if rest is not None:

@@ -40,6 +40,9 @@ from butterfly.model.terms import (
 )
 from butterfly.signals.frequency_response import ResponsePoint
 
+Shape = Sequence[float] | NDArray[np.float64]
+"""Logarithms of a base's frequency in rad/s and damping ratio."""
+
 _ON_BASE = ("moment", "base")
 _NATURAL = (
     1.0,
@@ -47,6 +50,7 @@ _NATURAL = (
     7,
 )  # least and largest of a base over the fastest input's; how many are tried
 _DAMPING = (0.02, 2.0, 5)  # the same of damping ratios
+_HALVES = 12  # of a stretch, by which the limit of what residuals allow is found
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
 _EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
@@ -277,29 +281,61 @@ class HarmonicBalanceFit:
 
         That is the best of some frequencies and damping ratios, beside ``more`` terms.
         """
-        phasors, about = self.phasors, self.parameters
-        names = tuple(dict.fromkeys((*phasors.names, BASE, *more)))
+        naturals, dampings = self._shapes
 
-        def standing(shape: Sequence[float]) -> LumpedParameters:
-            natural, damping = np.exp(shape).tolist()
-            return replace(about, base_frequency=natural, base_damping=damping)
+        def left(shape: Shape) -> float:
+            return self._on_base(shape, more)[0]
 
-        def left(shape: Sequence[float]) -> float:
-            on = replace(phasors, names=names, standing=standing(shape))
-            equations = _regression(on, on.equations(about), self.weights, about)
-            found = equations.solve().values
-            errors = equations.rows @ equations.unknowns(found) - equations.target
-            return float(errors @ errors) if found[names.index(BASE)] > 0 else np.inf
-
-        naturals = np.log(phasors.omega.max() * np.geomspace(*_NATURAL))
-        dampings = np.log(np.geomspace(*_DAMPING))
         best = min(product(naturals, dampings), key=left)
         if not np.isfinite(left(best)):
             return self
         bounds = [(each[0], each[-1]) for each in (naturals, dampings)]
         how = {"method": "Nelder-Mead", "bounds": bounds, "options": {"maxiter": MOST}}
-        found = minimize(left, best, **how)
-        return replace(self, phasors=replace(phasors, standing=standing(found.x)))
+        standing = self._standing(minimize(left, best, **how).x)
+        return replace(self, phasors=replace(self.phasors, standing=standing))
+
+    @property
+    def on_other_bases(self) -> tuple[NDArray[np.float64], ...]:
+        """(n,) values on bases of other frequency and damping, in eight directions.
+
+        Each is so far off that the residuals grow as by two standard errors of one parameter: the
+        mean of their squares is then what the two add to the variance.
+        """
+        shape = np.log(list(self.phasors.base.values()))[::-1]
+        limits = np.array([(each[0], each[-1]) for each in self._shapes])
+        least, _ = self._on_base(shape)
+        most = least * (1 + 2 / (2 * self.phasors.omega.size - len(self.phasors.names) - 2))
+        found = []
+        for turn in np.arange(8) * np.pi / 4:
+            way, near, far = np.array([np.cos(turn), np.sin(turn)]), 0.0, float(np.ptp(limits))
+            for _ in range(_HALVES):
+                middle = (near + far) / 2
+                inside = self._on_base(np.clip(shape + middle * way, *limits.T))[0] <= most
+                near, far = (middle, far) if inside else (near, middle)
+            found.append(self._on_base(np.clip(shape + near * way, *limits.T))[1])
+        return tuple(found)
+
+    @property
+    def _shapes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Logarithms of the frequencies and damping ratios of bases that are tried."""
+        naturals = self.phasors.omega.max() * np.geomspace(*_NATURAL)
+        return np.log(naturals), np.log(np.geomspace(*_DAMPING))
+
+    def _standing(self, shape: Shape) -> LumpedParameters:
+        """Return the hand on a base of some shape."""
+        natural, damping = np.exp(shape).tolist()
+        return replace(self.parameters, base_frequency=natural, base_damping=damping)
+
+    def _on_base(self, shape: Shape, more: Sequence[str] = ()) -> tuple[float, NDArray[np.float64]]:
+        """Return the squared residuals, and the values, of the balance on a base of some shape."""
+        names = tuple(dict.fromkeys((*self.phasors.names, BASE, *more)))
+        on = replace(self.phasors, names=names, standing=self._standing(shape))
+        about = self.parameters
+        equations = _regression(on, on.equations(about), self.weights, about)
+        found = equations.solve().values
+        errors = equations.rows @ equations.unknowns(found) - equations.target
+        gives = found[names.index(BASE)] > 0
+        return (float(errors @ errors) if gives else np.inf), found
 
     def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
         """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""
