@@ -199,12 +199,14 @@ class Simulation:
         drive = IDEAL if looped else parameters.drive
         slow = (0.0, 0.0) if looped else (parameters.slow_delay, parameters.slow_interval)
         latest, key = self._latest, (parameters.delay, *slow, drive)
+        if latest is not None and latest[0] == key and max(drives, 2) <= len(latest[1]):
+            return latest[1][: max(drives, 2)]
+        commands = self._command[1]
         time = self.log.arrivals(*slow) if slow[0] else self._command[0]
         if latest is None or latest[0] != key:
-            delivered = self._parabolas(time, drive.delivered(self._command[1]), parameters.delay)
+            delivered = self._parabolas(time, drive.delivered(commands), parameters.delay)
             self._latest = latest = key, delivered
         if drives > len(latest[1]) and not looped:
-            commands = self._command[1]
             slopes = list(parameters.slopes(commands).values())[: drives - _DELAYS]
             more = [self._parabolas(time, each, parameters.delay)[0] for each in slopes]
             late = self._slow(drive.delivered(commands), slow[1])

@@ -18,7 +18,7 @@ from butterfly.identification.estimators.output_error import JointFit
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
 from butterfly.identification.splits import Division, Split, divide, remedy
-from butterfly.model.terms import COMPANIONS
+from butterfly.model.terms import companions
 from butterfly.progress import Track, out_of_time, untracked
 
 
@@ -191,7 +191,7 @@ class _NestedFits(_Fits):
     def __init__(self, data: DataSet, estimator: OutputError, terms: tuple[str, ...]) -> None:
         super().__init__(data, estimator)
         self._joint = estimator
-        self._tried = {*terms, *(COMPANIONS[name] for name in terms if name in COMPANIONS)}
+        self._tried = {*terms, *companions(terms)}
         self._wide = self._fit(terms, data, starts(data, terms))
         self._fitted: dict[tuple[str, ...], JointFit] = {}
 
@@ -216,7 +216,7 @@ class _NestedFits(_Fits):
 
     def _begun(self, terms: tuple[str, ...]) -> JointFit:
         if terms not in self._fitted:
-            lost = self._tried - {*terms, *(COMPANIONS.get(name, "") for name in terms)}
+            lost = self._tried - {*terms, *companions(terms)}
             self._fitted[terms] = self._fit(
                 terms, self._data, [Start.at(self._wide.lacking(lost), self._data)]
             )

@@ -50,7 +50,10 @@ _IF_MILLISECONDS = (
     "manifest."
 )
 
-_IF_REGIMES = "Its delay may switch with it: output-error fits both, as delay and slow_delay."
+_IF_REGIMES = (
+    "Where a clock's sampling interval switches the delay may, too: output-error can fit both, as "
+    "delay and slow_delay."
+)
 
 
 class Repair(StrEnum):

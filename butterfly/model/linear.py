@@ -150,7 +150,7 @@ def quasi_linear_response(
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
-    motion = parameters.motion(0.0, 0.0)
+    motion = parameters.motion(0.0, 0.0, **parameters.on_base)
     torque = linear.brake(w)
     for row in _DESCRIBED:
         value = getattr(parameters, row.name)

@@ -341,6 +341,11 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
             return self.carried_moment, 0.0
         return self.p3 / self.gravity, self.p3_offset / self.gravity
 
+    @property
+    def on_base(self) -> dict[str, Any]:
+        """What a `Motion` tells of the base that gives under this."""
+        return {"moment": self.moments[0], "base": (self.base_frequency, self.base_damping)}
+
     def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
         """Return a motion in rad and rad/s of the joint under its load, and ``more`` of it."""
         moving = super().motion(angle, velocity, **more)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import dawsn, j1
+from scipy.special import dawsn, j0, j1, jv
 
 from butterfly.arrays import Samples
 
@@ -45,6 +45,8 @@ class Motion(NamedTuple):
     carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
     motor: Any = 0.0  # Torque of the motor in N m
     load: Any = 0.0  # What gravity, springs and the like pull with, in N m
+    moment: Any = 0.0  # First moment in kg m of what swings
+    base: Any = (1.0, 1.0)  # Frequency in rad/s and damping ratio of a base under this
     way: Any = 0.0  # Sign of what a gear carries of both,
     way_at_rest: Any = 0.0  # and of what its excess at rest grows with
 
@@ -79,7 +81,7 @@ class Term:
     size: Callable[[float, float, float], float] | None = None
     # What a residual torque of this shape is called; empty for one that is not looked for
     looks_like: str = ""
-    follows: str = ""  # The term without which it says nothing
+    follows: frozenset[str] = frozenset()  # Terms without one of which it says nothing
     # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()
 
@@ -106,6 +108,19 @@ def stribeck_describing_function(
     """
     b = a * omega / velocity
     return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)
+
+
+def base_describing_function(omega: Samples, a: Samples, m: Motion) -> NDArray[np.complex128]:
+    """Gain, per compliance, of what a base takes from the torque on a joint that swings by a rad.
+
+    With Q = 1 - (w/w_b)^2 + 2 j zeta w/w_b of a base that hardly gives, h' = H cos th pulls with
+    H cos(th) s'' where Q s = w^2 times the fundamental of H sin th.
+    """
+    natural, damping = m.base
+    pushed = m.moment * gravity_describing_function(a)
+    force = omega**2 * pushed / (1 - (omega / natural) ** 2 + 2j * damping * omega / natural)
+    along, across = j0(a) - jv(2, a), j0(a) + jv(2, a)
+    return np.asarray(-(omega**2) * m.moment * (along * force.real + 1j * across * force.imag))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,7 +383,8 @@ _ROWS = (
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "v_s, by which most of that excess is lost",
          lower=1e-3, size=lambda _torque, speed, _rate: 0.1 * speed,
-         follows="stribeck", offered=frozenset({_OUTPUT})),
+         follows=frozenset({"stribeck", "motor_stribeck", "load_stribeck"}),
+         offered=frozenset({_OUTPUT})),
     Term("motor_friction", "motor friction", "–",
          "of a gear: growth of friction with the motor's torque",
          lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction, size=_tenth,
@@ -401,12 +417,14 @@ _ROWS = (
          offered=frozenset({_OUTPUT})),
     Term("base_compliance", "base compliance", "m/N",
          "of the spring on which the base gives; 0 for one that stands still",
-         lower=0.0, state="base", size=_thousandth, offered=frozenset({_OUTPUT})),
+         lower=0.0, state="base", size=_thousandth, describing=base_describing_function,
+         offered=frozenset({_HARMONIC, _OUTPUT})),
     Term("base_frequency", "base frequency", "rad/s", "natural frequency of the bare base",
          lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,
-         follows="base_compliance", offered=frozenset({_OUTPUT})),
+         follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("base_damping", "base damping", "–", "damping ratio of the bare base",
-         lower=0.0, state="base", size=_tenth, offered=frozenset({_OUTPUT})),
+         lower=0.0, state="base", size=_tenth,
+         follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
          basis=lambda m: -np.sin(m.periods * m.angle),
          potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
@@ -461,9 +479,8 @@ GEAR = tuple(
 TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in the order in which they are printed."""
 
-COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
-COMPANIONS |= dict.fromkeys(("motor_stribeck", "load_stribeck"), COMPANIONS["stribeck"])
-"""What comes with a term, by the term's name."""
+FOLLOWERS = {row.name for row in _ROWS if row.follows}
+"""What says nothing without another term."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """What grows with the scale of all torques."""
@@ -516,6 +533,12 @@ def made_up(parameters: FrictionTerms, motion: Motion, rows: Sequence[Term]) -> 
         moving = parameters.motion(motion.angle, motion.velocity, motor=motor)
         torque = torque_of(parameters, moving, rows)
     return torque
+
+
+def companions(names: Iterable[str]) -> set[str]:
+    """Return the names of what comes with some terms."""
+    leaders = {*names}
+    return {row.name for row in _ROWS if row.follows & leaders}
 
 
 def offered(estimator: str) -> tuple[str, ...]:

@@ -125,7 +125,9 @@ class MujocoJoint(Joint):
         # looking a column up costs as much as reading it, and an array's element twice a view's
         self._position: memoryview[float] = memoryview(data.qpos)
         self._velocity: memoryview[float] = memoryview(data.qvel)
+        self._acceleration: memoryview[float] = memoryview(data.qacc)
         self._command: memoryview[float] = memoryview(data.ctrl)
+        self._friction: memoryview[float] = memoryview(self.model.dof_frictionloss)
         self._armature = None
         if self._drive and self._lags:
             self._armature = _Armature(self.model, data, self._drive)
@@ -174,15 +176,15 @@ class MujocoJoint(Joint):
         if not self._sticks_harder:
             self._step(command, count)
             return
-        half, hinge = 0.5 * self._options.timestep, self._hinge
+        half, hinge = 0.5 * step, self._hinge
         for _ in range(count):  # friction is set anew for the middle of each step
-            speed = self._velocity[hinge] + half * self.data.qacc[hinge]
+            speed = self._velocity[hinge] + half * self._acceleration[hinge]
             if self._armature and self._drive:
                 motor = self._armature.current * self._drive.torque_constant
             else:
                 motor = self._loaded.p4 * command - self._constants.back_emf * speed
             angle = self._position[hinge] + half * self._velocity[hinge]
-            self.model.dof_frictionloss[hinge] = friction_at(angle, speed, motor, self._constants)
+            self._friction[hinge] = friction_at(angle, speed, motor, self._constants)
             self._step(command, 1)
 
     def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:

@@ -349,6 +349,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         f"{TERMS[finding.parameters[0]].unit}, found by trying several; the intervals hold what "
         "others that predict as well would give."
     ),
+    FindingKind.HELD: lambda finding, _: (
+        f"{', '.join(finding.parameters)} is held at {_number(finding):.2g} "
+        f"{TERMS[finding.parameters[0]].unit}: these logs hardly tell it, and others would do."
+    ),
     FindingKind.NOT_HELPING: (
         "Not fitted, since {names} did not help to predict logs that were left out."
     ),

@@ -66,6 +66,9 @@ BARS = {
     "a step of the energy-shaping controller": Bar("≤", 2, "a step of MuJoCo"),
     "scipy's solve_ivp at the kernel's accuracy": Bar("≥", 500, _KERNEL),
     "MuJoCo's bare rollout, RK4 at 1 ms": Bar("≥", 100, _KERNEL),
+    "the kernel of a joint with p1..p4 and Coulomb friction": Bar(
+        "≤", 1.75, "a bare compiled loop"
+    ),
     "butterfly --version": Bar("≤", 1.5, "a bare cyclopts program"),
     "butterfly --help": Bar("≤", 1.5, "a bare cyclopts program"),
     "import butterfly": Bar("≤", 1.5, "import numpy"),

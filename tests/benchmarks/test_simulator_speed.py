@@ -1,6 +1,12 @@
-"""One real log's input, simulated without friction: the kernel, scipy's solve_ivp, bare MuJoCo."""
+"""The kernel beside scipy's solve_ivp and bare MuJoCo, on a real log's input without friction.
+
+And beside the plainest compiled loop that steps the same equation, with friction but no reversals.
+"""
+
+import math
 
 import mujoco
+import numba
 import numpy as np
 from mujoco.rollout import Rollout
 from scipy.integrate import solve_ivp
@@ -81,3 +87,41 @@ def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
     kernel /= _AGAIN
     measured("scipy's solve_ivp at the kernel's accuracy", scipy / kernel)
     measured("MuJoCo's bare rollout, RK4 at 1 ms", rollout / kernel)
+
+
+@numba.njit(error_model="numpy")
+def _bare_loop(parameters, drives, step, angle):
+    """Runge-Kutta of order 4, friction a sign."""
+    p1, p2, p3, coulomb = parameters
+    found = np.empty(len(drives) + 1)
+    found[0], x, v = angle, angle, 0.0
+    for k in range(len(drives)):
+        a1 = (drives[k, 0] - p2 * v - p3 * math.sin(x) - coulomb * np.sign(v)) / p1
+        v2 = v + 0.5 * step * a1
+        a2 = drives[k, 1] - p2 * v2 - p3 * math.sin(x + 0.5 * step * v) - coulomb * np.sign(v2)
+        v3 = v + 0.5 * step * a2 / p1
+        a3 = drives[k, 1] - p2 * v3 - p3 * math.sin(x + 0.5 * step * v2) - coulomb * np.sign(v3)
+        v4 = v + step * a3 / p1
+        a4 = drives[k, 2] - p2 * v4 - p3 * math.sin(x + step * v3) - coulomb * np.sign(v4)
+        x += step / 6 * (v + 2 * v2 + 2 * v3 + v4)
+        v += step / 6 * (a1 + (2 * a2 + 2 * a3 + a4) / p1)
+        found[k + 1] = x
+    return found
+
+
+def test_terms_that_a_joint_does_not_have_cost_it_little():
+    step, parameters = 0.01, LumpedParameters(p1=0.02, p2=0.03, p3=0.5, p4=1.0, coulomb=0.01)
+    grid = step * np.arange(20_000)
+    half = 0.4 * np.sin(4.4 * step / 2 * np.arange(2 * grid.size - 1))
+    drives = np.column_stack([half[:-1:2], half[1::2], half[2::2]])
+    own = parameters.p1, parameters.p2, parameters.p3, parameters.coulomb
+
+    def bare():
+        return _bare_loop(own, drives, step, _START)
+
+    def kernel():
+        return simulate(parameters, grid, drives, _START)[0]
+
+    assert np.abs(bare() - kernel()).max() < 0.05  # reversals are all that they do not share
+    plainest, whole = least_seconds(bare, kernel)
+    measured("the kernel of a joint with p1..p4 and Coulomb friction", whole / plainest)

@@ -1,8 +1,6 @@
 """docs/another-robot.md shows what the program says of logs that are not shipped."""
 
-import os
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,24 +9,14 @@ import yaml
 
 import butterfly as bf
 
-_CHECKOUT = Path(__file__).parents[2]
-PAGE = (_CHECKOUT / "docs/another-robot.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs/another-robot.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
-def pendulum(tmp_path, monkeypatch):
+def pendulum(strangers, monkeypatch):
     """The folder that the page tells to make, and the program where it lies."""
-    named = os.environ.get("BUTTERFLY_STRANGERS")
-    source = (Path(named) if named else _CHECKOUT.parent / "shared/data/strangers") / "dfki"
-    if not source.is_dir():
-        pytest.skip(f"the pendulum's logs are not there: no folder {source} (BUTTERFLY_STRANGERS)")
-    folder = tmp_path / "pendulum"
-    folder.mkdir()
-    for path in source.glob("*.csv"):
-        shutil.copyfile(path, folder / path.name)
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    return folder
+    return strangers("dfki", "pendulum")
 
 
 def _commands(start):

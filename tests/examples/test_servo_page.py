@@ -1,8 +1,6 @@
 """docs/servo.md shows what the program says of a servo's logs, which are not shipped."""
 
-import os
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -19,18 +17,10 @@ _NEAR = 2.0  # per cent of FIT, within which a page is not out of date
 
 
 @pytest.fixture
-def servo(tmp_path, monkeypatch):
+def servo(strangers):
     """The folder that the page tells to make."""
-    named = os.environ.get("BUTTERFLY_STRANGERS")
-    source = (Path(named) if named else _CHECKOUT.parent / "shared/data/strangers") / "xl330"
-    if not source.is_dir():
-        pytest.skip(f"the servo's logs are not there: no folder {source} (BUTTERFLY_STRANGERS)")
-    folder = tmp_path / "my-servo"
-    folder.mkdir()
-    for path in source.glob("*.csv"):
-        shutil.copyfile(path, folder / path.name)
+    folder = strangers("xl330", "my-servo")
     (folder / "manifest.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
-    monkeypatch.chdir(tmp_path)
     return folder
 
 

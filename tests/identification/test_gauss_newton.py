@@ -61,15 +61,21 @@ def _equations(residuals, slopes, scale=None):
     return Equations(logs=(log,))
 
 
-@pytest.mark.parametrize("name", CERTIFIED)
-def test_certified_fits_are_found_from_their_far_start(name):
-    model, data, start, certified, squares = CERTIFIED[name]
+def _scaled(model, data, start):
+    """Equations of a fit, its parameters in shares of the start, and that."""
     scale = np.array(start, dtype=float)
 
     def expand(scaled, _):
         values, slopes = model(scaled * scale, data[:, 0])
         return _equations(values - data[:, 1], slopes, scale)
 
+    return expand, scale
+
+
+@pytest.mark.parametrize("name", CERTIFIED)
+def test_certified_fits_are_found_from_their_far_start(name):
+    model, data, start, certified, squares = CERTIFIED[name]
+    expand, scale = _scaled(model, data, start)
     found = minimise(expand, np.ones(scale.size), np.full(scale.size, -np.inf))
     assert found.converged
     np.testing.assert_allclose(found.point * scale, certified, rtol=1e-5)
@@ -151,12 +157,7 @@ def test_a_beginning_that_is_no_number_is_refused():
 @pytest.mark.parametrize("seconds", [1e9, 0.0])
 def test_a_descent_ends_where_it_is_when_its_time_is_over(seconds):
     model, data, start, certified, _ = CERTIFIED["Rat42"]
-    scale = np.array(start, dtype=float)
-
-    def expand(scaled, _):
-        values, slopes = model(scaled * scale, data[:, 0])
-        return _equations(values - data[:, 1], slopes, scale)
-
+    expand, scale = _scaled(model, data, start)
     with budget(seconds) as search:
         found = minimise(expand, np.ones(scale.size), np.full(scale.size, -np.inf))
     assert found.converged is (seconds > 0)

@@ -32,6 +32,7 @@ SEED, NUMBER = 31, 0
         ("own inertia", "mass_inertia", 0.05),
         ("dead zone", "dead_zone", None),
         ("spring", "spring", None),
+        ("base", "base_compliance", None),
     ],
 )
 def test_a_term_that_a_bench_has_is_found_unasked(method, row, term, size):

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
 from butterfly.model.greybox import simulate
+from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import GRAVITY, AddedMass, Base, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.robot import Robot
@@ -117,3 +118,29 @@ def test_a_base_is_heavier_than_the_hand_and_has_no_states_beside_it():
     for name in ("motor_friction", "bristle_stiffness"):
         with pytest.raises(InputError, match=f"Base: {name}.*not simulated"):
             _simulated(replace(JOINT, coulomb=1e-3, **{name: 0.1}))
+
+
+@pytest.mark.parametrize("swing", [0.02, 0.4])
+def test_the_response_of_a_steady_swing_is_that_of_the_simulation(swing):
+    """A base that hardly gives: its describing function is what compliance does to first order."""
+    joint = replace(JOINT, bias=0.0, p3_offset=0.0, drag=0.0, base_compliance=1e-5)
+    loaded, w = joint.with_added_mass(ADDED), 9.0
+    time = np.arange(0, 60 * 2 * np.pi / w, 1e-3)
+    whole = time > 40 * 2 * np.pi / w
+    found, both = {}, (loaded, joint_at_rest(loaded))
+    for each in both:
+        drive = swing / np.abs(quasi_linear_response(each, w, swing))
+        inputs = drive * np.sin(w * np.column_stack([time[:-1], time[:-1] + 5e-4, time[1:]]))
+        angle = simulate(each, time, inputs, 0.0)[0][whole]
+        unit = np.exp(-1j * w * time[whole])
+        found[each.base_compliance] = 2j * np.mean(angle * unit) / drive
+    simulated, still = found.values()
+    told, alone = (
+        quasi_linear_response(each, w, swing) for each in (loaded, joint_at_rest(loaded))
+    )
+    assert simulated - still == pytest.approx(complex(told - alone), rel=0.05)
+
+
+def joint_at_rest(joint):
+    """Return a joint whose base stands still."""
+    return replace(joint, base_compliance=0.0)

@@ -148,8 +148,11 @@ def test_without_friction_the_derivative_by_it_is_that_of_friction_that_begins()
 @pytest.mark.parametrize("joint", [SLIDING, replace(SLIDING, **STICKY)])
 def test_the_derivative_by_a_compliance_of_0_is_that_of_a_base_that_begins_to_give(joint):
     log = _Log(0.5, grid=np.arange(0, 4.0, 0.005))
-    values, (row,) = (each.T for each in log.sensitivities(["base_compliance"], joint))
+    names = ["base_compliance", *GEAR]
+    values, (row, *gears) = (each.T for each in log.sensitivities(names, joint))
     np.testing.assert_allclose(values, log.angles(joint), atol=1e-12)
+    alone = log.sensitivities(list(GEAR), joint)[1].T
+    np.testing.assert_allclose(gears, alone, atol=1e-7 * np.abs(alone).max())
     h = 1e-8
     difference = (
         4 * log.moved("base_compliance", h, joint) - 3 * values

@@ -166,33 +166,29 @@ def test_a_clutch_lets_the_hand_lag_behind_its_shaft_by_the_play_at_most():
 GEAR = {"coulomb": 4e-4, "stribeck": 3e-4, "stribeck_velocity": 0.3, "viscous": 1e-4}
 GEAR |= {"motor_friction": 0.15, "load_friction": 0.1, "motor_stribeck": 0.1}
 GEAR |= {"load_stribeck": 0.08, "lifting_stribeck": 1.5, "lowering_stribeck": 1.0}
+UNEVEN = {"coulomb": 2e-3, "coulomb_slope": 3e-3, "load_drag": 0.05}
 
 
-@pytest.mark.parametrize("inductance", [0.0, 0.01])
-def test_friction_that_grows_with_torque_is_mujoco_s_as_its_steps_shrink(inductance):
-    geared = robot(replace(MOTOR, inductance=inductance), **GEAR)
-    wanted = _steps(GreyBoxJoint(geared, ADDED, angle=0.3), 1e-3)
-    errors = [
-        np.abs(_steps(MujocoJoint(geared, ADDED, angle=0.3), step) - wanted).max()
-        for step in (1e-3, 1e-4)
-    ]
-    assert errors[1] < min(2e-3, 0.5 * errors[0])
-    assert np.ptp(wanted) > 0.5
-
-
-def test_friction_that_differs_by_angle_is_mujoco_s_as_its_steps_shrink():
-    uneven = robot(coulomb=2e-3, coulomb_slope=3e-3, load_drag=0.05)
-    wanted = _steps(GreyBoxJoint(uneven, ADDED, angle=0.3), 1e-3)
-    errors = [
-        np.abs(_steps(MujocoJoint(uneven, ADDED, angle=0.3), step) - wanted).max()
-        for step in (1e-3, 1e-4)
-    ]
-    assert errors[1] < min(2e-3, 0.5 * errors[0])
-    assert np.ptp(wanted) > 0.5
-    plain = robot(coulomb=2e-3, load_drag=0.05)
-    assert (
-        np.abs(_steps(GreyBoxJoint(plain, ADDED, angle=0.3), 1e-3) - wanted).max() > 20 * errors[1]
+@pytest.mark.parametrize(
+    ("drive", "friction", "plainer"),
+    [
+        (replace(MOTOR, inductance=0.0), GEAR, {**GEAR, "motor_friction": 0.0}),
+        (replace(MOTOR, inductance=0.01), GEAR, {**GEAR, "motor_friction": 0.0}),
+        (MOTOR, UNEVEN, {**UNEVEN, "coulomb_slope": 0.0}),
+    ],
+)
+def test_friction_by_torque_or_angle_is_mujoco_s_as_its_steps_shrink(drive, friction, plainer):
+    wanted, plain = (
+        _steps(GreyBoxJoint(robot(drive, **each), ADDED, angle=0.3), 1e-3)
+        for each in (friction, plainer)
     )
+    errors = [
+        np.abs(_steps(MujocoJoint(robot(drive, **friction), ADDED, angle=0.3), step) - wanted).max()
+        for step in (1e-3, 1e-4)
+    ]
+    assert errors[1] < min(2e-3, 0.5 * errors[0])
+    assert np.abs(plain - wanted).max() > 20 * errors[1]
+    assert np.ptp(wanted) > 0.5
 
 
 def _steps(joint, step):

@@ -35,6 +35,7 @@ class FindingKind(StrEnum):
     ZERO_GUESSED = "zero-guessed"  # logs that do not tell where the encoder's angle is 0
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
     SCANNED = "scanned"  # value of a parameter that was found by trying several
+    HELD = "held"  # value of a parameter that was held there: the data hardly tell it
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
     SEARCH_STOPPED = "search-stopped"  # seconds after which, without what stands for parameters

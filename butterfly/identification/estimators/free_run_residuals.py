@@ -29,8 +29,10 @@ from butterfly.identification.estimators.local_parameters import (
 )
 from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
+    BASE,
     CANDIDATES,
     RARER,
     SCANNED,
@@ -38,18 +40,18 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import FEW, MOST, ROUNDING
+from butterfly.identification.levels import FEW, MOST, ROUNDING, SPREADS
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
+from butterfly.model.terms import TERMS, companions, lower_bounds, offered
 from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
 
-TRIED = (*CANDIDATES, COMPANIONS[SCANNED])
+TRIED = (*CANDIDATES, *companions({SCANNED}))
 """Terms that are tried where none are told."""
 
 OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "latency")
@@ -201,7 +203,7 @@ class FreeRunResiduals:
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent."""
         absent = {
-            self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
+            self.keys[k][0]: getattr(LumpedParameters, self.keys[k][0], 0.0)
             for k in range(len(self.keys))
             if k not in kept
         }
@@ -236,7 +238,8 @@ class FreeRunResiduals:
     def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
         """Choose the terms that help to predict the free runs of logs left out."""
         logs = [each.log for each in self.simulations]
-        optional = {name for name in (*tried(logs), *RARER) if name not in always}
+        every = {*tried(logs), *RARER}
+        optional = every.difference(always) | companions(every)
         masses = [log.added_mass for log in logs]
         cells = independent_cells_of(len(logs), len(self.keys))
         conditions = Conditions.of(logs, cells)
@@ -246,9 +249,12 @@ class FreeRunResiduals:
 
     def fitted(self, choice: TermChoice) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...]]:
         """Return the residuals in what was chosen, where their descent ends, and the rivals."""
-        names = [label for label in self.labels if label in choice.names]
+        wanted = {*choice.names, *companions(choice.names)}
+        names = [label for label in self.labels if label in wanted]
+        here = dict(zip(self.labels, self.initial.tolist(), strict=True))
         first, *others = (
-            np.array([values[name] for name in names]) for values in (choice.values, *choice.rivals)
+            np.array([values.get(name, here[name]) for name in names])
+            for values in (choice.values, *choice.rivals)
         )
         kept = np.flatnonzero([label in names for label in self.labels])
         problem = self.keeping(kept, first)
@@ -256,14 +262,17 @@ class FreeRunResiduals:
         return problem, problem.descend(first), rivals
 
     def without(self, names: Container[str]) -> FreeRunResiduals:
-        """Return the residuals without some terms."""
-        kept = np.flatnonzero([name not in names for name, _ in self.keys])
+        """Return the residuals without some terms, and what says nothing without them."""
+        lost = {name for name, _ in self.keys if name in names}
+        left = {name for name, _ in self.keys} - lost
+        lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
+        kept = np.flatnonzero([name not in lost for name, _ in self.keys])
         return self.keeping(kept, self.initial[kept])
 
     def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
         """Return (n,) scaled values, and the equations about them, at those of fewer parameters."""
         found = dict(zip(problem.keys, (point * problem.scale).tolist(), strict=True))
-        absent = {key: getattr(FrictionTerms, key[0], 0.0) for key in self.keys}
+        absent = {key: getattr(LumpedParameters, key[0], 0.0) for key in self.keys}
         values = np.array(list((absent | found).values())) / self.scale
         return values, self.weighed(self.equations(values).counting(self.loss), values)
 
@@ -292,10 +301,27 @@ class FreeRunResiduals:
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
             return ()
         last = doubtful[-1]
-        leader = next((name for name, with_it in COMPANIONS.items() if with_it == last), last)
-        return tuple(
-            n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
-        )
+        together = {last, *TERMS[last].follows}
+        together |= companions(together)
+        return tuple(name for name in names if name in together)
+
+    def untold(self, end: Minimum) -> str | None:
+        """Return what of the shape of a base's motion could as well be 0, or twice as large."""
+        names = [name for name, _ in self.keys]
+        shape = [names.index(name) for name in sorted(companions({BASE})) if name in names]
+        if not shape:
+            return None
+        found = self.solved(end, cells=1)
+        covariance, _ = cluster_covariance(found.rows, found.residuals, found.prior)
+        told = np.abs(found.values[shape]) / np.sqrt(np.diag(covariance)[shape])
+        return names[shape[int(np.argmin(told))]] if np.min(told) < SPREADS else None
+
+    def holding(self, name: str, point: Samples) -> FreeRunResiduals:
+        """Return the residuals with a parameter held at its value of (n,) scaled ones."""
+        kept = np.flatnonzero([key != (name, None) for key in self.keys])
+        value = float((point * self.scale)[self.keys.index((name, None))])
+        fewer = self.keeping(kept, point[kept])
+        return replace(fewer, start=replace(fewer.start, **{name: value}))
 
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, in the parameters themselves."""

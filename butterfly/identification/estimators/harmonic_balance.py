@@ -48,11 +48,15 @@ from butterfly.identification.inference.identifiability import refuse_without_sc
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
+    BASE,
     CANDIDATES,
+    RARER,
     TermChoice,
+    candidates,
     requested_terms,
     scanned_terms,
 )
+from butterfly.identification.levels import FEW
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -104,17 +108,43 @@ class HarmonicBalance(Estimator):
         logs = [Simulation(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
+        if BASE in (self.terms or ()):
+            fit = fit.on_likeliest_base(requested_terms(self.terms or (), {_OF_REST}))
         fit, robot = robot.settled(fit)
         conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
+        always, optional = fit.phasors.names, self._optional
+        chosen, fit, robot = self._searched(fit, robot, conditions, optional)
+        if self._may_move(chosen, fit, conditions):
+            based = fit.on_likeliest_base(optional).phasors
+            begun = HarmonicBalanceFit.of(replace(based, names=always))
+            moving = self._searched(begun, robot, conditions, (*optional, BASE))
+            if BASE in moving[0].terms and moving[1].misfit < fit.misfit:
+                chosen, fit, robot = moving
+        known = robot.rest if robot.rest.bias is not None else None
+        return _judged(
+            points, fit, _NAME, said, reference, chosen=chosen, rest=known, conditions=conditions
+        )
+
+    def _searched(
+        self,
+        fit: HarmonicBalanceFit,
+        robot: SteadyModel,
+        conditions: Conditions,
+        optional: Sequence[str],
+    ) -> tuple[TermChoice, HarmonicBalanceFit, SteadyModel]:
+        """Choose terms, and those rarer ones without which parameters follow conditions."""
         always = fit.phasors.names
         plain: tuple[TermChoice, HarmonicBalanceFit, SteadyModel] | None = None
         again = False
         while True:
-            chosen, fit = self._chosen(fit, conditions)
+            chosen, fit = self._chosen(fit, conditions, optional)
             fit, robot = robot.settled(fit)
             while self.terms is None and (idle := fit.idle):
                 chosen = chosen.without(idle)
                 fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.names))
+            for _ in range(FEW if BASE in fit.phasors.names else 0):
+                fit = HarmonicBalanceFit.of(fit.on_likeliest_base().phasors)
+                fit, robot = robot.settled(fit)
             lacking = fit.lacking(always, conditions) if self.terms is None else None
             if lacking is not None:
                 plain, always = plain or (chosen, fit, robot), (*always, lacking)
@@ -124,20 +154,35 @@ class HarmonicBalance(Estimator):
                 again = True
             fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
         if plain and contrasts_of(fit.solved, conditions):  # it is no such term
-            chosen, fit, robot = plain
-        known = robot.rest if robot.rest.bias is not None else None
-        return _judged(
-            points, fit, _NAME, said, reference, chosen=chosen, rest=known, conditions=conditions
-        )
+            return plain
+        return chosen, fit, robot
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen, fit = self._chosen(first)
+        chosen, fit = self._chosen(first, None, self._optional)
         return _judged(points, fit, _NAME, [], reference, chosen=chosen)
 
+    @property
+    def _optional(self) -> tuple[str, ...]:
+        """Terms that are tried where none are told."""
+        able = {*offered(self.method)} - {_OF_REST}  # which the middles of the swings tell
+        return tuple(name for name in CANDIDATES if name in able)
+
+    def _may_move(
+        self, chosen: TermChoice, fit: HarmonicBalanceFit, conditions: Conditions
+    ) -> bool:
+        """Whether a base that gives is worth trying: parameters follow what they should not.
+
+        So they did without a rarer term.
+        """
+        if self.terms is not None or not candidates((BASE,), fit.phasors.masses, fit.phasors.known):
+            return False
+        rarer = not {*RARER}.isdisjoint(chosen.names)
+        return rarer or bool(contrasts_of(fit.solved, conditions))
+
     def _chosen(
-        self, fit: HarmonicBalanceFit, conditions: Conditions | None = None
+        self, fit: HarmonicBalanceFit, conditions: Conditions | None, optional: Sequence[str]
     ) -> tuple[TermChoice, HarmonicBalanceFit]:
         """Choose from all terms, or only the Stribeck velocity of those asked for; fit them."""
         phasors = fit.phasors
@@ -148,13 +193,11 @@ class HarmonicBalance(Estimator):
             nested = fit.nested(replace(phasors, names=names, stribeck_velocity=slow))
             return replace(nested, conditions=conditions)
 
-        of_rest = {_OF_REST}  # which the middles of the swings tell
-        able = {*offered(self.method)} - of_rest
         chosen = scanned_terms(
             with_terms,
             phasors.names,
-            None if self.terms is None else requested_terms(self.terms, of_rest),
-            [name for name in CANDIDATES if name in able],
+            None if self.terms is None else requested_terms(self.terms, {_OF_REST}),
+            optional,
             masses=phasors.masses,
             known=phasors.known,
             fastest=float(np.max(np.abs(phasors.angle) * phasors.omega)),
@@ -216,9 +259,14 @@ def _judged(
     conditions: Conditions | None = None,
 ) -> Estimate:
     """Judge a fit, and the bias that the rest angles tell."""
+    if chosen and BASE in fit.phasors.names:
+        chosen = replace(chosen, settings=chosen.settings | fit.phasors.base)
     solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
     more = solved.values[fit.solved.values.size :]
-    rivals = (np.append(each, more) for each in (chosen.rival_values if chosen else ()))
+    others = chosen.rival_values if chosen else ()
+    if BASE in fit.phasors.names:
+        others = (*others, *fit.on_other_bases)
+    rivals = (np.append(each, more) for each in others)
     whole = reference.whole(solved)
     besides = np.zeros((len(whole.names), len(whole.names)))
     if rest is not None:

@@ -6,12 +6,13 @@ The balance of fundamentals is solved by weighted linear least squares, and the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.equations import CellEquations, Regression, Solution
@@ -19,6 +20,7 @@ from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
+    BASE,
     NEGLIGIBLE,
     RARER,
     candidates,
@@ -27,9 +29,28 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import DRIVE, IDEAL, PARAMETERS, TERMS, FrictionTerms, offered
+from butterfly.model.terms import (
+    DRIVE,
+    IDEAL,
+    PARAMETERS,
+    TERMS,
+    FrictionTerms,
+    companions,
+    offered,
+)
 from butterfly.signals.frequency_response import ResponsePoint
 
+Shape = Sequence[float] | NDArray[np.float64]
+"""Logarithms of a base's frequency in rad/s and damping ratio."""
+
+_ON_BASE = ("moment", "base")
+_NATURAL = (
+    1.0,
+    10.0,
+    7,
+)  # least and largest of a base over the fastest input's; how many are tried
+_DAMPING = (0.02, 2.0, 5)  # the same of damping ratios
+_HALVES = 12  # of a stretch, by which the limit of what residuals allow is found
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
 _EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
@@ -53,6 +74,10 @@ class Phasors:
     known: Prior = NO_PRIOR
     # in rad/s, at which Stribeck friction is described
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
+    # the bare hand on the base whose pushes are described, if it gives
+    standing: LumpedParameters = field(
+        default_factory=lambda: LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0)
+    )
 
     @classmethod
     def of(
@@ -100,8 +125,13 @@ class Phasors:
     def described(self, values: NDArray[np.float64]) -> LumpedParameters:
         """Return the model's parameters: (n,) values of the names, and what is known exactly."""
         found = dict(zip(self.names, values.tolist(), strict=True))
-        told = self.known.fixed | {"stribeck_velocity": self.stribeck_velocity}
+        told = self.base | self.known.fixed | {"stribeck_velocity": self.stribeck_velocity}
         return LumpedParameters(**told | found)
+
+    @property
+    def base(self) -> dict[str, float]:
+        """Frequency and damping ratio of the bare base."""
+        return {name: getattr(self.standing, name) for name in sorted(companions({BASE}))}
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
@@ -146,7 +176,9 @@ class Phasors:
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         swung = np.array([mass.swung for mass in self.masses])
         mass = np.array([mass.mass for mass in self.masses])
-        motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung)
+        loaded = [self.standing.with_added_mass(mass) for mass in self.masses]
+        pushed = {name: np.array([each.on_base[name] for each in loaded]).T for name in _ON_BASE}
+        motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung, **pushed)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()
@@ -210,6 +242,16 @@ class HarmonicBalanceFit:
         return self.phasors.described(self.solved.values)
 
     @property
+    def misfit(self) -> float:
+        """Variance of the angles' relative errors that sensors do not explain."""
+        phasors, values = self.phasors, self.solved.values
+        matrix, target = phasors.equations(self.parameters)
+        left = matrix @ self.regression.unknowns(values) - target
+        swing = np.abs(phasors.angle)
+        errors = np.abs(left) / (phasors.slope(values) * swing)
+        return _model_variance(errors, phasors.variance / swing**2, values.size)
+
+    @property
     def idle(self) -> tuple[str, ...]:
         """Terms that a bound holds at nothing."""
         names = zip(self.phasors.names, self.solved.on_bound.tolist(), strict=True)
@@ -234,9 +276,70 @@ class HarmonicBalanceFit:
         equations = CellEquations.of(regression, solution)
         return submodels_of(equations, phasors.masses, negligible)
 
+    def on_likeliest_base(self, more: Sequence[str] = ()) -> HarmonicBalanceFit:
+        """Return the fit, its phasors on the base that explains most of what is left.
+
+        That is the best of some frequencies and damping ratios, beside ``more`` terms.
+        """
+        naturals, dampings = self._shapes
+
+        def left(shape: Shape) -> float:
+            return self._on_base(shape, more)[0]
+
+        best = min(product(naturals, dampings), key=left)
+        if not np.isfinite(left(best)):
+            return self
+        bounds = [(each[0], each[-1]) for each in (naturals, dampings)]
+        how = {"method": "Nelder-Mead", "bounds": bounds, "options": {"maxiter": MOST}}
+        standing = self._standing(minimize(left, best, **how).x)
+        return replace(self, phasors=replace(self.phasors, standing=standing))
+
+    @property
+    def on_other_bases(self) -> tuple[NDArray[np.float64], ...]:
+        """(n,) values on bases of other frequency and damping, in eight directions.
+
+        Each is so far off that the residuals grow as by two standard errors of one parameter: the
+        mean of their squares is then what the two add to the variance.
+        """
+        shape = np.log(list(self.phasors.base.values()))[::-1]
+        limits = np.array([(each[0], each[-1]) for each in self._shapes])
+        least, _ = self._on_base(shape)
+        most = least * (1 + 2 / (2 * self.phasors.omega.size - len(self.phasors.names) - 2))
+        found = []
+        for turn in np.arange(8) * np.pi / 4:
+            way, near, far = np.array([np.cos(turn), np.sin(turn)]), 0.0, float(np.ptp(limits))
+            for _ in range(_HALVES):
+                middle = (near + far) / 2
+                inside = self._on_base(np.clip(shape + middle * way, *limits.T))[0] <= most
+                near, far = (middle, far) if inside else (near, middle)
+            found.append(self._on_base(np.clip(shape + near * way, *limits.T))[1])
+        return tuple(found)
+
+    @property
+    def _shapes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Logarithms of the frequencies and damping ratios of bases that are tried."""
+        naturals = self.phasors.omega.max() * np.geomspace(*_NATURAL)
+        return np.log(naturals), np.log(np.geomspace(*_DAMPING))
+
+    def _standing(self, shape: Shape) -> LumpedParameters:
+        """Return the hand on a base of some shape."""
+        natural, damping = np.exp(shape).tolist()
+        return replace(self.parameters, base_frequency=natural, base_damping=damping)
+
+    def _on_base(self, shape: Shape, more: Sequence[str] = ()) -> tuple[float, NDArray[np.float64]]:
+        """Return the squared residuals, and the values, of the balance on a base of some shape."""
+        names = tuple(dict.fromkeys((*self.phasors.names, BASE, *more)))
+        on = replace(self.phasors, names=names, standing=self._standing(shape))
+        about = self.parameters
+        equations = _regression(on, on.equations(about), self.weights, about)
+        found = equations.solve().values
+        errors = equations.rows @ equations.unknowns(found) - equations.target
+        gives = found[names.index(BASE)] > 0
+        return (float(errors @ errors) if gives else np.inf), found
+
     def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
         """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""
-        names = (*self.phasors.names, *lost)
+        names = (*self.phasors.names, *lost, BASE)
         if "stribeck" in names:  # what its velocity is off by would look like a spring
             names = (*names, "spring")
         every = candidates(RARER, self.phasors.masses, self.phasors.known)

@@ -46,6 +46,7 @@ from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
+    BASE,
     RARER,
     SCANNED,
     TermChoice,
@@ -58,7 +59,7 @@ from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import COMPANIONS, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import GEAR, OF_ANGLE, PARAMETERS, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -209,6 +210,13 @@ class OutputError(Estimator):
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
+        while held := problem.untold(end):
+            at = problem.keys.index((held, None))
+            number = float(end.point[at] * problem.scale[at])
+            said = (*said, Finding(FindingKind.HELD, (held,), number=number))
+            rivals = tuple(np.delete(each, at) for each in rivals)
+            problem = problem.holding(held, end.point)
+            end = problem.descend(problem.initial)
 
         solved = cells = problem.solved(end)
         if with_scatter := _weighed(problem, end):
@@ -295,9 +303,8 @@ class OutputError(Estimator):
                 terms = tuple(name for name in terms if name != "slow_delay")
         else:
             terms = requested_terms(terms, known.uncertain)
-        leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
         settled = {*terms, *self.fixed, *known.parameters}
-        brought = {COMPANIONS[name] for name in leaders} - settled
+        brought = companions({*terms, *known.uncertain}) - settled
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
     def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
@@ -375,7 +382,12 @@ def _chosen(
             point, at = end.point, end.at
         choice = here.choose_terms(point, at, always)
         problem, end, rivals = here.fitted(choice)
-        idle = {*tried(logs)} - {name for name, _ in problem.keys}
+        fitted = {name for name, _ in problem.keys}
+        idle = {*tried(logs)} - fitted
+        if BASE in fitted:  # on which friction of gears is not simulated
+            idle |= {*GEAR}
+        elif fitted & {*GEAR}:
+            idle.add(BASE)
         lacking = wide.without(idle).lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):

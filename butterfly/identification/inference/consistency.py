@@ -22,7 +22,8 @@ _OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
     "input_scale": {"p4": 1.0},
     "angle_scale": {"p4": 1.0, "coulomb": 1.0, "stribeck": 1.0, "bias": 1.0},
-    "time_scale": {"p1": 2.0, "p2": 1.0, "drag": 2.0, "delay": 1.0},
+    "time_scale": {"p1": 2.0, "p2": 1.0, "drag": 2.0, "load_drag": 2.0}
+    | {"delay": 1.0, "slow_delay": 1.0},
 }
 """Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
 

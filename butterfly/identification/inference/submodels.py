@@ -18,7 +18,7 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.levels import ROUNDING
-from butterfly.model.terms import COMPANIONS
+from butterfly.model.terms import FOLLOWERS
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
 
@@ -96,7 +96,7 @@ class Submodels:
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
         # what says nothing without another one stays as it is when absent
-        mute = [name in COMPANIONS.values() for name in self.names]
+        mute = [name in FOLLOWERS for name in self.names]
         absent = np.where(mute, self.equations.values, 0.0)
         return _bounded(self.equations, (curvature, gradient), kept, absent)
 

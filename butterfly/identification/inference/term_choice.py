@@ -27,14 +27,14 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMPANIONS, GEAR
+from butterfly.model.terms import FOLLOWERS, GEAR, companions
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that are tried where none are asked for."""
 
 RARER = (
-    *("spring", "mass_inertia", "dead_zone", "compression", "motor_friction", "load_friction"),
-    *("slow_delay", "coulomb_slope", "load_drag"),
+    *("spring", "mass_inertia", "base_compliance", "dead_zone", "compression"),
+    *("motor_friction", "load_friction", "slow_delay", "coulomb_slope", "load_drag"),
 )
 """Terms that are tried one after the other beside those, by the rule of contrasts."""
 
@@ -42,6 +42,9 @@ NEGLIGIBLE = 1e-6
 """Of a motion, how well it is predicted at best: rounding leaves more."""
 
 _SPEEDS = (0.03, 0.5, 10)  # least and largest Stribeck velocity over the largest speed; how many
+
+BASE = "base_compliance"
+"""The term of a base that gives."""
 
 SCANNED = "stribeck"
 """The term whose velocity is tried."""
@@ -101,7 +104,7 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     """
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
-    lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
+    lost = {*known.parameters, *companions(known.parameters)}
     if len(effects) < FEW:
         lost |= {"load", "load_drag", "mass_inertia"}
     if known.weightless(carried):
@@ -192,11 +195,9 @@ def choose_terms(
         settings=chosen.nested.settings,
         rivals=tuple(trial.values for trial in as_good if trial is not chosen),
         not_helping=tuple(
-            name
-            for name in offered
-            if name in tried and name not in {*chosen.terms, *COMPANIONS.values()}
+            name for name in offered if name in tried and name not in FOLLOWERS.union(chosen.terms)
         ),
-        inseparable=tuple(name for name in offered if name not in {*tried, *COMPANIONS.values()}),
+        inseparable=tuple(name for name in offered if name not in FOLLOWERS | tried),
     )
 
 
@@ -248,15 +249,14 @@ def _all_trials(
 def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
     """Try all sets of terms that one fit has, and that have what is demanded."""
     must = {*nested.demanded, *demanded}
-    followers = COMPANIONS.values()
     tells = np.einsum("kii->i", nested.equations.curvature) > 0
     felt = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
-    free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
+    free = [n for n in nested.names if n not in {*always, *must, *FOLLOWERS} and not demanded]
     sets: list[tuple[str, ...]] = []
     for count in range(len(free) + 1):
         for more in combinations(free, count):
             wanted = {*more, *must}
-            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & felt
+            wanted |= companions(wanted) & felt
             sets.append(tuple(n for n in nested.names if n in wanted and n not in always))
     kept = _kept(nested, always, sets)
     for terms, fitted, errors in zip(sets, nested.fitted(kept), nested.held_out(kept), strict=True):

@@ -247,7 +247,7 @@ def _linearise_step(tape, row, c, ripples, carries, own, count, stages, moving):
         elif tape[row, KIND] in (STUCK, FREED):
             linearise_stuck(state, rate, c, stages, i)
         else:
-            linearise_moving(state, rate, shape, sign, c, stages, i)
+            linearise_moving(state, rate, shape, sign, c, carries, stages, i)
         stages[i, X, RATE], stages[i, V, RATE] = state[V], rate[0]
         stages[i, M, RATE], stages[i, Z, RATE] = rate[1], rate[2]
     for q in range(count):

@@ -83,7 +83,7 @@ def held(state, drive, c):
 
 
 @inner
-def linearise_moving(state, rate, shape, sign, c, stages, i):
+def linearise_moving(state, rate, shape, sign, c, carries, stages, i):
     """Write the derivatives of the rates at stage ``i``, as `equation.linearise` does."""
     x, v, force, change = state
     sine, cosine = shape[0], shape[1]
@@ -92,7 +92,7 @@ def linearise_moving(state, rate, shape, sign, c, stages, i):
     push = moment * v * v - c.slow * change - force
     common = c.p1 * c.swing - c.give * lever * lever
     still = (torque / c.p1, 0.0, 0.0)
-    linearise((x, v, 0.0, 0.0), still, shape, sign, c, True, False, stages, i)
+    linearise((x, v, 0.0, 0.0), still, shape, sign, c, True, carries, stages, i)
     for n in (M, Z):
         stages[i, V, n] = 0.0
     for n in (GIVE, SWING, SLOW, MOMENT, MOMENT_OFFSET, P1):

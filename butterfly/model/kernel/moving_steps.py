@@ -134,8 +134,8 @@ def break_free(drives, tape, row, h, c, own, stages, tangents, column):
         change += weight * stages[i, Z, RATE]
     state = (x, 0.0, force, change)
     bend = -(c.slow * change + force) / c.swing
-    shape = (math.sin(x), math.cos(x), 1.0, 0.0)
-    linearise_moving(state, (0.0, change, bend), shape, sign, c, stages, 0)
+    shape = (math.sin(x), math.cos(x), 1.0, drive_at(drives, begin + share))
+    linearise_moving(state, (0.0, change, bend), shape, sign, c, True, stages, 0)
     rise = stages[0, V, GAIN] * drive_slope(drives, begin + share)
     for r in (M, Z):
         rise += stages[0, V, r] * by_late[r]

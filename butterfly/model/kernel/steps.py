@@ -42,7 +42,7 @@ _ASTRAY = 0.1  # change by the last chord, as a share of what it changed
 _ROUNDING = 1e-12  # share of an interval
 
 
-@inlined
+@inner
 def advance(state, drives, h, c, tape, splits):
     """Return the state at the end of one interval, split at each reversal of the velocity.
 

@@ -197,7 +197,7 @@ def test_the_real_logs_are_outside_and_nothing_that_the_model_has_is_named(real)
     assert misfit.outside == len(misfit.logs) == 41
     assert misfit.times > 10
     assert misfit.logs[0].sensor.step == pytest.approx(2 * np.pi / 32768, rel=0.02)
-    assert "coulomb" not in misfit.missing.names
+    assert misfit.missing.names == "coulomb_slope"
 
 
 @pytest.mark.parametrize("noise", [1e-4, 1e-3])
