@@ -237,6 +237,14 @@ def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
 
 
+def test_a_first_guess_without_gravity_and_damping_is_one_to_begin_with():
+    data = _simulated(GOAL, GOAL[::-1].copy())
+    (first,) = islice(starts(data, ()), 1)
+    guess = replace(first, parameters=replace(first.parameters, p2=0.0, p3=0.0))
+    begun, _ = servo_start(OutputError(terms=()), data.logs, guess, Prior.of({"p4": 0.09}))
+    assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.05)
+
+
 def test_a_loop_of_speed_keeps_where_it_began_and_a_fit_finds_out():
     whole, still = {"horizon": np.inf, "velocity_known": False}, np.maximum(TIME - 0.5, 0.0)
     of_speed, of_angle = (

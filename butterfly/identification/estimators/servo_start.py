@@ -56,7 +56,7 @@ def servo_start(
         estimator,
         terms=terms,
         fixed=tuple({"delay", *estimator.fixed, *LOOP_TERMS}),
-        horizon=2 * math.pi / fastest,
+        horizon=2 * math.pi / fastest if fastest > 0 else math.inf,
     )
     scanned = "delay" not in {*known.fixed, *estimator.fixed}
     delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
