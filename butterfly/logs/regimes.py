@@ -41,10 +41,11 @@ class Regime(NamedTuple):
 def find_regimes(time: Samples) -> tuple[Regime, ...]:
     """Return the regimes of (n,) increasing stamps in s, one at least."""
     intervals = np.diff(time)
-    rows = np.flatnonzero(intervals <= _GAP * np.median(intervals))
-    regular = intervals[rows]
-    edges = [0, *_switches(regular), regular.size]
-    first = [0, *rows[edges[1:-1]]]
+    even = intervals <= _GAP * np.median(intervals)
+    regular = intervals if even.all() else intervals[even]
+    switches = _switches(regular)
+    edges = [0, *switches, regular.size]
+    first = [0, *(np.flatnonzero(even)[switches] if switches else ())]
     return tuple(
         Regime(float(time[row]), float(regular[begin:end].mean()))
         for row, (begin, end) in zip(first, pairwise(edges), strict=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain, islice
 from typing import ClassVar, Literal, NamedTuple
@@ -190,7 +190,8 @@ class OutputError(Estimator):
         rarer = self._unseen(begun) - {*tried(logs)}
         absent, enough = rarer, self._has_one_end
         if any(log.closed for log in logs):
-            start, terms = servo_start(self, logs, begun[0], reference.fixed)
+            asked = (self.terms, self.fixed)
+            start, terms = servo_start(self._over, asked, logs, begun[0], reference.fixed)
             begun = [start, *begun]
             if self.terms is None:
                 absent, enough = {*tried(logs), *RARER} - {*terms}, SCANNED not in terms
@@ -244,6 +245,12 @@ class OutputError(Estimator):
             besides=_waits(logs, whole.names),
         )
         return JointFit(estimate, whole, unweighted, owned)
+
+    def _over(
+        self, terms: Iterable[str], fixed: Iterable[str], horizon: float
+    ) -> Callable[..., FreeRunResiduals]:
+        """Return how residuals are made with other terms, what is fixed, and another horizon."""
+        return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
 
     @property
     def _has_one_end(self) -> bool:

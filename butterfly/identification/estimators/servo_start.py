@@ -6,9 +6,8 @@ In the loop a joint's friction decides where it stops, and descents from far end
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,8 +26,8 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import GEAR, LOOP_TERMS
 
-if TYPE_CHECKING:
-    from butterfly.identification.estimators.output_error import OutputError
+ProblemOf = Callable[[Sequence[Log], Start, Prior], FreeRunResiduals]
+"""Makes the residuals of logs from a first guess and what is known."""
 
 _PASSES = 4  # of a descent at another delay,
 _PARABOLAS = 2  # and how often one is sought at the vertex of the last ones
@@ -36,37 +35,39 @@ _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it
 
 
 def servo_start(
-    estimator: OutputError, logs: Sequence[Log], guess: Start, known: Prior
+    over: Callable[[Iterable[str], Iterable[str], float], ProblemOf],
+    asked: tuple[Sequence[str] | None, Sequence[str]],
+    logs: Sequence[Log],
+    guess: Start,
+    known: Prior,
 ) -> tuple[Start, tuple[str, ...]]:
     """Return a first guess of servos, whose friction decides where they stop, and their terms.
 
     Over segments of one period, or as many time constants of the speed, driven by the rebuilt
     drive alone, no stop is far off. Terms are chosen there unless they are told, at the delay
-    of the set-points at which the rebuilt drive is followed best.
+    of the set-points at which the rebuilt drive is followed best. ``over`` makes the problem with
+    some terms, with what is fixed, over a horizon in s; ``asked`` are the terms and what is fixed.
     """
+    told, fixed = asked
     loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
     fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
-    gear = {*GEAR} & {*(OF_SERVO if estimator.terms is None else estimator.terms)}
+    gear = {*GEAR} & {*(OF_SERVO if told is None else told)}
     begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
     start = replace(guess, parameters=replace(guess.parameters, **begun))
-    terms = estimator.terms
+    terms = told
     if terms is None:
         terms = candidates(tried(logs), [log.added_mass for log in logs], known)
-    short = replace(
-        estimator,
-        terms=terms,
-        fixed=tuple({"delay", *estimator.fixed, *LOOP_TERMS}),
-        horizon=2 * math.pi / fastest if fastest > 0 else math.inf,
-    )
-    scanned = "delay" not in {*known.fixed, *estimator.fixed}
+    horizon = 2 * math.pi / fastest if fastest > 0 else math.inf
+    problem_of = over(terms, {"delay", *fixed, *LOOP_TERMS}, horizon)
+    scanned = "delay" not in {*known.fixed, *fixed}
     delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
     known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
     ends: list[tuple[float, float, FreeRunResiduals, Minimum]] = []
 
     def attempt(delay: float) -> None:
-        told = replace(start.parameters, delay=delay)
-        begun = replace(start, parameters=replace(told, delay=0.0))
-        problem = short.problem([driven_alone(log, told) for log in logs], begun, known)
+        late = replace(start.parameters, delay=delay)
+        begun = replace(start, parameters=replace(late, delay=0.0))
+        problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
         if ends:
             at = ends[0][2].scale * ends[0][3].point / problem.scale
             end = problem.descend(at, most=_PASSES)
@@ -90,7 +91,7 @@ def servo_start(
                 break
             attempt(lowest * step)
     _, delay, problem, end = ends[0]
-    terms = estimator.terms
+    terms = told
     if terms is None:
         choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
         problem, end, _ = problem.fitted(choice)
@@ -98,4 +99,4 @@ def servo_start(
     found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
     own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
     zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
-    return Start(replace(problem.start, **own), zeros), terms
+    return Start(replace(problem.start, **own), zeros), tuple(terms)
