@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, make_dataclass
 from dataclasses import field as with_default
 from enum import Enum
-from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
 
 from cyclopts import Parameter
@@ -114,16 +113,11 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
 
 
 def _offers(methods: list[str]) -> str:
-    """List the terms that methods offer, and which do, if not all: of one alone how many more."""
-    told = {method: offered(method) for method in methods if offered(method)}
-    groups: dict[tuple[str, ...], list[str]] = {}
-    for name in dict.fromkeys(chain(*told.values())):
-        groups.setdefault(tuple(each for each in told if name in told[each]), []).append(name)
-    return "; ".join(
-        (", ".join(names) if len(own) > 1 else f"{len(names)} more, see docs/identification.md")
-        + ("" if len(own) == len(told) else f" ({' and '.join(own)})")
-        for own, names in groups.items()
-    )
+    """List the terms that all methods with terms offer, and count those of some of them."""
+    told = [set(offered(method)) for method in methods if offered(method)]
+    shared, some = set.intersection(*told), set.union(*told)
+    names = [name for name in offered(methods[0]) if name in shared]
+    return f"{', '.join(names)}; {len(some - shared)} more, see docs/identification.md"
 
 
 def _default_text(name: str, owners: list[str]) -> str:

@@ -65,8 +65,9 @@ def _help(name, kind=Fit):
 def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
     assert _help("half_width").endswith("Of weak-form. Default: 0.25.")
     assert _help("loss").endswith("Of output-error. Default: linear.")
-    assert "p3_offset, cogging, cogging_cosine (weak-form and output-error)" in _help("terms")
-    assert _help("terms").endswith("see docs/identification.md (output-error).")
+    assert "spring, stribeck" in _help("terms")
+    assert "cogging" not in _help("terms")
+    assert _help("terms").endswith("more, see docs/identification.md.")
     for name, kind in ESTIMATORS.items():
         assert f"{name}: {kind.summary}" in _help("method")
 
