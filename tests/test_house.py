@@ -17,12 +17,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 192,
-    "lines of the package": 37_800,
-    "lines of tests": 30973,
+    "files of the package": 198,
+    "lines of the package": 39_528,
+    "lines of tests": 31_769,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
-    "tuned numbers of identification": 60,
+    "tuned numbers of identification": 66,
 }
 
 

@@ -30,6 +30,7 @@ def data():
     return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
 
 
+@pytest.mark.slow
 def test_with_time_to_spare_an_answer_is_the_same_to_the_last_digit(data):
     plain = judged(data, OutputError())
     with budget(1e9) as search:
@@ -77,6 +78,7 @@ def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
     assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
 
 
+@pytest.mark.slow
 def test_draws_stop_when_time_is_over_and_those_that_were_made_count(data):
     found = bf.identify(data, HarmonicBalance(terms=()))
     drawn = draw_parameters(found.estimate, 100)
@@ -142,6 +144,7 @@ def test_a_trial_that_costs_too_much_stops_at_its_first_logs(data, monkeypatch, 
     assert problem.equations(away, 2 * whole.cost).cost == whole.cost
 
 
+@pytest.mark.slow
 def test_a_descent_goes_the_same_way_whether_dear_trials_stop_or_not(data, monkeypatch):
     estimator = OutputError(terms=("drag",), workers=1)
     found = estimator(data)

@@ -180,6 +180,8 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
     clean = _with_sound_lead(_only(sound, kept))
     _refuse_implausible(clean)
+    regimes = clean.regimes or find_regimes(clean.time)
+    clean = replace(clean, regimes=regimes) if len(regimes) > 1 else clean
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
     is_gap = intervals > GAP_FACTOR * step
@@ -188,8 +190,6 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     if wrapping is not None:
         _refuse_wrapped(clean, wrapping, repairs)
         clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
-    regimes = clean.regimes or find_regimes(clean.time)
-    clean = replace(clean, regimes=regimes) if len(regimes) > 1 else clean
     driven = clean.input_kind is not InputKind.NONE
     regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(

@@ -103,6 +103,7 @@ def scattering():
     return robot, found
 
 
+@pytest.mark.slow
 def test_friction_that_differs_from_log_to_log_is_said_and_pulls_at_nothing_else(scattering):
     robot, logs = scattering
     estimate = _fit(logs, terms=("bias", "p3_offset"))

@@ -229,10 +229,14 @@ def test_the_delay_of_a_servo_is_known_but_for_the_wait_for_its_next_look():
     assert widths[1e-3] < widths[4e-3]
 
 
+def _over(terms, fixed, horizon):
+    return OutputError(terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
+
+
 def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
     data = _simulated(GOAL, GOAL[::-1].copy(), joint=replace(SIMPLE, delay=0.018))
     (first,) = islice(starts(data, ()), 1)
-    begun, _ = servo_start(OutputError(terms=()), data.logs, first, data.known)
+    begun, _ = servo_start(_over, ((), ()), data.logs, first, data.known)
     assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
 
@@ -241,7 +245,7 @@ def test_a_first_guess_without_gravity_and_damping_is_one_to_begin_with():
     data = _simulated(GOAL, GOAL[::-1].copy())
     (first,) = islice(starts(data, ()), 1)
     guess = replace(first, parameters=replace(first.parameters, p2=0.0, p3=0.0))
-    begun, _ = servo_start(OutputError(terms=()), data.logs, guess, Prior.of({"p4": 0.09}))
+    begun, _ = servo_start(_over, ((), ()), data.logs, guess, Prior.of({"p4": 0.09}))
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.05)
 
 

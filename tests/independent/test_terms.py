@@ -96,6 +96,7 @@ def test_a_delay_that_grows_with_the_speed_is_no_backlash():
     assert "backlash" not in " ".join(causes(contrast))
 
 
+@pytest.mark.slow
 def test_a_resistance_that_friction_by_load_hides_is_seen_by_free_runs():
     """p4 is 11 % off, with the masses: its interval holds what it is if logs differ."""
     robot = defects.draw("resistance", 1, 2203)

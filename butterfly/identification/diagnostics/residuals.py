@@ -42,7 +42,7 @@ from butterfly.identification.inference.agreement import (
 )
 from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.term_choice import choose_terms, submodels_of
-from butterfly.identification.levels import PRECISE, SPREADS
+from butterfly.identification.levels import FEW, PRECISE, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds
@@ -353,7 +353,7 @@ def _missing_terms(
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     none = np.array([[name in always for name in nested.names]])
     try:
-        chosen = choose_terms([nested], always=always)
+        chosen = choose_terms([nested], always=always, most=FEW)
     except IdentifiabilityError:
         return MissingTerms(), np.zeros(len(logs))
     ends = np.array([nested.fitted(none)[0], [chosen.values[name] for name in nested.names]])

@@ -376,11 +376,10 @@ def _chosen(
     From where some terms of the ``wide`` residuals were fitted; the ``rarer`` ones are tried where
     one is lacking.
     """
-    logs = [each.log for each in wide.simulations]
     (problem, end), lacking = found, None
     plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
     while True:
-        here = wide.without(rarer)
+        here, best = wide.without(rarer), (problem, end)
         point, at = (end.point, end.at)
         if lacking or here.keys != problem.keys:
             point, at = here.about(problem, end.point)
@@ -389,13 +388,11 @@ def _chosen(
             point, at = end.point, end.at
         choice = here.choose_terms(point, at, always)
         problem, end, rivals = here.fitted(choice)
-        fitted = {name for name, _ in problem.keys}
-        idle = {*tried(logs)} - fitted
-        if BASE in fitted:  # on which friction of gears is not simulated
-            idle |= {*GEAR}
-        elif fitted & {*GEAR}:
-            idle.add(BASE)
-        lacking = wide.without(idle).lacking(problem, end.point)
+        if LOST * end.at.cost > best[1].at.cost:  # not what the derivatives said
+            problem, end, rivals, choice = _helping(*best)
+            if lacking:
+                return problem, end, rivals, choice.findings
+        lacking = wide.without(_not_tried(problem)).lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):
                 problem, end, rivals, choice = plain  # it is no such term
@@ -403,6 +400,25 @@ def _chosen(
         if lacking != "slow_delay":  # which stamps tell from all else
             plain = plain or (problem, end, rivals, choice)
         rarer, always = rarer - {lacking}, (*always, lacking)
+
+
+def _not_tried(problem: FreeRunResiduals) -> set[str]:
+    """Return the terms that nobody looks for beside those that are fitted."""
+    fitted = {name for name, _ in problem.keys}
+    idle = {*tried([each.log for each in problem.simulations])} - fitted
+    if BASE in fitted:  # on which friction of gears is not simulated
+        return idle | {*GEAR}
+    return idle | {BASE} if fitted & {*GEAR} else idle
+
+
+def _helping(
+    problem: FreeRunResiduals, end: Minimum
+) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice]:
+    """Return the residuals, where they end, rivals and choice in all terms that are not 0."""
+    pairs = zip(problem.keys, end.point.tolist(), strict=True)
+    helping = [name for (name, _), value in pairs if value]
+    choice = problem.choose_terms(end.point, end.at, helping)
+    return (*problem.fitted(choice), choice)
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:

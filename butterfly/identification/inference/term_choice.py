@@ -166,17 +166,22 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 
 
 def choose_terms(
-    fits: Sequence[Submodels], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
+    fits: Sequence[Submodels],
+    *,
+    always: tuple[str, ...],
+    demanded: tuple[str, ...] = (),
+    most: int | None = None,
 ) -> TermChoice:
     """Choose from the terms of fits that have them all, about one or more settings.
 
-    Every fit has the parameters ``always``. Terms that are ``demanded`` are not chosen, but wanted;
-    the last of them are dropped that cannot be told from the others. Where friction follows a
-    condition without a term that would help a little, the set that predicts best is taken, if its
-    friction does not. IdentifiabilityError if the data do not even determine what every fit has.
+    Every fit has the parameters ``always``, and ``most`` other terms at most. Terms that are
+    ``demanded`` are not chosen, but wanted; the last of them are dropped that cannot be told from
+    the others. Where friction follows a condition without a term that would help a little, the set
+    that predicts best is taken, if its friction does not. IdentifiabilityError if the data do not
+    even determine what every fit has.
     """
     offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
-    trials = _all_trials(fits, always, demanded)
+    trials = _all_trials(fits, always, demanded, most)
     best = min(trials, key=lambda trial: trial.score)
     as_good = [trial for trial in trials if _as_good(trial, best)]
     if not as_good:
@@ -228,13 +233,18 @@ class _Trial(NamedTuple):
 
 
 def _all_trials(
-    fits: Sequence[Submodels], always: tuple[str, ...], demanded: tuple[str, ...]
+    fits: Sequence[Submodels],
+    always: tuple[str, ...],
+    demanded: tuple[str, ...],
+    most: int | None,
 ) -> list[_Trial]:
     """Try all that can be tried: of the parts of the data, or else of single logs."""
     by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
-            if found := [each for nested in split for each in _trials(nested, always, wanted)]:
+            if found := [
+                each for nested in split for each in _trials(nested, always, wanted, most)
+            ]:
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
@@ -246,14 +256,16 @@ def _all_trials(
     raise Conditioning.of(rows, always, known, there).refusal
 
 
-def _trials(nested: Submodels, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+def _trials(
+    nested: Submodels, always: Sequence[str], demanded: Sequence[str], most: int | None
+) -> Iterator[_Trial]:
     """Try all sets of terms that one fit has, and that have what is demanded."""
     must = {*nested.demanded, *demanded}
     tells = np.einsum("kii->i", nested.equations.curvature) > 0
     felt = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
     free = [n for n in nested.names if n not in {*always, *must, *FOLLOWERS} and not demanded]
     sets: list[tuple[str, ...]] = []
-    for count in range(len(free) + 1):
+    for count in range(len(free[:most]) + 1):
         for more in combinations(free, count):
             wanted = {*more, *must}
             wanted |= companions(wanted) & felt
