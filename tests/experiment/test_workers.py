@@ -86,10 +86,10 @@ def test_a_task_whose_worker_dies_is_given_up_after_three_attempts_and_tried_aga
     assert tables_of(folder / "dying") == undisturbed
 
 
-def _dies_or_executes(key, task, tables):
+def _dies_or_executes(key, task, tables, **options):
     if task.key == key:
         os.kill(os.getpid(), signal.SIGKILL)
-    return execute(task, tables)
+    return execute(task, tables, **options)
 
 
 def test_a_sweep_that_cannot_be_written_leaves_no_process(folder, monkeypatch):
