@@ -117,9 +117,11 @@ class HarmonicBalance(Estimator):
         if self._may_move(chosen, fit, conditions):
             based = fit.on_likeliest_base(optional).phasors
             begun = HarmonicBalanceFit.of(replace(based, names=always))
-            moving = self._searched(begun, robot, conditions, (*optional, BASE))
-            if BASE in moving[0].terms and moving[1].misfit < fit.misfit:
-                chosen, fit, robot = moving
+            optional = (*optional, BASE)
+            if BASE in self._chosen(begun, conditions, optional)[0].terms:
+                moving = self._searched(begun, robot, conditions, optional)
+                if BASE in moving[0].terms and moving[1].misfit < fit.misfit:
+                    chosen, fit, robot = moving
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
             points, fit, _NAME, said, reference, chosen=chosen, rest=known, conditions=conditions
