@@ -25,7 +25,7 @@ from butterfly.logs.log import Log
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import residual_numbers, rests_on
-from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
+from butterfly.report.summary import best_experiment_text, held_out_sentences, selection_texts
 from butterfly.result import Answer, TextTable
 
 if TYPE_CHECKING:
@@ -218,7 +218,9 @@ class Selection(Answer):
         estimator: Estimator,
         candidates: Sequence[str],
         passed: Sequence[Structure],
+        *,
         found: Estimate,
+        nested: CrossValidation | None = None,
     ) -> Selection:
         """Tabulate the sets of terms passed through, of which the last is chosen."""
         from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
@@ -227,7 +229,7 @@ class Selection(Answer):
         title = f"{data.name}: FIT in %, in sample and left out"
         result = cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
-            summary=(*verdict.lines, chosen_terms_text(passed)),
+            summary=(*verdict.lines, *selection_texts(passed, nested)),
             judged=verdict,
             content={
                 **rests_on(data, found, estimator),
@@ -237,11 +239,18 @@ class Selection(Answer):
                         "terms": list(each.terms),
                         "in_sample": each.in_sample.numbers(),
                         "left_out": {str(k): fit.numbers() for k, fit in each.held_out.items()},
+                        "gain": None if each.gain is None else each.gain._asdict(),
                     }
                     for each in passed
                 ],
+                "nested": None if nested is None else nested.mean._asdict(),
             },
-            units={"rows.in_sample": "%", "rows.left_out": "%"},
+            units={
+                "rows.in_sample": "%",
+                "rows.left_out": "%",
+                "rows.gain": "%",
+                "nested": "%",
+            },
             printed=(TextTable(title, table.headers, [[*map(str, row)] for row in table.rows]),),
         )
         return result.drawn_as(selection_page(data, passed, result))

@@ -25,9 +25,13 @@ from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
-from butterfly.identification.validate import cross_validate, select_terms
+from butterfly.identification.validate import (
+    cross_validate,
+    cross_validate_choice,
+    select_terms,
+)
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import OF_ANGLE
+from butterfly.model.terms import OF_ANGLE, offered
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
@@ -81,12 +85,14 @@ def select(
     *,
     candidates: Collection[str] = CANDIDATES,
     holdout: Sequence[str] = (),
+    nested: bool = False,
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Selection:
     """Choose friction terms by how well they predict what was left out: added masses, or logs.
 
-    Terms are added one by one, the most helpful first, until none helps. The verdict is on the
+    Terms are added one by one, the most helpful first, until none helps by more than the standard
+    error of its gain. The verdict is on the
     estimate with the terms that were chosen.
 
     Parameters
@@ -95,6 +101,9 @@ def select(
         As `identify` takes them; the terms are not among the options.
     candidates
         Terms to choose from.
+    nested
+        Choose anew without each of the parts that are left out, too: what that predicts is no
+        better for having been chosen by it.
 
     Raises
     ------
@@ -108,12 +117,15 @@ def select(
     logs = read(data).holding_out(holdout)
     estimator = make_estimator(method, options)
     wanted = tuple(candidates)
-    if wanted == CANDIDATES and any(log.integrated for log in logs.logs):
-        wanted = tuple(name for name in wanted if name not in OF_ANGLE)
+    if wanted == CANDIDATES:
+        able = offered(estimator.method)
+        unable = OF_ANGLE if any(log.integrated for log in logs.logs) else ()
+        wanted = tuple(name for name in wanted if name in able and name not in unable)
     passed = select_terms(logs, estimator, wanted, track=track)
     chosen = estimator.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
-    return Selection.of(logs, chosen, tuple(candidates), passed, found)
+    anew = cross_validate_choice(logs, estimator, wanted, track=track) if nested else None
+    return Selection.of(logs, chosen, wanted, passed, found=found, nested=anew)
 
 
 def validate(

@@ -81,13 +81,14 @@ def select(
     *,
     fit: SelectFit = SelectFit(),  # noqa: B008
     candidates: Annotated[str, Parameter(metavar="NAMES")] = ",".join(CANDIDATES),
+    nested: bool = False,
     holdout: Holdout = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
     """Choose friction terms by how well they predict what was left out.
 
     Left out are added masses, or logs. Terms are added one by one, the most helpful first, until
-    none helps. With output-error and forty logs this takes minutes. The verdict is on the estimate
+    none helps by more than the standard error of its gain. The verdict is on the estimate
     with the terms chosen.
 
     Parameters
@@ -96,11 +97,15 @@ def select(
         A manifest, a folder of logs, a saved result or a shipped data set's name.
     candidates
         Terms to choose from, by commas.
+    nested
+        Choose anew without each part too, which tells what choosing predicts; takes as long again
+        for each part.
     """
     found = bf.select(
         data,
         fit.estimator(),
         candidates=parse_names(candidates),
+        nested=nested,
         holdout=parse_names(holdout),
         track=show_progress,
     )

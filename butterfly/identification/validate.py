@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,29 @@ class CrossValidation:
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
         return FitSummary.of(self.fits[~np.isnan(self.fits)], self.horizon)
+
+    def gain_over(self, other: CrossValidation) -> Gain:
+        """Return by how much the mean FIT is higher than that of another, log by log."""
+        return Gain.of(self.fits - other.fits)
+
+    @property
+    def mean(self) -> Gain:
+        """The mean FIT, and its own standard error over logs."""
+        return Gain.of(self.fits)
+
+
+class Gain(NamedTuple):
+    """A mean over logs in per cent of FIT, and its standard error."""
+
+    mean: float
+    error: float
+
+    @classmethod
+    def of(cls, fits: Samples) -> Gain:
+        """Take them from (n,) values of logs, NaN aside; of one log the error is infinite."""
+        told = fits[~np.isnan(fits)]
+        error = float(np.std(told, ddof=1)) / told.size**0.5 if told.size > 1 else math.inf
+        return cls(float(told.mean()), error)
 
 
 def cross_validate(
@@ -104,6 +128,7 @@ class Structure:
     terms: tuple[str, ...]
     in_sample: FitSummary
     held_out: dict[Split, FitSummary]
+    gain: Gain | None = None  # of what is left out, over the structure without its last term
 
 
 def select_terms(
@@ -116,8 +141,9 @@ def select_terms(
     """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
 
     That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
-    raises it by a tenth of a per cent. Returns the structures passed through, the last being the
-    one selected; InputError if the estimator does not offer such terms.
+    raises it by a tenth of a per cent, and by more than that gain's own standard error over logs.
+    Returns the structures passed through, the last being the one selected; InputError if the
+    estimator does not offer such terms.
     """
     first = divide(data).split
     splits = [first]
@@ -125,8 +151,8 @@ def select_terms(
         splits.append(Split.FREQUENCY)
     fits = _fits_of(data, estimator, candidates, splits)
     chosen: tuple[str, ...] = ()
-    best = fits.judge(chosen, first)
-    passed = [chosen]
+    best, gain = fits.judge(chosen, first), None
+    passed: list[tuple[tuple[str, ...], Gain | None]] = [(chosen, gain)]
     while rest := [term for term in candidates if term not in chosen]:
         if out_of_time("further terms"):
             break
@@ -139,18 +165,35 @@ def select_terms(
             break
         term = max(scores, key=lambda name: scores[name])
         found = fits.judge((*chosen, term), first)
-        if found.mean < best.mean + 100 * SHOWS:
+        gain = found.gain_over(best)
+        if gain.mean < max(100 * SHOWS, gain.error):
             break
         chosen, best = (*chosen, term), found
-        passed.append(chosen)
+        passed.append((chosen, gain))
     return [
         Structure(
             terms=terms,
             in_sample=fits.in_sample(terms),
-            held_out={split: fits.judge(terms, split) for split in splits},
+            held_out={split: fits.judge(terms, split).summary for split in splits},
+            gain=gain,
         )
-        for terms in track(passed, "Judging the structures")
+        for terms, gain in track(passed, "Judging the structures")
     ]
+
+
+def cross_validate_choice(
+    data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
+) -> CrossValidation:
+    """Leave out a part, choose terms as `select_terms` does from the rest, predict the part.
+
+    So the choice has not seen what judges it (nested cross-validation; Varma & Simon, BMC
+    Bioinformatics 7, 2006).
+    """
+
+    def of_rest(rest: DataSet) -> Estimate:
+        return estimator.with_terms(select_terms(rest, estimator, candidates)[-1].terms)(rest)
+
+    return cross_validate(data, of_rest, divide(data).split, track=track)
 
 
 class _Fits:
@@ -158,14 +201,14 @@ class _Fits:
 
     def __init__(self, data: DataSet, estimator: Estimator) -> None:
         self._data, self._estimator = data, estimator
-        self._judged: dict[tuple[tuple[str, ...], Split], FitSummary] = {}
+        self._judged: dict[tuple[tuple[str, ...], Split], CrossValidation] = {}
 
     def score(self, terms: tuple[str, ...], split: Split) -> float:
         """Return about the mean FIT of what is left out."""
-        return self.judge(terms, split).mean
+        return self.judge(terms, split).mean.mean
 
-    def judge(self, terms: tuple[str, ...], split: Split) -> FitSummary:
-        """Return the FIT of what is left out."""
+    def judge(self, terms: tuple[str, ...], split: Split) -> CrossValidation:
+        """Return how what is left out is predicted."""
         if (terms, split) not in self._judged:
             self._judged[terms, split] = self._left_out(terms, split)
         return self._judged[terms, split]
@@ -174,8 +217,8 @@ class _Fits:
         """Return the FIT of all logs."""
         return FitSummary.of(self._data.simulations.fits(self._estimate(terms)))
 
-    def _left_out(self, terms: tuple[str, ...], split: Split) -> FitSummary:
-        return cross_validate(self._data, self._estimator.with_terms(terms), split).summary
+    def _left_out(self, terms: tuple[str, ...], split: Split) -> CrossValidation:
+        return cross_validate(self._data, self._estimator.with_terms(terms), split)
 
     def _estimate(self, terms: tuple[str, ...]) -> Estimate:
         return self._estimator.with_terms(terms)(self._data)
@@ -202,14 +245,14 @@ class _NestedFits(_Fits):
         fits = [predictor.fits(fit.without(part), part) for part in parts]
         return float(np.concatenate(fits).mean())
 
-    def _left_out(self, terms: tuple[str, ...], split: Split) -> FitSummary:
+    def _left_out(self, terms: tuple[str, ...], split: Split) -> CrossValidation:
         fit, logs = self._begun(terms), self._data.logs
 
         def of_rest(rest: DataSet) -> Estimate:
             lost = [k for k, log in enumerate(logs) if not any(log is own for own in rest.logs)]
             return self._fit(terms, rest, [Start.at(fit.without(lost), rest)]).estimate
 
-        return cross_validate(self._data, of_rest, split).summary
+        return cross_validate(self._data, of_rest, split)
 
     def _estimate(self, terms: tuple[str, ...]) -> Estimate:
         return self._begun(terms).estimate

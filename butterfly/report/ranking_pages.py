@@ -103,9 +103,11 @@ def structures_table(passed: Sequence[Structure]) -> PageTable:
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
         cells = [fit_text(value) for fit in fits for value in (fit.median, fit.mean)]
-        rows.append((", ".join((_BASIC, *structure.terms)), *cells))
+        gain = structure.gain
+        gained = "" if gain is None else f"{gain.mean:.1f} \N{PLUS-MINUS SIGN} {gain.error:.1f}"
+        rows.append((", ".join((_BASIC, *structure.terms)), *cells, gained))
     fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
-    return PageTable(headers=("terms", *fit_headers), rows=rows)
+    return PageTable(headers=("terms", *fit_headers, "gain"), rows=rows)
 
 
 def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -> Page:

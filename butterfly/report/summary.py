@@ -13,7 +13,7 @@ from butterfly.identification.design import Candidate
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
-from butterfly.identification.validate import Structure
+from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
@@ -217,7 +217,14 @@ def best_experiment_text(best: Candidate) -> str:
     )
 
 
-def chosen_terms_text(passed: Sequence[Structure]) -> str:
-    """Say which terms were chosen, as an option of other commands."""
+def selection_texts(passed: Sequence[Structure], nested: CrossValidation | None) -> list[str]:
+    """Say which terms were chosen, as an option of other commands, and what choosing predicts."""
     terms = ",".join(passed[-1].terms)
-    return f"Chosen: --terms {terms}" if terms else "Chosen: --terms '' (none of them helps)"
+    texts = [f"Chosen: --terms {terms}" if terms else "Chosen: --terms '' (none of them helps)"]
+    if nested is not None:
+        mean, error = nested.mean
+        texts.append(
+            f"Chosen anew, {nested.division.left_out} in turn, the terms predict what was left out "
+            f"with a mean FIT of {mean:.1f} \N{PLUS-MINUS SIGN} {error:.1f} %."
+        )
+    return texts

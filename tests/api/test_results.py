@@ -262,7 +262,8 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
 
 
 def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(data, quick):
-    chosen = bf.select(data, "harmonic-balance", candidates=("drag",))
+    chosen = bf.select(data, "harmonic-balance", candidates=("drag",), nested=True)
+    assert "in turn, the terms predict what was left out with a mean FIT of 9" in chosen.notes[-1]
     first, shown = chosen.rows()[0], chosen.shown_rows()[0]
     assert (first["terms"], shown["terms"]) == ([], "none")
     assert float(shown["FIT in sample in %"]) == pytest.approx(first["in_sample"]["median"], 0.01)

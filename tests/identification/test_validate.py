@@ -20,7 +20,13 @@ from butterfly.identification.estimators import (
 from butterfly.identification.estimators.multistart import starts
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import bootstrap, cross_validate, select_terms
+from butterfly.identification.validate import (
+    CrossValidation,
+    bootstrap,
+    cross_validate,
+    cross_validate_choice,
+    select_terms,
+)
 from butterfly.model.terms import PARAMETERS
 from tests.identification.simulated import RICH, ROBOT, SWINGS, steady
 
@@ -78,6 +84,29 @@ def test_a_term_is_chosen_only_if_it_helps_to_predict(real):
     whole = BALANCE.with_terms(passed[-1].terms)(real.data)
     full = FitSummary.of(real.data.simulations.fits(whole))
     assert passed[-1].in_sample == full
+
+
+def test_a_gain_counts_where_it_is_more_than_its_own_standard_error():
+    fits = np.array([90.0, 92.0, np.nan, 94.0])
+    gain = _validated(fits + 0.3).gain_over(_validated(fits))
+    assert gain == pytest.approx((0.3, 0.0), abs=1e-12)
+    gain = _validated(fits + np.array([6.0, -3.0, 0.0, -2.4])).gain_over(_validated(fits))
+    assert gain == pytest.approx((0.2, np.std([6.0, -3.0, -2.4], ddof=1) / 3**0.5))
+    assert _validated(fits[:1]).mean.error == np.inf
+
+
+def _validated(fits):
+    return CrossValidation(division=None, fits=fits, estimates={})
+
+
+@pytest.mark.slow
+def test_a_choice_is_judged_by_what_it_has_not_seen(real):
+    terms = ("drag", "bias")
+    nested = cross_validate_choice(real.data, BALANCE, terms)
+    assert len(nested.estimates) == 3
+    chosen = select_terms(real.data, BALANCE, terms)[-1].held_out[Split.MASS]
+    assert nested.mean.mean == pytest.approx(chosen.mean, abs=2 * nested.mean.error)
+    assert 0 < nested.mean.error < 3
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,14 @@ def _friction_by_log(rng, _body, _sizes):
     )
 
 
+def _base_and_friction_by_log(rng, body, sizes):
+    """Both of these at once."""
+    base, friction = _base(rng, body, sizes), _friction_by_log(rng, body, sizes)
+    return Bench(
+        joint=lambda joint, *log: friction.joint(base.joint(joint, *log), *log),
+    )
+
+
 def _damped(joint, factor):
     return joint._replace(
         viscous=factor * joint.viscous, coulomb=factor * joint.coulomb, drag=factor * joint.drag
@@ -265,4 +273,5 @@ ROWS = {
     "eccentric": Row(_eccentric),
     "scale": Row(_scale),
     "lag": Row(_lag),
+    "base, friction by log": Row(_base_and_friction_by_log, ("p1", "p2", "coulomb"), r"\bbase\b"),
 }

@@ -49,7 +49,6 @@ from butterfly.identification.inference.term_choice import (
     BASE,
     RARER,
     SCANNED,
-    TermChoice,
     candidates,
     requested_terms,
 )
@@ -377,7 +376,7 @@ def _chosen(
     one is lacking.
     """
     (problem, end), lacking = found, None
-    plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice] | None = None
+    plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]] | None = None
     while True:
         here, best = wide.without(rarer), (problem, end)
         point, at = (end.point, end.at)
@@ -387,18 +386,18 @@ def _chosen(
             end = here.descend(point, at)
             point, at = end.point, end.at
         choice = here.choose_terms(point, at, always)
-        problem, end, rivals = here.fitted(choice)
+        (problem, end, rivals), said = here.fitted(choice), choice.findings
         if LOST * end.at.cost > best[1].at.cost:  # not what the derivatives said
-            problem, end, rivals, choice = _helping(*best)
+            (problem, end), rivals, said = _helping(*best), (), ()
             if lacking:
-                return problem, end, rivals, choice.findings
+                return problem, end, rivals, said
         lacking = wide.without(_not_tried(problem)).lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):
-                problem, end, rivals, choice = plain  # it is no such term
-            return problem, end, rivals, choice.findings
+                problem, end, rivals, said = plain  # it is no such term
+            return problem, end, rivals, said
         if lacking != "slow_delay":  # which stamps tell from all else
-            plain = plain or (problem, end, rivals, choice)
+            plain = plain or (problem, end, rivals, said)
         rarer, always = rarer - {lacking}, (*always, lacking)
 
 
@@ -411,14 +410,13 @@ def _not_tried(problem: FreeRunResiduals) -> set[str]:
     return idle | {BASE} if fitted & {*GEAR} else idle
 
 
-def _helping(
-    problem: FreeRunResiduals, end: Minimum
-) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], TermChoice]:
-    """Return the residuals, where they end, rivals and choice in all terms that are not 0."""
+def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
+    """Return the residuals in all terms that are not 0, and where they end."""
     pairs = zip(problem.keys, end.point.tolist(), strict=True)
-    helping = [name for (name, _), value in pairs if value]
-    choice = problem.choose_terms(end.point, end.at, helping)
-    return (*problem.fitted(choice), choice)
+    told = problem.without({name for (name, _), value in pairs if not value}).keys
+    kept = np.flatnonzero([key in told for key in problem.keys])
+    fewer = problem.keeping(kept, end.point[kept])
+    return fewer, fewer.descend(fewer.initial)
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
