@@ -376,9 +376,11 @@ def _chosen(
     one is lacking.
     """
     (problem, end), lacking = found, None
+    rivals: tuple[Samples, ...] = ()
+    said: tuple[Finding, ...] = ()
     plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]] | None = None
     while True:
-        here, best = wide.without(rarer), (problem, end)
+        here, before = wide.without(rarer), (problem, end, rivals, said)
         point, at = (end.point, end.at)
         if lacking or here.keys != problem.keys:
             point, at = here.about(problem, end.point)
@@ -387,11 +389,13 @@ def _chosen(
             point, at = end.point, end.at
         choice = here.choose_terms(point, at, always)
         (problem, end, rivals), said = here.fitted(choice), choice.findings
-        if LOST * end.at.cost > best[1].at.cost:  # not what the derivatives said
-            (problem, end), rivals, said = _helping(*best), (), ()
-            if lacking:
-                return problem, end, rivals, said
-        lacking = wide.without(_not_tried(problem)).lacking(problem, end.point)
+        worse = lacking is not None and end.at.cost > before[1].at.cost
+        if worse:
+            problem, end, rivals, said = before
+        elif LOST * end.at.cost > before[1].at.cost:  # not what the derivatives said
+            (problem, end), rivals, said = _helping(*found), (), ()
+        tried_next = wide.without(_not_tried(problem))
+        lacking = None if worse else tried_next.lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):
                 problem, end, rivals, said = plain  # it is no such term
@@ -411,9 +415,11 @@ def _not_tried(problem: FreeRunResiduals) -> set[str]:
 
 
 def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
-    """Return the residuals in all terms that are not 0, and where they end."""
+    """Return the residuals without the terms that are 0, and where they end."""
+    optional = {*tried([each.log for each in problem.simulations]), *RARER}
     pairs = zip(problem.keys, end.point.tolist(), strict=True)
-    told = problem.without({name for (name, _), value in pairs if not value}).keys
+    none = {name for (name, _), value in pairs if not value}
+    told = problem.without(none & optional).keys
     kept = np.flatnonzero([key in told for key in problem.keys])
     fewer = problem.keeping(kept, end.point[kept])
     return fewer, fewer.descend(fewer.initial)
