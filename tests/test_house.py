@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 198,
     "lines of the package": 39_612,
-    "lines of tests": 31_825,
+    "lines of tests": 31_827,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 66,
