@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.errors import InputError
+from butterfly.files import write_file
 from butterfly.logs.log import Log
 from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
+from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
     import control
+    import mujoco
+
+    from butterfly.identification.identification import Identification
+    from butterfly.twin.twin import Twin, Written
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,9 @@ class IdentifiedModel:
 
     joint: JointKind = JointKind.HINGE
     """How it moves."""
+
+    result: Identification | None = field(default=None, repr=False, compare=False)
+    """What it was identified by."""
 
     def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand with an added mass (78)."""
@@ -90,38 +98,87 @@ class IdentifiedModel:
         run = FreeRun.of(log, setting)
         return replace(log.moving_so(run.simulated), source="grey-box model")
 
+    def twin(self, added_mass: AddedMass = NO_ADDED_MASS, *, mass: float | None = None) -> Twin:
+        """Return the joint as it is exported, with the logs by which that is measured."""
+        from butterfly.api.inspected import twin_of  # noqa: PLC0415 - slow to import
+        from butterfly.twin.twin import Twin  # noqa: PLC0415
+
+        if self.result is not None:
+            return twin_of(self.result, added_mass, mass)
+        return Twin(parameters=self.parameters, added=added_mass, joint=self.joint, mass=mass)
+
     def export(
         self,
         path: str | PathLike[str],
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
+        to: str = "mjcf",
         mass: float | None = None,
-    ) -> None:
-        """Write an MJCF file of a robot that moves so by itself in plain MuJoCo, delay included.
+        timestep: float = DEFAULTS.timestep,
+        integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+    ) -> Written:
+        """Write the joint as a file for another program, as ``butterfly export`` does.
 
-        What MuJoCo cannot do is warned of, and written in the file.
+        What the form cannot hold is warned of, and written in the file.
 
         Parameters
         ----------
         path
             The file.
         added_mass
-            What the hand carries.
+            What the joint carries.
+        to
+            One of `butterfly.twin.forms.FORMS`.
         mass
-            Of the hand in kg, on which the motion does not depend; a possible one if not given.
+            Of what swings, in kg, on which the motion does not depend; a possible one if not given.
+        timestep
+            Step in s of the simulator for which it is written.
+        integrator
+            Of MuJoCo.
+
+        Returns
+        -------
+        Written
+            The text, what it leaves out, and how far its motion is from our own simulation.
 
         Raises
         ------
         InputError
-            If no hand of that mass moves so, as a slide does not, or the file cannot be written.
+            If no joint of that mass moves so, the form cannot hold it, or the file cannot be
+            written.
         """
-        from butterfly.plant.robot import Robot  # noqa: PLC0415 - slow to import
-        from butterfly.plant.stand_alone import command_of, stand_alone  # noqa: PLC0415
+        from butterfly.twin.forms import write_as  # noqa: PLC0415 - slow to import
 
-        if self.joint is JointKind.SLIDE:
-            raise InputError("export", "joint", self.joint, "a hinge, which MuJoCo's model has")
-        robot, carried = Robot.of_loaded(self.parameters, added_mass, mass)
-        written = stand_alone(robot, carried, **command_of(self.parameters))
-        written.write(Path(path))
+        options = Options(timestep=timestep, integrator=integrator)
+        written = write_as(to, self.twin(added_mass, mass=mass), options)
+        write_file(Path(path), written.text)
         for sentence in written.left_out:
             warnings.warn(sentence, stacklevel=2)
+        return written
+
+    def mjspec(
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        mass: float | None = None,
+        timestep: float = DEFAULTS.timestep,
+        integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+    ) -> mujoco.MjSpec:
+        """Return the joint as an MjSpec, to attach to a robot of one's own.
+
+        As in ``robot.attach(result.model.mjspec(), frame=frame, prefix="wrist_")``. It has body,
+        joint, actuators and sensors, no light, floor or camera.
+
+        Parameters
+        ----------
+        added_mass, mass, timestep, integrator
+            As of `export`; step and integrator should be those of the robot that it is attached to.
+        """
+        import mujoco  # noqa: PLC0415 - slow to import
+
+        from butterfly.plant.mjcf import text_of  # noqa: PLC0415
+        from butterfly.twin.stand_alone import stand_alone  # noqa: PLC0415
+
+        options = Options(timestep=timestep, integrator=integrator)
+        root = stand_alone(self.twin(added_mass, mass=mass), options).root
+        return mujoco.MjSpec.from_string(text_of(root))

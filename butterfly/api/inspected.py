@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -11,21 +12,25 @@ from typing import Any, ClassVar
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
-from butterfly.errors import InputError
+from butterfly.errors import ButterflyError, InputError
+from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
+from butterfly.identification.free_run import Setting
+from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, LumpedParameters
+from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
+from butterfly.model.prior import Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import DRIVE, TERMS
-from butterfly.plant.robot import HAND_MASS, PARTS, Robot
-from butterfly.plant.stand_alone import command_of
+from butterfly.plant.robot import HAND_MASS, PARTS, Shape
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
@@ -42,6 +47,7 @@ from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import write_html
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
+from butterfly.twin.twin import Twin
 from butterfly.verdict import Level, Verdict
 
 ARM = 0.104  # m
@@ -160,29 +166,20 @@ class RobotModel(Answer):
 
     kind: ClassVar[str] = "model"
 
-    robot: Robot
-    carried: AddedMass
-    command: Mapping[str, float]  # what `butterfly.plant.stand_alone` takes of it
-    parameters: LumpedParameters  # of the bare hand, with those of its command
-    servo: ServoLoop | None = None
+    twin: Twin
     note: str = ""
 
     @classmethod
     def of(
         cls,
-        name: str,
-        robot: Robot,
-        carried: AddedMass,
-        kind: InputKind,
-        command: Mapping[str, float],
+        twin: Twin,
         *,
-        parameters: LumpedParameters | None = None,
-        servo: ServoLoop | None = None,
         verdict: Verdict | None = None,
         note: str = "",
         besides: Mapping[str, Any] = MappingProxyType({}),
     ) -> RobotModel:
         """List a robot's parts and lumped parameters; ``besides`` is what data's estimate says."""
+        (robot, carried), kind = twin.built, twin.kind
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in PARTS}
@@ -196,11 +193,11 @@ class RobotModel(Answer):
             ("resonance", f"{resonance:.5g} rad/s"),
         )
         return cls(
-            title=f"The robot of {name!r}",
+            title=f"The robot of {twin.name!r}",
             judged=verdict,
             summary=(*(() if verdict is None else verdict.lines), *((note,) if note else ())),
             content={
-                "data": {"name": name, "input": str(kind)},
+                "data": {"name": twin.name, "input": str(kind)},
                 **besides,
                 "carried": {"mass": carried.mass, "arm": carried.arm},
                 **{
@@ -219,12 +216,7 @@ class RobotModel(Answer):
             },
             units={"resonance": "rad/s", "carried.mass": "kg", "carried.arm": "m"},
             printed=(TextTable("", (), pairs),),
-            robot=robot,
-            carried=carried,
-            command=command,
-            parameters=parameters
-            or replace(robot.lumped, **{name: command[name] for name in ("delay", *DRIVE)}),
-            servo=servo,
+            twin=twin,
             note=note,
         )
 
@@ -300,39 +292,78 @@ def robot_of(
     path = locate(Path(source))
     carried = AddedMass(mass=added_mass, arm=ARM if arm is None else arm)
     if not is_data(path):
-        plan = read_experiment(path)
-        command, servo = vars(plan.plant.path), plan.plant.servo
-        return RobotModel.of(
-            plan.name, plan.plant.robot, carried, plan.input_kind, command, servo=servo
-        )
+        return RobotModel.of(_of_experiment(read_experiment(path), carried))
     result = saved_identification(path)
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
-    about, found = result.origin, result.estimate
-    joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
-    if joint is JointKind.SLIDE:
-        raise InputError(about["name"], "joint", joint, "a hinge, which the model in MuJoCo has")
-    verdict = require_possible(found)
-    carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
-    robot, rest = Robot.of_loaded(found.parameters, carried, hand_mass)
+    verdict = require_possible(result.estimate)
+    carried = replace(carried, **_mounted(result))
+    twin = twin_of(result, carried, hand_mass)
     note = ""
-    if hand_mass is None and robot.hand.mass > HAND_MASS:
+    if hand_mass is None and twin.built[0].hand.mass > HAND_MASS:
         note = (
-            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
-            f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."
+            f"The mass of {twin.built[0].hand.mass:.3g} kg (--hand-mass) is a guess: {HAND_MASS:g} "
+            "kg cannot have its p1 and p3, and the motion does not depend on it."
         )
-    return RobotModel.of(
-        about["name"],
-        robot,
-        rest,
-        kind,
-        command_of(found.parameters),
-        parameters=found.parameters,
-        servo=_servo_of(about["manifest"]),
-        verdict=verdict,
-        note=note,
-        besides={**result.basis(), **estimate_numbers(found)},
+    besides = {**result.basis(), **estimate_numbers(result.estimate)}
+    return RobotModel.of(twin, verdict=verdict, note=note, besides=besides)
+
+
+def _mounted(result: Identification) -> dict[str, Any]:
+    """Return on what a result's joint carries masses."""
+    joint = JointKind(result.origin.get("joint", JointKind.HINGE))
+    return {"gravity": float(result.origin.get("gravity", GRAVITY)), "joint": joint}
+
+
+def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:
+    """Return the twin of an experiment's robot, which its runs move."""
+    robot, path = plan.plant.robot, plan.plant.path
+    through = {name: getattr(path, name) for name in ("delay", *DRIVE)}
+    p = replace(robot.lumped, **through)
+    return Twin(
+        name=plan.name,
+        parameters=p,
+        added=added,
+        kind=plan.input_kind,
+        limit=path.limit,
+        resolution=path.resolution,
+        servo=plan.plant.servo,
+        robot=robot,
+        recorded=lambda: [(log, Setting(parameters=p, zero=0.0)) for log in planned_logs(plan)],
     )
+
+
+def twin_of(result: Identification, added: AddedMass, mass: float | None = None) -> Twin:
+    """Return the twin of a result, to be exported; its logs, if they are there, are its measure.
+
+    ``mass``: of what swings, in kg, on which the motion does not depend.
+    """
+    about, manifest = result.origin, result.origin["manifest"]
+    twin = Twin(
+        name=about["name"],
+        parameters=result.estimate.parameters,
+        added=added,
+        joint=added.joint,
+        kind=InputKind(about["input"]),
+        servo=_servo_of(manifest),
+        known=Prior.of(about.get("known", {})),
+        ratios=result.estimate.ratios,
+        mass=mass,
+        recorded=partial(_recorded, result),
+    )
+    if manifest and manifest.get("shape") == "butterfly" and added.gravity == GRAVITY:
+        twin = replace(twin, robot=replace(twin.built[0], shape=Shape.BUTTERFLY))
+    return twin
+
+
+def _recorded(result: Identification) -> Sequence[tuple[Log, Setting]]:
+    """Return the logs of a result with what each is simulated with; none where they are gone."""
+    try:
+        data = result.data
+    except ButterflyError:
+        return ()
+    settings = (data.simulations.setting(k, result.estimate) for k in range(len(data.logs)))
+    return tuple(zip(data.logs, settings, strict=True))
 
 
 def _servo_of(manifest: dict[str, Any] | None) -> ServoLoop | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Page, Section, Series
 from butterfly.result import Answer
+from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -37,10 +38,13 @@ WEIGHT = "weight"
 _FIELDS = [each.name for each in fields(LumpedParameters)]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drawn(Answer):
     """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
 
     kind: ClassVar[str] = "draws"
+
+    found: Identification
 
     @classmethod
     def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
@@ -50,6 +54,7 @@ class Drawn(Answer):
         rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
         units = {row["parameter"]: row["unit"] for row in found.rows()}
         return cls(
+            found=found,
             title=f"{count} draws of the parameters of {found.title}",
             summary=(*found.judged.lines, *more, *estimate_notes(estimate)),
             judged=found.judged,
@@ -88,23 +93,26 @@ class Drawn(Answer):
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
         mass: float | None = None,
-        bristle_stiffness: float = 0.0,
+        timestep: float = DEFAULTS.timestep,
+        integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
     ) -> Iterator[str]:
         """Yield an MJCF model of each draw, which plain MuJoCo loads, for domain randomisation.
 
         Parameters
         ----------
-        added_mass, mass, bristle_stiffness
-            See `butterfly.plant.stand_alone.models`.
+        added_mass, mass, timestep, integrator
+            As of `IdentifiedModel.export`.
 
         Raises
         ------
         InputError
-            If no hand of that mass moves so, or MuJoCo has no such friction.
+            If no joint of that mass moves so.
         """
-        from butterfly.plant.stand_alone import models  # noqa: PLC0415 - slow to import
+        from butterfly.api.inspected import twin_of  # noqa: PLC0415 - slow to import
+        from butterfly.twin.stand_alone import models  # noqa: PLC0415
 
-        return models(self.parameters, added_mass, mass=mass, bristle_stiffness=bristle_stiffness)
+        options = Options(timestep=timestep, integrator=integrator)
+        return models(self.parameters, twin_of(self.found, added_mass, mass), options)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -1,14 +1,8 @@
-"""Commands that show and export the robot of an experiment, or the twin of data.
-
-What `export` writes is a table of forms: a further one is a function of the robot and of the option
-``--actuator`` that returns the text, what it is called, and in sentences what it leaves out.
-"""
+"""Commands that show and export the robot of an experiment, or the twin of data."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -19,9 +13,9 @@ import butterfly as bf
 from butterfly.cli.options import WRITTEN, HandMass, Out
 from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
 from butterfly.errors import InputError
+from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
 
 if TYPE_CHECKING:
-    from butterfly.api.inspected import RobotModel
     from butterfly.experiment.schema import Experiment
 
 Source = Annotated[Path, Parameter(name="SOURCE")]
@@ -102,7 +96,7 @@ def show(
         named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
         if named.judged is not None:
             say_verdict(named.judged)
-        render(named.robot, named.carried, 0.5 if angle is None else angle, out, size)
+        render(*named.twin.built, 0.5 if angle is None else angle, out, size)
         say(f"Picture: {out}")
         return ExitCode.of(named.judged)
     else:
@@ -132,38 +126,8 @@ def _with_run(source: Path, number: int) -> Experiment:
     return plan
 
 
-def _as_mjcf(named: RobotModel, _actuator: str | None) -> tuple[str, str, Sequence[str]]:
-    from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415 - slow to import
-
-    made = stand_alone(named.robot, named.carried, **named.command)
-    return made.text, f"with steps of {1e3 * made.step:g} ms", made.left_out
-
-
-def _as_bam(named: RobotModel, actuator: str | None) -> tuple[str, str, Sequence[str]]:
-    from butterfly.logs.log import InputKind  # noqa: PLC0415 - slow to import
-    from butterfly.model.prior import Prior  # noqa: PLC0415
-    from butterfly.plant.bam import bam_model  # noqa: PLC0415
-    from butterfly.result import json_text  # noqa: PLC0415
-
-    data = named.content["data"]
-    made = bam_model(
-        named.parameters,
-        InputKind(data["input"]),
-        replace(named.carried, gravity=data.get("gravity", named.carried.gravity)),
-        actuator=actuator,
-        servo=named.servo,
-        known=Prior.of(data.get("known", {})),
-        ratios=named.content.get("ratios", False),
-    )
-    told = f"BAM's {made.content['model']} of {made.content['actuator']}"
-    return json_text(made.content), told, made.left_out
-
-
-_FORMS: dict[str, Callable[[RobotModel, str | None], tuple[str, str, Sequence[str]]]] = {
-    "mjcf": _as_mjcf,
-    "bam": _as_bam,
-}
-_Form: Any = Literal[tuple(_FORMS)]
+_Form: Any = Literal[tuple(FORMS)]
+_Integrator: Any = Literal[INTEGRATORS]
 
 
 def export(
@@ -172,18 +136,22 @@ def export(
     *,
     out: Annotated[Path, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="FILE")],
     to: Annotated[_Form, Parameter(group=WRITTEN)] = "mjcf",
+    timestep: Annotated[
+        float, Parameter(group=WRITTEN, metavar="s", validator=Number(gte=1e-6, lte=0.1))
+    ] = DEFAULTS.timestep,
+    integrator: Annotated[_Integrator, Parameter(group=WRITTEN)] = DEFAULTS.integrator,
     actuator: Annotated[str | None, Parameter(group=WRITTEN, metavar="NAME")] = None,
     hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Write the robot as a file for another program; what that cannot hold is said.
+    """Write the joint as a file for another program.
 
-    As MJCF it loads in plain MuJoCo and in its viewer, and moves there as it does here, the
-    command's delay included. As BAM's JSON it is a servo with BAM's friction.
+    Says what the form cannot hold, and how far its motion is from our own simulation of the same
+    logs at the step that is asked for.
 
-    Examples: butterfly export result.json --out twin.xml; butterfly export servo.json --to bam
-    --out servo-bam.json
+    Examples: butterfly export result.json --out twin.xml --timestep 0.002; butterfly export
+    servo.json --to bam --out servo-bam.json
 
     Parameters
     ----------
@@ -193,25 +161,31 @@ def export(
     out
         File to write.
     to
-        Form: MuJoCo's MJCF, or the JSON of BAM (Rhoban).
+        Form: a whole MuJoCo model (mjcf), or the JSON of Rhoban's BAM (bam).
+    timestep
+        Step in s of the simulator for which the file is written.
+    integrator
+        Of MuJoCo. RK4 is the more exact; implicitfast is what learning frameworks use.
     actuator
         Which of BAM's servos it is, as xl330; that of the servo's law if not given.
     added_mass
-        What the hand carries, at --arm.
+        What the joint carries, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.files import write_file  # noqa: PLC0415
+    from butterfly.twin.forms import write_as  # noqa: PLC0415
 
     if actuator and to != "bam":
         raise InputError("export", "--actuator", actuator, "--to bam beside it")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
-    if named.note and to == "mjcf":
-        say(named.note)
-    text, about, left_out = _FORMS[to](named, actuator)
-    write_file(out, text)
-    say(f"Model: {out}, {about}")
-    for sentence in left_out:
+    asked = Options(timestep=timestep, integrator=integrator, actuator=actuator)
+    made = write_as(to, named.twin, asked)
+    write_file(out, made.text)
+    say(f"Model: {out}, {made.about}.")
+    for sentence in (*made.left_out, *(made.accuracy.lines if made.accuracy else ())):
         say(sentence)
+    if named.note and to in WITH_A_BODY:
+        say(named.note)
     return ExitCode.of(named.judged)

@@ -279,7 +279,7 @@ class Identification(Result):
         from butterfly.report.finding_texts import require_possible  # noqa: PLC0415
 
         require_possible(self.estimate)
-        return IdentifiedModel(self.parameters, self.estimate.joint)
+        return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
     @property
     def covariance(self) -> Samples:

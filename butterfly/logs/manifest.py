@@ -180,6 +180,8 @@ class Manifest(StrictModel):
     """Pivot to added mass in m; needed where a mass is added to a hinge."""
     joint: JointKind = JointKind.HINGE
     """``hinge``, or ``slide``, whose way is in m, and whose parameters are masses and forces."""
+    shape: Literal["bar", "butterfly"] = "bar"
+    """What pictures and exported models show: a plain bar, or the Butterfly robot's hand."""
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
     """In m/s^2, across the joint's axis; 0 for a joint that turns about the vertical."""
     encoder: Literal["joint", "motor"] = "joint"

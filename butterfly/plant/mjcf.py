@@ -20,13 +20,10 @@ from butterfly.model.parameters import (
     VoltageDrive,
 )
 from butterfly.model.terms import BEYOND_MUJOCO
-from butterfly.plant.robot import Assistance, Clutch, Robot
+from butterfly.plant.robot import Assistance, Clutch, Robot, Shape
 
-MODEL = "models/butterfly_hand/hand.xml"
-"""The shipped mechanism."""
-
-SCENE = "models/butterfly_hand/scene.xml"
-"""Its stand, a scale, light, background and a camera, for pictures of it."""
+MODELS = "models"
+"""Folder of the shipped mechanisms (`Shape`), each beside its scene: light, a camera and so on."""
 
 NO_CONSTANT = 1e-12
 """Motor constant in N m/A of the parts that MuJoCo calls a motor and that are none: it takes no 0,
@@ -81,7 +78,7 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
 
 def hinge_of(model: mujoco.MjModel) -> int:
     """Return where a model's joint stands among all that move, after a base of its own."""
-    return int(model.joint("hinge").dofadr[0])
+    return int(model.jnt_dofadr[model.actuator_trnid[0, 0]])  # it is what the motor drives
 
 
 def text_of(root: ElementTree.Element) -> str:
@@ -110,13 +107,15 @@ def built(
             "more than 0: MuJoCo's friction sticks harder with bristles only, or by the actuators "
             "that `butterfly export` adds",
         )
-    root = _parse(shipped(MODEL))
+    model = shipped(f"{MODELS}/{robot.shape}.xml")
+    root = _parse(model)
     tilt = robot.hand.tilt  # of gravity along the axis, instead of the axis
     pull = f"0 {GRAVITY * math.sin(tilt)!r} {-GRAVITY * math.cos(tilt)!r}"
     next(root.iter("option")).set("gravity", pull)
     inertial = next(named(root, "hand").iter("inertial"))
     inertial.set("pos", f"{robot.hand.com_offset!r} 0 {-robot.hand.com_distance!r}")
-    inertial.set("mass", repr(robot.hand.mass))
+    slides = robot.shape is Shape.SLIDE  # whose inertia is its mass
+    inertial.set("mass", repr(robot.hand.inertia if slides else robot.hand.mass))
     inertial.set("diaginertia", " ".join([repr(robot.hand.inertia)] * 3))
     joint = named(root, "hinge")
     joint.set("damping", f"{robot.friction.viscous!r} {friction.drag!r}")
@@ -135,7 +134,7 @@ def built(
     actuators = next(root.iter("actuator"))
     actuators.extend(_pulls(friction))
     if scene:
-        _merge(root, _parse(shipped(SCENE)))
+        _merge(root, _parse(model.with_name("scene.xml")))
     _dress(root, added)
     return root
 

@@ -43,6 +43,14 @@ class Clutch:
         )
 
 
+class Shape(StrEnum):
+    """What a robot looks like, and how its joint moves: a folder's model below models/."""
+
+    BUTTERFLY = "butterfly_hand/hand"
+    BAR = "plain_joint/bar"
+    SLIDE = "plain_joint/slide"
+
+
 PARTS = ("hand", "drive", "friction", "clutch", "base")
 """What a robot consists of."""
 
@@ -67,6 +75,7 @@ class Robot:
     friction: Friction
     clutch: Clutch | None = None
     base: Base | None = None
+    shape: Shape = Shape.BUTTERFLY
 
     def __post_init__(self) -> None:
         if self.base:
@@ -125,7 +134,7 @@ class Robot:
                 back_emf_constant=back_emf / plain.p4,
                 inductance=plain.time_constant,
             )
-        return cls(hand=hand, drive=drive, friction=friction, base=base)
+        return cls(hand=hand, drive=drive, friction=friction, base=base, shape=Shape.BAR)
 
     @classmethod
     def of_loaded(
@@ -138,7 +147,10 @@ class Robot:
         if added.gravity == GRAVITY:
             return cls.of_lumped(parameters, mass), added
         whole = None if mass is None else mass + added.mass
-        return cls.of_lumped(parameters.with_added_mass(added), whole), NO_ADDED_MASS
+        robot = cls.of_lumped(parameters.with_added_mass(added), whole)
+        if added.joint is JointKind.SLIDE:
+            robot = replace(robot, shape=Shape.SLIDE)
+        return robot, NO_ADDED_MASS
 
     @property
     def input_kind(self) -> InputKind:

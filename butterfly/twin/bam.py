@@ -24,6 +24,9 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameter
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import GEAR, TERMS
+from butterfly.result import json_text
+from butterfly.twin.forms import Options
+from butterfly.twin.twin import Twin, Written
 
 _OF_LAWS = {"dynamixel-xl330": "xl330", "feetech-sts": "sts3215"}
 ACTUATORS = (*_OF_LAWS.values(), "mx64", "mx106", "xl320")
@@ -34,6 +37,21 @@ _SAME = 1e-3
 _FAST = 1e6  # rad/s, of a set-point that is not slowed down
 _OF_LOGS = ("law", "kp", "supply", "resistance", "back_emf_constant", "torque_constant")
 _HELD = {"p1", "p2", "p3", "p4", "coulomb", "back_emf", "stribeck", "stribeck_velocity", *GEAR}
+
+
+def as_bam(twin: Twin, options: Options) -> Written:
+    """Return a twin as BAM's parameter file."""
+    made = bam_model(
+        twin.parameters,
+        twin.kind,
+        twin.added,
+        actuator=options.actuator,
+        servo=twin.servo,
+        known=twin.known,
+        ratios=twin.ratios,
+    )
+    told = f"BAM's {made.content['model']} of {made.content['actuator']}"
+    return Written(text=json_text(made.content), about=told, left_out=made.left_out)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,1 @@
+"""The identified joint as a file for another program, and how far it moves as ours does."""

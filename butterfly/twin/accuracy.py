@@ -1,0 +1,131 @@
+"""How far a twin moves as our own simulation does, with the inputs of its own logs.
+
+A simulator takes one command for each of its steps: here the mean of what the log's input, as the
+drive delivers it, was during that step. Our own simulation has the input as it was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.identification.free_run import Setting
+from butterfly.identification.simulation import Simulation
+from butterfly.logs.log import Intersample, Log
+from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.progress import in_threads, out_of_time, untracked
+from butterfly.signals import hold
+from butterfly.twin.twin import Accuracy, Twin
+
+_MINUTE = 60.0  # s
+_SWING = 0.15  # rad, of each of the sines that stand for logs where there are none
+_TONES = (0.7, 1.3)  # their frequencies, over that of the resonance,
+_PACE = 3.0  # or in its place, in rad/s, where there is none
+_SOME = 3  # logs by which the form of a twin is chosen,
+_TRIED = 20.0  # and how much of each, in s
+
+Mover: TypeAlias = Callable[[Twin, Samples, float, float], Samples]
+"""Moves a twin by (n,) commands, one a step, from an angle and a velocity: (n + 1,) angles."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Case:
+    """A log: commands of each step, where the joint begins, and (n + 1,) angles of our own."""
+
+    name: str
+    twin: Twin
+    commands: Samples
+    angle: float
+    velocity: float
+    own: Samples
+
+    @classmethod
+    def of(cls, twin: Twin, log: Log, setting: Setting, step: float) -> _Case:
+        log = log.opened
+        carrying = replace(twin, added=log.added_mass)
+        p, own = carrying.parameters, Simulation(log, carrying.parameters)
+        angle, velocity = own.start(setting.zero, setting.velocity)
+        motion = own.run(p, setting.zero, setting.velocity)._replace(slopes=False)
+        length = min(log.time[-1] - log.time[0], setting.horizon)
+        instants = log.time[0] + step * np.arange(max(int(length / step + 1e-9), 1) + 1)
+        stamps, commands = log.command
+        delivered = p.drive.delivered(commands)
+        return cls(
+            name=log.name,
+            twin=carrying,
+            commands=hold.mean(stamps, delivered, instants, log.intersample),
+            angle=angle,
+            velocity=velocity,
+            own=motion.at(instants) - setting.zero,
+        )
+
+    def error(self, move: Mover, most: int | None = None) -> float:
+        """Return the largest difference of a motion over so many steps."""
+        moved = move(self.twin, self.commands[:most], self.angle, self.velocity)
+        with np.errstate(invalid="ignore"):
+            error = float(np.abs(moved - self.own[: moved.size]).max())
+        return error if np.isfinite(error) else np.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Yardstick:
+    """What a twin's motion is held against: our own, of each of its logs, at a step in s."""
+
+    cases: Sequence[_Case]
+    step: float
+    unit: str
+    besides: int
+
+    @classmethod
+    def of(cls, twin: Twin, step: float) -> Yardstick:
+        """Simulate a twin's logs; where there are none, a minute of two sines."""
+        recorded = twin.recorded() or [_minute(twin)]
+        cases: list[_Case] = []
+        for log, setting in recorded:
+            if cases and out_of_time("the comparison of some logs"):
+                break
+            cases.append(_Case.of(twin, log, setting, step))
+        besides = len(recorded) - len(cases)
+        return cls(cases=cases, step=step, unit=twin.joint.way, besides=besides)
+
+    def worst_of_some(self, move: Mover) -> float:
+        """Return the largest error over some of the logs."""
+        numbers = np.linspace(0, len(self.cases) - 1, min(_SOME, len(self.cases)))
+        some = [self.cases[int(number)] for number in numbers]
+        most = int(_TRIED / self.step)
+        errors = in_threads(partial(_Case.error, move=move, most=most), some, untracked, "")
+        return max(errors)
+
+    def accuracy(self, move: Mover) -> Accuracy:
+        """Return the errors of all logs."""
+        errors = in_threads(partial(_Case.error, move=move), self.cases, untracked, "")
+        names = [case.name or f"log {k}" for k, case in enumerate(self.cases, 1)]
+        return Accuracy(
+            errors=dict(zip(names, errors, strict=True)), unit=self.unit, besides=self.besides
+        )
+
+
+def _minute(twin: Twin) -> tuple[Log, Setting]:
+    """Return a minute of two sines that move the joint; of one without a drive, a free decay."""
+    time = 1e-3 * np.arange(int(1e3 * _MINUTE) + 1, dtype=np.float64)
+    loaded = twin.loaded
+    pace = resonance_frequency(loaded) or _PACE
+    inputs, start = np.zeros(time.size), 0.0 if loaded.p4 else _SWING
+    for tone in _TONES if loaded.p4 else ():
+        omega = tone * pace
+        gain = abs(complex(Linearisation.of(loaded).response(omega)))
+        inputs += (_SWING / gain + loaded.holding / loaded.p4) * np.sin(omega * time)
+    log = Log(
+        time,
+        input=inputs,
+        angle=np.full(time.size, start),
+        added_mass=twin.added,
+        intersample=Intersample.FIRST_ORDER_HOLD,
+        name="a minute of two sines",
+    )
+    return log, Setting(parameters=twin.parameters, zero=0.0, velocity=0.0)

@@ -1,0 +1,45 @@
+"""The forms in which a twin is written: a further one is its module, and its line in `FORMS`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from butterfly.twin.twin import Twin, Written
+
+FORMS = {
+    "mjcf": "butterfly.twin.stand_alone:as_mjcf",
+    "bam": "butterfly.twin.bam:as_bam",
+}
+"""What makes each form, by its name: a function of a twin and options."""
+
+WITH_A_BODY = ("mjcf",)
+"""Forms that say a mass on which the motion does not depend."""
+
+INTEGRATORS = ("RK4", "implicitfast")
+"""Integrators of MuJoCo for which a twin is written."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What a user can ask of a form."""
+
+    timestep: float = 0.002
+    """Of the simulator, in s."""
+    integrator: Literal["RK4", "implicitfast"] = "RK4"
+    """Of MuJoCo."""
+    actuator: str | None = None
+    """Which of BAM's servos it is."""
+
+
+DEFAULTS = Options()
+"""What is written if nothing is asked."""
+
+
+def write_as(form: str, twin: Twin, options: Options = DEFAULTS) -> Written:
+    """Return a twin in one of `FORMS`; InputError where the form cannot hold such a joint."""
+    module, name = FORMS[form].split(":")
+    written: Written = getattr(import_module(module), name)(twin, options)
+    return written

@@ -1,0 +1,264 @@
+"""Twins as MJCF that moves in plain MuJoCo by itself, at any step, as it does here.
+
+Here MuJoCo has help: the command is delayed and shaped before it, its steps are chosen anew for
+each interval, and friction that sticks harder than it slides is set step by step. A file has to say
+all that itself. What is most exact depends on the step, so several forms are tried on the twin's
+own logs: how the delay is written, and how fast friction grips.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from butterfly.arrays import Samples
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import BEYOND_MUJOCO
+from butterfly.plant.mjcf import built, hinge_of, named, text_of
+from butterfly.plant.robot import Robot, Shape
+from butterfly.twin.accuracy import Mover, Yardstick
+from butterfly.twin.forms import DEFAULTS, Options
+from butterfly.twin.twin import Accuracy, Twin, Written
+
+_GRIPS = (0.12, 0.25, 0.06)  # steps: time constants with which dry friction stops the joint
+_NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
+_KNOTS = 24  # of the polygon that stands for Stribeck's curve,
+_REACH = 3.0  # Stribeck velocities long: there all but 1e-4 is lost
+_CROWD = 1.3  # by which power they crowd about 0, where most logs are
+_FINE = 4001  # points at which the polygon is fitted to the curve
+_NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
+
+
+class Form(NamedTuple):
+    """One way to write a twin at a step."""
+
+    grip: float = _GRIPS[0]
+    """Time constant in steps with which dry friction stops the joint."""
+    delay: str = "whole"
+    """How a delay is written: none, in whole steps, between past commands, or half a step later."""
+
+    def late(self, delay: float, step: float) -> float | None:
+        """Return MuJoCo's delay of a command in s; None for none."""
+        if self.delay == "none" or delay <= _NO_DELAY:
+            return None
+        if self.delay == "whole":
+            return max(round(delay / step), 1) * step
+        return max(delay + (step / 2 if self.delay == "later" else 0.0), step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandAlone:
+    """A twin's MJCF, how far it moves as ours does, and in sentences what it leaves out."""
+
+    root: ElementTree.Element
+    accuracy: Accuracy | None
+    left_out: tuple[str, ...]
+
+
+def as_mjcf(twin: Twin, options: Options) -> Written:
+    """Return a twin as a file for plain MuJoCo."""
+    made = stand_alone(twin, options, scene=True)
+    name = "the butterfly's hand" if twin.shape is Shape.BUTTERFLY else f"joint {twin.identifier!r}"
+    first = (
+        f"{twin.name}: moves by itself in plain MuJoCo, driven by ctrl[0] (motor); leave other "
+        "commands at 0. Each step takes the mean of the command over that step."
+    )
+    lines = made.accuracy.lines if made.accuracy else ()
+    for k, sentence in enumerate([first, *made.left_out, *lines]):
+        comment = ElementTree.Comment(f" {sentence.replace('--', '- -')} ")
+        comment.tail = "\n  "
+        made.root.insert(k, comment)
+    step = f"steps of {1e3 * options.timestep:g} ms by {options.integrator}"
+    return Written(
+        text=text_of(made.root),
+        about=f"{name} in {step}",
+        left_out=made.left_out,
+        accuracy=made.accuracy,
+    )
+
+
+def stand_alone(
+    twin: Twin, options: Options = DEFAULTS, *, scene: bool = False, form: Form | None = None
+) -> StandAlone:
+    """Return a twin that moves by itself in plain MuJoCo.
+
+    Its form is the most exact for its step, of which it then says how exact it is, unless it is
+    given.
+    """
+    accuracy = None
+    if form is None:
+        yardstick = Yardstick.of(twin, options.timestep)
+        form = _best(twin, options, yardstick)
+        accuracy = yardstick.accuracy(_mover(options, form))
+    return StandAlone(
+        root=_root(twin, options, form, scene=scene),
+        accuracy=accuracy,
+        left_out=tuple(_left_out(twin, options, form)),
+    )
+
+
+def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
+    """Return the form that strays least from our own simulation of some logs."""
+    forms = [Form()]
+    if twin.parameters.delay > _NO_DELAY:
+        forms = [Form(delay=each) for each in ("none", "whole", "later", "between")]
+    best = _nearest(forms, options, yardstick)
+    if twin.loaded.holding:
+        best = _nearest([best._replace(grip=grip) for grip in _GRIPS], options, yardstick)
+    return best
+
+
+def _nearest(forms: Sequence[Form], options: Options, yardstick: Yardstick) -> Form:
+    if len(forms) == 1:
+        return forms[0]
+    return min(forms, key=lambda form: yardstick.worst_of_some(_mover(options, form)))
+
+
+def _mover(options: Options, form: Form) -> Mover:
+    """Return what moves a twin in MuJoCo, in one form."""
+
+    def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+        model = mujoco.MjModel.from_xml_string(text_of(_root(twin, options, form, scene=False)))
+        data = mujoco.MjData(model)
+        hinge = hinge_of(model)
+        data.qpos[hinge], data.qvel[hinge] = angle, velocity
+        state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+        mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        controls = np.zeros((1, commands.size, model.nu))
+        controls[0, :, 0] = commands
+        reached, _ = rollout.rollout(model, data, state, controls)
+        return np.append(angle, reached[0, :, 1 + hinge])
+
+    return move
+
+
+def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTree.Element:
+    """Return the MJCF of a twin in one form."""
+    robot, added = twin.built
+    friction, step = robot.loaded(added), options.timestep
+    root = built(_sliding(robot), added, scene=scene)
+    next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
+    # which, said so, grips within a step whatever the flags of the model are
+    named(root, "hinge").set("solreffriction", f"-1 {-2 / (form.grip * step)!r}")
+    motor = named(root, "motor")
+    if math.isfinite(twin.limit):
+        motor.set("ctrlrange", f"{-twin.limit!r} {twin.limit!r}")
+    if (late := form.late(twin.parameters.delay, step)) is not None:
+        motor.attrib |= {
+            "delay": repr(late),
+            "nsample": str(math.ceil(late / step - 1e-9) + 1),
+            "interp": "zoh" if form.delay == "whole" else "linear",
+        }
+    if friction.stribeck and not friction.bristle_stiffness:
+        next(root.iter("actuator")).extend(_slips(friction))
+    if robot.shape is not Shape.BUTTERFLY:
+        root.set("model", twin.identifier)
+        named(root, "hand").set("name", twin.identifier)
+    if robot.shape is Shape.SLIDE:
+        for each in root.iter():
+            for key in ("name", "joint"):
+                if each.get(key) == "hinge":
+                    each.set(key, "slide")
+    return root
+
+
+def _left_out(twin: Twin, options: Options, form: Form) -> Iterator[str]:
+    """Say what the file does not hold, and what makes up for it."""
+    p, way = twin.loaded, twin.joint.way
+    if beyond := [name for name in BEYOND_MUJOCO if getattr(p, name)]:
+        yield (
+            "MuJoCo has no friction that depends on torque or angle: set dof_frictionloss yourself "
+            f"in each step, for {', '.join(beyond)}."
+        )
+    for flaw, remedy in (
+        (twin.resolution, "does not round commands: set ctrl to multiples of {:g}"),
+        (p.dead_zone, "has no dead zone of a command: move ctrl by up to {:g} towards 0"),
+        (p.compression, "has no gain that falls with the command: set ctrl to u/(1 + {:g} |u|)"),
+    ):
+        if flaw > 0:
+            yield f"MuJoCo {remedy.format(flaw)} yourself."
+    if p.slow_delay:
+        yield (
+            f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
+            "while the clock is slow."
+        )
+    if p.delay < -_NO_DELAY:
+        yield (
+            f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
+        )
+    elif form.delay == "none" and p.delay > _NO_DELAY:
+        yield (
+            f"The delay of {1e3 * p.delay:.3g} ms is left out: without it a step of "
+            f"{1e3 * options.timestep:g} ms is nearer."
+        )
+    if twin.servo is not None:
+        yield (
+            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
+            f"the firmware sets it. What it commands is not a set-point in {way}."
+        )
+
+
+def models(
+    drawn: Iterable[LumpedParameters], twin: Twin, options: Options = DEFAULTS
+) -> Iterator[str]:
+    """Yield the MJCF text of a twin with each set of parameters, for domain randomisation.
+
+    All have the form that suits the twin itself.
+    """
+    form = _best(twin, options, Yardstick.of(twin, options.timestep))
+    for parameters in drawn:
+        each = replace(twin, parameters=parameters, robot=None)
+        yield text_of(stand_alone(each, options, scene=True, form=form).root)
+
+
+def _sliding(robot: Robot) -> Robot:
+    """Return the robot with dry friction that is at all velocities what it is at rest."""
+    friction = robot.friction
+    if not friction.sticks_harder:
+        return robot
+    always: dict[str, float] = {"coulomb": friction.holding, "stribeck": 0.0}
+    return replace(robot, friction=replace(friction, **always | dict.fromkeys(BEYOND_MUJOCO, 0.0)))
+
+
+def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:
+    """Return actuators that take from that friction what it loses once the joint slides.
+
+    T_s (1 - exp(-(v/v_s)^2)) sgn v is a polygon in v, and that a sum of ramps that end: negative
+    dampers of limited torque, one for each knot.
+    """
+    knots = _REACH * np.linspace(0.0, 1.0, _KNOTS + 1) ** _CROWD
+    slopes = np.diff(_polygon(knots)) / np.diff(knots)
+    bends = slopes - np.append(slopes[1:], 0.0)
+    damping = friction.stribeck / friction.stribeck_velocity * bends
+    most = friction.stribeck * abs(bends) * knots[1:]
+    return [
+        ElementTree.Element(
+            "general",
+            name=f"slip_{k}",
+            joint="hinge",
+            gainprm=repr(_NO_GAIN),
+            biastype="affine",
+            biasprm=f"0 0 {slope!r}",
+            forcerange=f"{-end!r} {end!r}",
+        )
+        for k, (slope, end) in enumerate(zip(damping.tolist(), most.tolist(), strict=True), 1)
+    ]
+
+
+def _polygon(knots: Samples) -> Samples:
+    """Return the (n,) values at knots of the polygon nearest to 1 - exp(-x^2), from 0 to 1.
+
+    One through points of the curve would brake too little throughout its first, convex part.
+    """
+    points = np.linspace(0.0, knots[-1], _FINE)
+    _, *inner, last = np.eye(knots.size)
+    hats = np.array([np.interp(points, knots, hat) for hat in inner])
+    rest = 1.0 - np.exp(-(points**2)) - np.interp(points, knots, last)
+    return np.asarray(last + np.linalg.lstsq(hats.T, rest, rcond=None)[0] @ np.array(inner))

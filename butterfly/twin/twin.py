@@ -1,0 +1,123 @@
+"""A twin: the joint that is exported, and what every form of it returns."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from butterfly.identification.free_run import Setting
+from butterfly.logs.log import InputKind, Log
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
+from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.servo import ServoLoop
+from butterfly.plant.robot import Robot, Shape
+
+
+@dataclass(frozen=True, kw_only=True)
+class Twin:
+    """A joint to export: its parameters, what it carries, and logs that show how it moves."""
+
+    name: str = "joint"
+    """Of the data set or experiment."""
+    parameters: LumpedParameters
+    """Of the bare joint, those of its command included."""
+    added: AddedMass = NO_ADDED_MASS
+    """What it carries."""
+    joint: JointKind = JointKind.HINGE
+    kind: InputKind = InputKind.VOLTAGE
+    """What the command means."""
+    limit: float = math.inf
+    """Saturation, in units of the command."""
+    resolution: float = 0.0
+    """Step to which a command is rounded; 0 for none."""
+    servo: ServoLoop | None = None
+    """The loop in which it was identified."""
+    known: Prior = NO_PRIOR
+    """What was known of it."""
+    ratios: bool = False
+    """Whether the parameters are ratios to p1."""
+    robot: Robot | None = None
+    """The robot of an experiment, whose shape is known; None where only its motion is."""
+    mass: float | None = None
+    """Of what swings in kg, on which the motion does not depend; a possible one if None."""
+    recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
+    """Returns logs of its motion, and what each is simulated with."""
+
+    @cached_property
+    def loaded(self) -> LumpedParameters:
+        """The parameters of the joint with what it carries."""
+        return self.parameters.with_added_mass(self.added)
+
+    @property
+    def shape(self) -> Shape:
+        """What it looks like."""
+        return self.built[0].shape
+
+    @cached_property
+    def built(self) -> tuple[Robot, AddedMass]:
+        """The robot that moves so, and what that carries besides."""
+        if self.robot is not None:
+            return self.robot, self.added
+        return Robot.of_loaded(self.parameters, self.added, self.mass)
+
+    @property
+    def identifier(self) -> str:
+        """Its name as an identifier of C, Python and XML: lower case, digits, underscores."""
+        plain = re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
+        return plain if plain and not plain[0].isdigit() else f"joint_{plain}".rstrip("_")
+
+    def carrying(self, added: AddedMass) -> Twin:
+        """Return the twin with another load."""
+        return replace(self, added=added)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """How far a twin strays from our own simulation of the same inputs, from log to log."""
+
+    errors: dict[str, float]
+    """Largest difference over each log in rad, or in m of a slide, by the log's name."""
+    unit: str
+    """Of the errors."""
+    besides: int = 0
+    """Logs that were not compared, for want of time."""
+
+    @property
+    def worst(self) -> float:
+        """The largest."""
+        return max(self.errors.values())
+
+    @property
+    def sentence(self) -> str:
+        """It in a sentence."""
+        errors = [*self.errors.values()]
+        text = f"Largest error against our own simulation: {self.worst:.2g} {self.unit}"
+        if len(errors) > 1:
+            text += f" over {len(errors)} logs, {np.median(errors):.2g} in the median log"
+        more = f" ({self.besides} more were not compared)" if self.besides else ""
+        return f"{text}{more}."
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """It in lines of a file: the sentence, and each log."""
+        each = (f"{name}: {error:.2g} {self.unit}" for name, error in self.errors.items())
+        return self.sentence, *(each if len(self.errors) > 1 else ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """A twin in one form."""
+
+    text: str
+    """The file."""
+    about: str
+    """What it is, in a few words that follow its path."""
+    left_out: tuple[str, ...] = ()
+    """What the form cannot hold, in sentences; the file says them too."""
+    accuracy: Accuracy | None = None
+    """How far it moves as our own simulation does; None of a form without a motion."""
