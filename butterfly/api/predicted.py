@@ -44,7 +44,8 @@ class Drawn(Answer):
 
     kind: ClassVar[str] = "draws"
 
-    found: Identification
+    found: Identification | None = None
+    """What they are drawn from; None of draws that were loaded."""
 
     @classmethod
     def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
@@ -108,11 +109,13 @@ class Drawn(Answer):
         InputError
             If no joint of that mass moves so.
         """
-        from butterfly.api.inspected import twin_of  # noqa: PLC0415 - slow to import
-        from butterfly.twin.stand_alone import models  # noqa: PLC0415
+        from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415
+        from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
 
+        drawn = self.parameters
+        model = self.found.model if self.found else IdentifiedModel(drawn[0])
         options = Options(timestep=timestep, integrator=integrator)
-        return models(self.parameters, twin_of(self.found, added_mass, mass), options)
+        return models(drawn, model.twin(added_mass, mass=mass), options)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

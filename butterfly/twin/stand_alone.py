@@ -50,7 +50,7 @@ class Form(NamedTuple):
             return None
         if self.delay == "whole":
             return max(round(delay / step), 1) * step
-        return max(delay + (step / 2 if self.delay == "later" else 0.0), step)
+        return float(max(delay + (step / 2 if self.delay == "later" else 0.0), step))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,11 +124,15 @@ def _nearest(forms: Sequence[Form], options: Options, yardstick: Yardstick) -> F
 def _mover(options: Options, form: Form) -> Mover:
     """Return what moves a twin in MuJoCo, in one form."""
 
-    def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+    def move(
+        twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
+    ) -> Samples:
         model = mujoco.MjModel.from_xml_string(text_of(_root(twin, options, form, scene=False)))
         data = mujoco.MjData(model)
         hinge = hinge_of(model)
         data.qpos[hinge], data.qvel[hinge] = angle, velocity
+        if remembered := model.actuator_history[0, 0]:
+            mujoco.mj_initCtrlHistory(model, data, 0, None, past[-remembered:, None])
         state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
         mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
         controls = np.zeros((1, commands.size, model.nu))
@@ -184,6 +188,11 @@ def _left_out(twin: Twin, options: Options, form: Form) -> Iterator[str]:
     ):
         if flaw > 0:
             yield f"MuJoCo {remedy.format(flaw)} yourself."
+    if not p.p4:
+        yield (
+            "No log tells p4, since nothing drives the joint there: 1 N m per unit of ctrl is a "
+            "default."
+        )
     if p.slow_delay:
         yield (
             f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
