@@ -157,7 +157,7 @@ def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTr
     if (late := form.late(twin.parameters.delay, step)) is not None:
         motor.attrib |= {
             "delay": repr(late),
-            "nsample": str(math.ceil(late / step - 1e-9) + 1),
+            "nsample": str(_samples(late, step)),
             "interp": "zoh" if form.delay == "whole" else "linear",
         }
     if friction.stribeck and not friction.bristle_stiffness:
@@ -221,10 +221,27 @@ def models(
 
     All have the form that suits the twin itself.
     """
-    form = _best(twin, options, Yardstick.of(twin, options.timestep))
-    for parameters in drawn:
-        each = replace(twin, parameters=parameters, robot=None)
-        yield text_of(stand_alone(each, options, scene=True, form=form).root)
+    form, step = _best(twin, options, Yardstick.of(twin, options.timestep)), options.timestep
+    sets = list(drawn)
+    remembered = 0
+    if form.late(twin.parameters.delay, step) is not None:  # all then have states of one size
+        sets = [replace(each, delay=max(each.delay, 2 * _NO_DELAY)) for each in sets]
+        remembered = max(_samples(form.late(each.delay, step) or 0.0, step) for each in sets)
+    for parameters in sets:
+        root = _root(_of(twin, parameters), options, form, scene=True)
+        if remembered:
+            named(root, "motor").set("nsample", str(remembered))
+        yield text_of(root)
+
+
+def _samples(late: float, step: float) -> int:
+    """Count the past commands that a delay in s needs."""
+    return math.ceil(late / step - 1e-9) + 1
+
+
+def _of(twin: Twin, parameters: LumpedParameters) -> Twin:
+    """Return a twin with other parameters."""
+    return replace(twin, parameters=parameters, robot=None)
 
 
 def _sliding(robot: Robot) -> Robot:

@@ -55,6 +55,8 @@ class Twin:
     """The robot of an experiment, whose shape is known; None where only its motion is."""
     mass: float | None = None
     """Of what swings in kg, on which the motion does not depend; a possible one if None."""
+    is_butterfly: bool = False
+    """Whether what swings across the ground's gravity is drawn as the Butterfly robot's hand."""
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
     """Returns logs of its motion, and what each is simulated with."""
 
@@ -83,7 +85,7 @@ class Twin:
         joint = JointKind(origin.get("joint", JointKind.HINGE))
         gravity, manifest = float(origin.get("gravity", GRAVITY)), origin["manifest"] or {}
         loop = manifest.get("loop", {}) | ((manifest.get("logs") or [{}])[0].get("loop") or {})
-        twin = cls(
+        return cls(
             name=origin["name"],
             parameters=estimate.parameters,
             added=replace(added, gravity=gravity, joint=joint),
@@ -93,11 +95,9 @@ class Twin:
             known=Prior.of(origin.get("known", {})),
             ratios=estimate.ratios,
             mass=mass,
+            is_butterfly=manifest.get("shape") == "butterfly",
             recorded=recorded,
         )
-        if manifest.get("shape") == "butterfly" and gravity == GRAVITY:
-            twin = replace(twin, robot=replace(twin.built[0], shape=Shape.BUTTERFLY))
-        return twin
 
     @cached_property
     def loaded(self) -> LumpedParameters:
@@ -115,7 +115,10 @@ class Twin:
         if self.robot is not None:
             return self.robot, self.added
         driven = replace(self.parameters, p4=self.parameters.p4 or 1.0)
-        return Robot.of_loaded(driven, self.added, self.mass)
+        robot, added = Robot.of_loaded(driven, self.added, self.mass)
+        if self.is_butterfly and self.added.gravity == GRAVITY:
+            robot = replace(robot, shape=Shape.BUTTERFLY)
+        return robot, added
 
     @property
     def identifier(self) -> str:
