@@ -63,17 +63,23 @@ class Simulation:
 
     It starts at rest, unless the log begins in motion (see `Log.initial_state`). The
     step of the grid follows the resonance of the ``parameters`` (of the bare hand) and the log's
-    drive. Errors count from the sample numbered ``first`` on.
+    drive, but is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
 
     Between two instants of the grid the input is the parabola that has the mean and the first and
     second moment of the recorded one, so that no impulse is lost or gained where steps fall between
     the instants.
     """
 
-    def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
+    def __init__(
+        self,
+        log: Log,
+        parameters: LumpedParameters,
+        first: int = 0,
+        longest: float = LONGEST_STEP,
+    ) -> None:
         self.log = log
         self._command = log.goal if log.closed else log.command
-        step, self._every = grid_step(log, parameters), 1
+        step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
         grid = uniform_grid(log.time, step)

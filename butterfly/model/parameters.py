@@ -215,6 +215,8 @@ class AddedMass:
         placed = {name: getattr(self, name) for name in ("arm", "arm_uncertainty", "own_inertia")}
         require_number("AddedMass", mass=self.mass, **placed)
         require_number("AddedMass", mass_uncertainty=self.mass_uncertainty, gravity=self.gravity)
+        for name in ("mass", "mass_uncertainty", "gravity", *placed):
+            object.__setattr__(self, name, float(getattr(self, name)))  # of NumPy's, too
         if self.joint is JointKind.SLIDE:
             object.__setattr__(self, "gravity", 0.0)
         if self.mass == 0 or self.joint is JointKind.SLIDE:

@@ -29,6 +29,7 @@ _TONES = (0.7, 1.3)  # their frequencies, over that of the resonance,
 _PACE = 3.0  # or in its place, in rad/s, where there is none
 _SOME = 3  # logs by which the form of a twin is chosen,
 _TRIED = 20.0  # and how much of each, in s
+_FINE = 1e-3  # s, longest step of our own simulation here: what is left of it is 1e-6 rad
 _EARLIER = 2  # steps more than the delay before a log, whose commands are told
 
 Mover: TypeAlias = Callable[[Twin, Samples, Samples, float, float], Samples]
@@ -54,7 +55,8 @@ class _Case:
     def of(cls, twin: Twin, log: Log, setting: Setting, step: float) -> _Case:
         log = log.opened
         carrying = replace(twin, added=log.added_mass)
-        p, own = carrying.parameters, Simulation(log, carrying.parameters)
+        p = carrying.parameters
+        own = Simulation(log, p, longest=_FINE)
         angle, velocity = own.start(setting.zero, setting.velocity)
         motion = own.run(p, setting.zero, setting.velocity)._replace(slopes=False)
         length = min(log.time[-1] - log.time[0], setting.horizon)

@@ -29,7 +29,7 @@ from butterfly.twin.twin import Accuracy, Twin, Written
 
 _GRIPS = (0.12, 0.25, 0.06)  # steps: time constants with which dry friction stops the joint
 _NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
-_KNOTS = 24  # of the polygon that stands for Stribeck's curve,
+_KNOTS = 12  # of the polygon that stands for Stribeck's curve,
 _REACH = 3.0  # Stribeck velocities long: there all but 1e-4 is lost
 _CROWD = 1.3  # by which power they crowd about 0, where most logs are
 _FINE = 4001  # points at which the polygon is fitted to the curve
