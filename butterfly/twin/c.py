@@ -1,0 +1,330 @@
+"""Twins as one C99 header that moves as our compiled kernel does, whose functions it translates.
+
+A command is held during each step, so the kernel's drives, parabolas elsewhere, are one number; the
+delayed command may change once within a step, which is then taken in two parts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.identification.parameter import unit_of
+from butterfly.model.greybox import require_plain_base, simulate
+from butterfly.model.kernel.equation import Constants
+from butterfly.model.kernel.integrate import interval
+from butterfly.model.terms import TERMS, DriveTerms
+from butterfly.twin.accuracy import Mover, Yardstick
+from butterfly.twin.forms import Options
+from butterfly.twin.languages import C
+from butterfly.twin.reduced import NUMBER, Expression, Fields, Function, all_of, is_known, join
+from butterfly.twin.translate import Translator
+from butterfly.twin.twin import Twin, Written
+
+_AIM = 1e-7  # rad, less than which no finer step is worth its time
+_SUBSTEPS = (1, 2, 4, 8, 16)
+_ROUNDING = 1e-9  # of a step
+_WIDTH = 95  # of a comment
+_SPARE = 2  # times the delay, for which there is room
+_ASCII = str.maketrans(
+    {"²": "^2", "³": "^3", "–": "1"} | {"₀₁₂₃₄₅₆₇₈₉"[k]: str(k) for k in range(10)}
+)
+_OTHERS = {"viscous": "p2", "lag": "time_constant", "give": "base_compliance"}
+"""Constants of the kernel that are parameters by other names,"""
+_MORE = {
+    "swing": ("s^2", "of the base: 1/w^2 of its natural frequency w in rad/s"),
+    "slow": ("s", "of the base: 2 z/w of its damping ratio z"),
+    "moment": ("kg m", "first moment of what swings, on the line to its centre of mass"),
+    "moment_offset": ("kg m", "its first moment beside that line"),
+    "limit": ("unit", "largest command, either way"),
+    "resolution": ("unit", "to multiples of which the command is rounded"),
+}
+"""and those that are none."""
+
+
+def as_c(twin: Twin, options: Options) -> Written:
+    """Return a twin as a C header."""
+    yardstick = Yardstick.of(twin, options.timestep)
+    substeps = _substeps(yardstick)
+    accuracy = yardstick.accuracy(_mover(yardstick.step, substeps))
+    left_out = tuple(_left_out(twin))
+    said = (*left_out, *accuracy.lines)
+    return Written(
+        text=_text(twin, options.timestep, substeps, said),
+        about=f"joint {twin.identifier!r} as a C99 header in steps of {1e3 * options.timestep:g} ms",
+        left_out=left_out,
+        accuracy=accuracy,
+    )
+
+
+def _substeps(yardstick: Yardstick) -> int:
+    """Return the least number of parts of a step with which finer ones hardly move otherwise."""
+    before = math.inf
+    for substeps in _SUBSTEPS:
+        error = yardstick.worst_of_some(_mover(yardstick.step, substeps))
+        if error <= _AIM:
+            return substeps
+        if before - error < _AIM:
+            return substeps // 2
+        before = error
+    return _SUBSTEPS[-1]
+
+
+def _mover(step: float, substeps: int) -> Mover:
+    """Return what moves a twin as its header does, in the compiled kernel."""
+
+    def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+        loaded = twin.loaded
+        late = max(loaded.delay, 0.0) / step
+        whole = int(late + _ROUNDING)
+        first = late - whole if late - whole > _ROUNDING else 0.0
+        sent = np.concatenate([np.zeros(whole + 1), commands])
+        ends, inputs, begin = [], [], 0.0
+        for past, share in ((0, first), (1, 1 - first)):
+            parts = math.ceil(substeps * share - _ROUNDING)
+            ends += [begin + share * (k + 1) / parts for k in range(parts)]
+            inputs += parts * [sent[past : past + commands.size]]
+            begin = first
+        time = step * np.append(0.0, (np.arange(commands.size)[:, None] + ends).ravel())
+        held = np.repeat(np.array(inputs).T.ravel()[:, None], 3, axis=1)
+        return simulate(loaded, time, held, angle, velocity)[0][:: len(ends)]
+
+    return move
+
+
+def _left_out(twin: Twin) -> Iterator[str]:
+    """Say what the file does not hold."""
+    p = twin.loaded
+    if twin.servo is not None:
+        yield (
+            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
+            "the firmware sets it, and no set-point."
+        )
+    if p.slow_delay:
+        yield (
+            f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
+            "while the clock is slow."
+        )
+    if p.delay < 0:
+        yield f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
+
+
+def part_of(drives: float, _part: float, _parts: float) -> float:
+    """Return the drive of a part of the interval, throughout which it is held."""
+    return drives
+
+
+def piece_of(drives: float, _begin: float, _share: float) -> tuple[float, float, float]:
+    """Return the drives of a piece of the interval."""
+    return drives, drives, drives
+
+
+def drive_at(drives: float, _fraction: float) -> float:
+    """Return the drive at a fraction of the interval."""
+    return drives
+
+
+def exceeds_at(_drives: float, _begin: float, _lower: float, _upper: float) -> tuple[float, float]:
+    """Return that a drive which is held does not leave a range."""
+    return 1.0, 0.0
+
+
+def shaped(command: Any, c: Any) -> Any:  # noqa: ANN401 - numbers, and constants of a drive
+    """Return a command as the drive delivers it: rounded, limited, and what is left of it."""
+    if c.resolution > 0.0:
+        command = c.resolution * round(command / c.resolution)
+    if c.limit < math.inf:
+        command = np.clip(command, -c.limit, c.limit)
+    return DriveTerms.delivered(c, command)
+
+
+_HELD = {each.__name__: each for each in (part_of, piece_of, drive_at, exceeds_at)}
+_SHAPES = {"p4": 0.0, "delay": 0.0, "dead_zone": 0.0, "compression": 0.0}
+_SHAPES |= {"limit": math.inf, "resolution": 0.0}
+"""Parameters of the drive, and what each is where there is no such thing."""
+
+
+def constants(twin: Twin) -> dict[str, float]:
+    """Return the constants of a twin that are there, by name: of the kernel, then of its drive."""
+    p = twin.loaded
+    of_drive = {"limit": twin.limit, "resolution": twin.resolution}
+    for name in ("p4", "delay", "dead_zone", "compression"):
+        of_drive[name] = getattr(p, name)
+    of_drive["delay"] = max(p.delay, 0.0)
+    values = Constants.of(p)._asdict() | {name: of_drive[name] for name in _SHAPES}
+    return {name: each for name, each in values.items() if each != _SHAPES.get(name, 0.0)}
+
+
+def kernel_of(twin: Twin) -> tuple[Function, Function]:
+    """Return what is left of the kernel's `interval`, and of the drive, for a twin."""
+    present, p = constants(twin), twin.loaded
+    kinds = dict.fromkeys(Constants._fields, 0.0) | _SHAPES | dict.fromkeys(present, NUMBER)
+    c = Fields(kinds | {"geared": float(p.geared)})
+    translator, moving = Translator(_HELD), None
+    if p.base_gives:
+        moving = require_plain_base(p)
+    state, before = (NUMBER, NUMBER, 0.0, 0.0), None
+    while state != before:  # until all states are known that the joint has
+        before = state
+        made = translator.function(interval, state, NUMBER, NUMBER, c, moving)
+        state = join(state, made.returned)
+    return made, translator.function(shaped, NUMBER, c)
+
+
+_HEADER = """\
+/* $title
+
+   Angle in $way; command in $unit, held during each step of $step s.
+
+       $n_parameters p = $n_identified();
+       $n_state s; $n_reset(&s, 0.0, 0.0);
+       $n_step(&s, &p, command); then s.angle and s.velocity are those at the step's end.
+
+   Vary p to randomise the joint. It allocates nothing, and needs sin and exp alone of libm.
+   $said */
+
+#ifndef $N_H
+#define $N_H
+
+#include <math.h>
+
+#define $N_TIMESTEP $step /* s */
+#define $N_SUBSTEPS $substeps /* in each; friction and lags add more */
+$room
+typedef struct {
+    $parameters
+} $n_parameters;
+
+/* As identified. */
+static inline $n_parameters $n_identified(void) {
+    const $n_parameters p = {
+        $values
+    };
+    return p;
+}
+
+typedef struct {
+    $states
+} $n_state;
+
+/* At an angle and a velocity, with no command before. */
+static inline void $n_reset($n_state *s, double angle, double velocity) {
+    const $n_state none = {$zeros};
+    *s = none;
+    s->angle = angle;
+    s->velocity = velocity;
+}
+
+$functions
+
+/* For a duration in s, under a torque of the drive. */
+static inline void $n_move(
+    $n_state *s, const $n_parameters *p, double drive, double duration
+) {
+    const double parts = $N_SUBSTEPS * (duration / $N_TIMESTEP);
+    const int count = (int)parts + (parts - (int)parts > 1e-9);
+    for (int k = 0; k < count; k++) {
+        const $n_4 next = $call;
+        $next
+    }
+}
+
+/* For one step, with a command that is held. */
+static inline void $n_step($n_state *s, const $n_parameters *p, double command) {
+    $step_of
+}
+
+#endif
+"""
+_ROOM = "#define $N_ROOM $room /* commands kept, for a delay of at most $room - 2 steps */\n"
+_AT_ONCE = "$n_move(s, p, p->p4 * $shaped, $N_TIMESTEP);"
+_LATER = """\
+const double most = $N_ROOM - 2, asked = p->delay > 0.0 ? p->delay / $N_TIMESTEP : 0.0;
+const double late = asked < most ? asked : most;
+const int whole = (int)(late + 1e-9);
+const double first = late - whole > 1e-9 ? late - whole : 0.0;
+s->latest = (s->latest + 1) % $N_ROOM;
+s->commands[s->latest] = $shaped;
+const double newer = p->p4 * s->commands[(s->latest + $N_ROOM - whole) % $N_ROOM];
+const double older = p->p4 * s->commands[(s->latest + $N_ROOM - whole - 1) % $N_ROOM];
+$n_move(s, p, older, first * $N_TIMESTEP);
+$n_move(s, p, newer, (1.0 - first) * $N_TIMESTEP);"""
+
+
+def _text(twin: Twin, step: float, substeps: int, said: Sequence[str]) -> str:
+    """Return the header."""
+    moved, drive = kernel_of(twin)
+    functions = [*(moved.called | drive.called)]
+    language, delay = C(twin.identifier, functions), max(twin.loaded.delay, 0.0)
+    expressions = [part for f in functions for s in all_of(f.body) for part in _all(s.value)]
+    read = {part.meant for part in expressions if part.op == "field"} | {"delay"}
+    given = {"p4": twin.loaded.p4} | {k: v for k, v in constants(twin).items() if k in read}
+    states = [*zip(_states(twin), range(4), strict=True)]
+    kept = [(name, unit, k) for (name, unit), k in states if not is_known(moved.returned[k])]
+    rows = [f"double {name}; /* {unit} */" for name, unit, _ in kept]
+    zeros, room = ["0.0"] * len(kept), math.ceil(_SPARE * delay / step) + 2
+    if delay:
+        rows += ["double commands[$N_ROOM]; /* the latest */", "int latest;"]
+        zeros += ["{0.0}", "0"]
+    at = {k: f"s->{name}" for name, _, k in kept}
+    whole = ", ".join(at.get(k, "0.0") for k in range(4))
+    call = {"state": f"$n_4_of({whole})", "drives": "drive", "h": "duration / count", "c": "p"}
+    slots = {
+        "title": f"{twin.name}: moves as our own simulation of the identified joint does.",
+        "way": f"{twin.joint.way}{', 0 hanging down' if twin.loaded.p3 else ''}",
+        "unit": twin.kind.unit,
+        "said": "\n\n   ".join("\n   ".join(wrap(each, _WIDTH)) for each in said),
+        "room": _ROOM.replace("$room", str(room)) if delay else "",
+        "parameters": _lines(f"double {name}; /* {_about(name, twin)} */" for name in given),
+        "values": _lines((f"{value!r}, /* {name} */" for name, value in given.items()), 8),
+        "states": _lines(rows),
+        "zeros": ", ".join(zeros),
+        "functions": language.text(),
+        "call": language.call(moved, call),
+        "next": _lines((f"{name} = next.e{k};" for k, name in at.items()), 8),
+        "step_of": _lines((_LATER if delay else _AT_ONCE).split("\n")),
+        "shaped": language.call(drive, {"command": "command", "c": "p"}),
+        "substeps": str(substeps),
+        "step": repr(step),
+        "n_": f"{twin.identifier}_",
+        "N_": f"{twin.identifier.upper()}_",
+    }
+    text = _HEADER
+    for name, slot in slots.items():
+        text = text.replace(f"${name}", slot)
+    return text.translate(_ASCII).encode("ascii", "replace").decode()
+
+
+def _all(value: Expression | None) -> Iterator[Expression]:
+    yield from value.all() if value else ()
+
+
+def _lines(lines: Iterable[str], begin: int = 4) -> str:
+    """Return lines of C that are set in, but for the first."""
+    return f"\n{' ' * begin}".join(lines)
+
+
+def _states(twin: Twin) -> tuple[tuple[str, str], ...]:
+    """Return names and units of the states of the kernel."""
+    way, unit = twin.joint.way, unit_of("coulomb", twin.kind, twin.joint)
+    first = (("angle", way), ("velocity", f"{way}/s"))
+    if twin.loaded.base_gives:
+        return *first, ("base_force", "N, of its spring"), ("base_force_rate", "N/s")
+    return *first, ("motor_torque", unit), ("bristles", f"{way}, their deflection")
+
+
+def _about(name: str, twin: Twin) -> str:
+    """Return unit and meaning of a parameter."""
+    if name in _MORE:
+        unit, meaning = _MORE[name]
+        return f"{unit.replace('unit', twin.kind.unit)}: {meaning}"
+    known = _OTHERS.get(name, name)
+    meaning = TERMS[known].meaning
+    if name == "viscous" and twin.loaded.back_emf:
+        meaning = "viscous friction, without back EMF"
+    return f"{unit_of(known, twin.kind, twin.joint)}: {meaning}"
