@@ -21,7 +21,7 @@ from butterfly.model.kernel.integrate import interval
 from butterfly.model.terms import TERMS, DriveTerms
 from butterfly.twin.accuracy import Mover, Yardstick
 from butterfly.twin.forms import Options
-from butterfly.twin.languages import C
+from butterfly.twin.languages import C, wrapped
 from butterfly.twin.reduced import NUMBER, Expression, Fields, Function, all_of, is_known, join
 from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin, Written
@@ -51,12 +51,12 @@ def as_c(twin: Twin, options: Options) -> Written:
     """Return a twin as a C header."""
     yardstick = Yardstick.of(twin, options.timestep)
     substeps = _substeps(yardstick)
-    accuracy = yardstick.accuracy(_mover(yardstick.step, substeps))
+    accuracy = yardstick.accuracy(mover(yardstick.step, substeps))
     left_out = tuple(_left_out(twin))
     said = (*left_out, *accuracy.lines)
     return Written(
-        text=_text(twin, options.timestep, substeps, said),
-        about=f"joint {twin.identifier!r} as a C99 header in steps of {1e3 * options.timestep:g} ms",
+        text=header(twin, options.timestep, substeps, said),
+        about=f"{twin.identifier}.h, a C99 header in steps of {1e3 * options.timestep:g} ms",
         left_out=left_out,
         accuracy=accuracy,
     )
@@ -66,7 +66,7 @@ def _substeps(yardstick: Yardstick) -> int:
     """Return the least number of parts of a step with which finer ones hardly move otherwise."""
     before = math.inf
     for substeps in _SUBSTEPS:
-        error = yardstick.worst_of_some(_mover(yardstick.step, substeps))
+        error = yardstick.worst_of_some(mover(yardstick.step, substeps))
         if error <= _AIM:
             return substeps
         if before - error < _AIM:
@@ -75,7 +75,7 @@ def _substeps(yardstick: Yardstick) -> int:
     return _SUBSTEPS[-1]
 
 
-def _mover(step: float, substeps: int) -> Mover:
+def mover(step: float, substeps: int) -> Mover:
     """Return what moves a twin as its header does, in the compiled kernel."""
 
     def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
@@ -241,7 +241,7 @@ static inline void $n_step($n_state *s, const $n_parameters *p, double command) 
 
 #endif
 """
-_ROOM = "#define $N_ROOM $room /* commands kept, for a delay of at most $room - 2 steps */\n"
+_ROOM = "#define $N_ROOM $room /* commands kept: the delay has at most 2 steps less */\n"
 _AT_ONCE = "$n_move(s, p, p->p4 * $shaped, $N_TIMESTEP);"
 _LATER = """\
 const double most = $N_ROOM - 2, asked = p->delay > 0.0 ? p->delay / $N_TIMESTEP : 0.0;
@@ -256,7 +256,7 @@ $n_move(s, p, older, first * $N_TIMESTEP);
 $n_move(s, p, newer, (1.0 - first) * $N_TIMESTEP);"""
 
 
-def _text(twin: Twin, step: float, substeps: int, said: Sequence[str]) -> str:
+def header(twin: Twin, step: float, substeps: int, said: Sequence[str]) -> str:
     """Return the header."""
     moved, drive = kernel_of(twin)
     functions = [*(moved.called | drive.called)]
@@ -275,13 +275,11 @@ def _text(twin: Twin, step: float, substeps: int, said: Sequence[str]) -> str:
     whole = ", ".join(at.get(k, "0.0") for k in range(4))
     call = {"state": f"$n_4_of({whole})", "drives": "drive", "h": "duration / count", "c": "p"}
     slots = {
-        "title": f"{twin.name}: moves as our own simulation of the identified joint does.",
         "way": f"{twin.joint.way}{', 0 hanging down' if twin.loaded.p3 else ''}",
         "unit": twin.kind.unit,
-        "said": "\n\n   ".join("\n   ".join(wrap(each, _WIDTH)) for each in said),
         "room": _ROOM.replace("$room", str(room)) if delay else "",
         "parameters": _lines(f"double {name}; /* {_about(name, twin)} */" for name in given),
-        "values": _lines((f"{value!r}, /* {name} */" for name, value in given.items()), 8),
+        "values": _lines((f"{float(value)!r}, /* {name} */" for name, value in given.items()), 8),
         "states": _lines(rows),
         "zeros": ", ".join(zeros),
         "functions": language.text(),
@@ -290,13 +288,16 @@ def _text(twin: Twin, step: float, substeps: int, said: Sequence[str]) -> str:
         "step_of": _lines((_LATER if delay else _AT_ONCE).split("\n")),
         "shaped": language.call(drive, {"command": "command", "c": "p"}),
         "substeps": str(substeps),
-        "step": repr(step),
+        "step": repr(float(step)),
         "n_": f"{twin.identifier}_",
         "N_": f"{twin.identifier.upper()}_",
+        "title": f"{twin.name}: moves as our own simulation of the identified joint does.",
+        "said": "\n\n   ".join("\n   ".join(wrap(each, _WIDTH)) for each in said),
     }
     text = _HEADER
     for name, slot in slots.items():
         text = text.replace(f"${name}", slot)
+    text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
     return text.translate(_ASCII).encode("ascii", "replace").decode()
 
 

@@ -155,7 +155,7 @@ class C:
             own = _ATOM
         return f"({text})" if own < binds else text
 
-    def _bare(self, value: Expression, own: int) -> str:
+    def _bare(self, value: Expression, own: int) -> str:  # noqa: PLR0911 - one for each kind
         parts, op = value.parts, value.op
         match op:
             case "constant":
@@ -182,7 +182,7 @@ class C:
         left, right = self.expression(parts[0], own), self.expression(parts[1], own + 1)
         return f"{left} {op} {right}"
 
-    def number(self, value: float | bool) -> str:  # noqa: FBT001
+    def number(self, value: float | bool) -> str:
         """Return a number or a flag."""
         if isinstance(value, bool):
             return self.flags[value]
@@ -232,7 +232,7 @@ class JavaScript(C):
 
 
 class _Lines:
-    """Lines of a function, in which each variable is declared in the innermost block that holds it."""
+    """Lines of a function; a variable is declared in the innermost block that holds it."""
 
     def __init__(self, language: C, function: Function, counts: Counter[str]) -> None:
         self._language, self._kinds, self._counts = language, function.kinds, counts
@@ -259,7 +259,7 @@ class _Lines:
             return self._language.tuple_of(kind, [self._zero(each) for each in kind])
         return self._language.number(0.0 if kind == NUMBER or type(kind) is float else False)
 
-    def _lines(self, each: Statement, declared: set[str]) -> list[str]:
+    def _lines(self, each: Statement, declared: set[str]) -> list[str]:  # noqa: C901, PLR0911
         language, value = self._language, each.value
         text = language.expression(value) if value else ""
         match each.op:
@@ -273,20 +273,21 @@ class _Lines:
                         return [f"{each.target} {value.op}= {language.expression(second)};"]
                 return [f"{each.target} = {text};"]
             case "if":
-                other = self.of(each.other, declared)
-                final = ["} else {", *other, "}"] if other else ["}"]
+                final = ["}"]
                 if len(each.other) == 1 and each.other[0].op == "if":
-                    first, *rest = self._lines(each.other[0], declared)
-                    final = [f"}} else {first}", *rest]
+                    begun, *rest = self._lines(each.other[0], declared)
+                    final = [f"}} else {begun}", *rest]
+                elif each.other:
+                    final = ["} else {", *self.of(each.other, declared), "}"]
                 return [f"if ({text}) {{", *self.of(each.body, declared), *final]
             case "for":
                 name = "i" if each.target == "_" else each.target
-                until, first = text, f"{language.counter} {name} = 0"
+                until, begin = text, f"{language.counter} {name} = 0"
                 if value and is_known(value.kind):
                     until = f"{value.kind:g}"
                 elif value and value.op != "name":
-                    until, first = "n", f"{first}, n = {language.whole(text)}"
-                head = f"for ({first}; {name} < {until}; {name}++) {{"
+                    until, begin = "n", f"{begin}, n = {language.whole(text)}"
+                head = f"for ({begin}; {name} < {until}; {name}++) {{"
                 return [head, *self.of(each.body, {*declared, each.target}), "}"]
             case "while":
                 return [f"while ({text}) {{", *self.of(each.body, declared), "}"]
@@ -301,14 +302,12 @@ def _names(statements: Sequence[Statement]) -> set[str]:
 
 def wrapped(line: str) -> list[str]:
     """Return a line in parts that are not too long; what follows is set in."""
-    begin = " " * (len(line) - len(line.lstrip()))
-    return wrap(
-        line,
-        _WIDTH,
-        subsequent_indent=f"{begin}    ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    ) or [line]
+    begin = f"{' ' * (len(line) - len(line.lstrip()))}    "
+    if len(line) <= _WIDTH or line.startswith("#"):
+        return [line]
+    line = line.replace(" *c", "\0*c")  # belongs to its type
+    parts = wrap(line, _WIDTH, subsequent_indent=begin, break_long_words=False)
+    return [part.replace("\0", " ") for part in parts]
 
 
 def _size(kind: Kind) -> int:

@@ -1,6 +1,6 @@
-"""What is left of a function once all that is known beforehand is worked out: statements in order.
+"""What is left of a function once all that is known beforehand is worked out.
 
-A known value is written as such, a tuple is its elements, and nothing is computed that nobody reads.
+A known value stands as such, and nothing is computed that nobody reads.
 """
 
 from __future__ import annotations
@@ -79,6 +79,18 @@ class Function:
     kinds: dict[str, Kind]
     returned: Kind
     body: list[Statement]
+
+    @property
+    def forwarded(self) -> Expression | None:
+        """What it only hands on, if it does no more."""
+        value, atoms = self.body[0].value, {"name", "field", "constant"}
+        if (
+            self.body[0].op != "return"
+            or value is None
+            or value.op not in {*atoms, "tuple", "call"}
+        ):
+            return None
+        return value if all(each.op in atoms for each in value.parts) else None
 
     @property
     def called(self) -> dict[Function, None]:

@@ -84,8 +84,8 @@ class _Reduction:
 
     def __init__(self, translator: Translator, source: Any, kinds: Sequence[Kind]) -> None:  # noqa: ANN401
         self._translator, self._source = translator, source
-        self._tree: Any = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
-        self._arguments = [each.arg for each in self._tree.args.args]
+        tree: Any = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
+        self._tree, self._arguments = tree, [each.arg for each in tree.args.args]
         self._kinds = dict(zip(self._arguments, kinds, strict=True))
         self._returned: Kind = math.nan
 
@@ -113,7 +113,7 @@ class _Reduction:
                 break
         return made
 
-    def _statements(self, node: Any) -> list[Statement]:  # noqa: ANN401 - of all kinds
+    def _statements(self, node: Any) -> list[Statement]:  # noqa: ANN401, PLR0911 - of all kinds
         match node:
             case ast.Assign(targets=targets):
                 value = self._value(node.value)
@@ -147,7 +147,7 @@ class _Reduction:
         made: list[Statement] = []
         names = [each.id for each in ast.walk(target) if isinstance(each, ast.Name)]
         if not (value.op == "name" or (value.op == "tuple" and {*value.names()}.isdisjoint(names))):
-            holder = ast.Name("_".join(name for name in names if name != "_"))
+            holder = ast.Name("_".join(["all", *(name for name in names if name != "_")]))
             made = self._assign(holder, value)
             value = Expression("name", self._kinds[holder.id], meant=holder.id)
         for number, each in enumerate(target.elts):
@@ -169,9 +169,10 @@ class _Reduction:
             count = self._value(over.args[0])  # type: ignore[attr-defined]
         self._kinds[target] = NUMBER
         body = more + self._block(node.body)
+        once = is_known(count.kind) and count.kind >= 1 and body and body[-1].leaves
         ends = [each.op for each in all_of(body) if each.op in {"break", "continue"}]
-        if is_known(count.kind) and body[-1].leaves and ends in ([], ["break"]):
-            return body[:-1] if body[-1].op == "break" else body  # it is gone through once
+        if once and ends == ["break"] * (body[-1].op == "break"):
+            return body[:-1] if ends else body
         return [Statement("for", count, target, body)]
 
     def _value(self, node: Any) -> Expression:  # noqa: ANN401, C901, PLR0911, PLR0912 - a tree of all kinds
@@ -197,7 +198,7 @@ class _Reduction:
                 return _arithmetic("-", operator.sub, constant(0.0), self._value(operand))
             case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=2)):
                 return _called("square", lambda x: x * x, [self._value(left)])
-            case ast.BinOp(left=left, op=op, right=right):
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 return _arithmetic(*_OPERATORS[type(op)], self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=values):
                 return _all_or_any(isinstance(op, ast.And), [self._value(each) for each in values])
@@ -231,12 +232,8 @@ class _Reduction:
         function = self._translator.function(called, *(each.kind for each in arguments))
         names = inspect.signature(getattr(called, "py_func", called)).parameters
         given = dict(zip(names, arguments, strict=True))
-        first, *more = function.body
-        plain = {"name", "field", "constant", "tuple", "call"}
-        if first.value and first.op == "return" and not more and first.value.op in plain:
-            atoms = all(each.op in {"name", "field", "constant"} for each in first.value.parts)
-            if atoms or first.value.op == "field":
-                return first.value.with_names(given)
+        if (forwarded := function.forwarded) is not None:
+            return forwarded.with_names(given)
         used = tuple(given[name] for name in function.arguments)
         return _known_or(Expression("call", function.returned, used, function))
 
@@ -275,7 +272,7 @@ def _compared(op: ast.cmpop, one: Expression, other: Expression) -> Expression:
     return Expression(sign, FLAG, (one, other))
 
 
-def _all_or_any(every: bool, parts: Iterable[Expression]) -> Expression:  # noqa: FBT001
+def _all_or_any(every: bool, parts: Iterable[Expression]) -> Expression:
     left = [part for part in parts if not (is_known(part.kind) and bool(part.kind) is every)]
     if not left or any(is_known(part.kind) for part in left):
         return constant(every if not left else not every)
