@@ -27,6 +27,7 @@ from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin, Written
 
 _AIM = 1e-7  # rad, less than which no finer step is worth its time
+_GAIN = 0.01  # or than which share less of the error
 _SUBSTEPS = (1, 2, 4, 8, 16)
 _ROUNDING = 1e-9  # of a step
 _WIDTH = 95  # of a comment
@@ -69,7 +70,7 @@ def _substeps(yardstick: Yardstick) -> int:
         error = yardstick.worst_of_some(mover(yardstick.step, substeps))
         if error <= _AIM:
             return substeps
-        if before - error < _AIM:
+        if before - error < max(_AIM, _GAIN * before):
             return substeps // 2
         before = error
     return _SUBSTEPS[-1]
