@@ -7,11 +7,12 @@ delayed command may change once within a step, which is then taken in two parts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from butterfly.arrays import Samples
 from butterfly.identification.parameter import unit_of
@@ -22,7 +23,7 @@ from butterfly.model.terms import TERMS, DriveTerms
 from butterfly.twin.accuracy import Mover, Yardstick
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, wrapped
-from butterfly.twin.reduced import NUMBER, Expression, Fields, Function, all_of, is_known, join
+from butterfly.twin.reduced import NUMBER, Fields, Function, all_of, is_known, join
 from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin, Written
 
@@ -177,138 +178,44 @@ def kernel_of(twin: Twin) -> tuple[Function, Function]:
     return made, translator.function(shaped, NUMBER, c)
 
 
-_HEADER = """\
-/* $title
-
-   Angle in $way; command in $unit, held during each step of $step s.
-
-       $n_parameters p = $n_identified();
-       $n_state s; $n_reset(&s, 0.0, 0.0);
-       $n_step(&s, &p, command); then s.angle and s.velocity are those at the step's end.
-
-   Vary p to randomise the joint. It allocates nothing, and needs sin and exp alone of libm.
-   $said */
-
-#ifndef $N_H
-#define $N_H
-
-#include <math.h>
-
-#define $N_TIMESTEP $step /* s */
-#define $N_SUBSTEPS $substeps /* in each; friction and lags add more */
-$room
-typedef struct {
-    $parameters
-} $n_parameters;
-
-/* As identified. */
-static inline $n_parameters $n_identified(void) {
-    const $n_parameters p = {
-        $values
-    };
-    return p;
-}
-
-typedef struct {
-    $states
-} $n_state;
-
-/* At an angle and a velocity, with no command before. */
-static inline void $n_reset($n_state *s, double angle, double velocity) {
-    const $n_state none = {$zeros};
-    *s = none;
-    s->angle = angle;
-    s->velocity = velocity;
-}
-
-$functions
-
-/* For a duration in s, under a torque of the drive. */
-static inline void $n_move(
-    $n_state *s, const $n_parameters *p, double drive, double duration
-) {
-    const double parts = $N_SUBSTEPS * (duration / $N_TIMESTEP);
-    const int count = (int)parts + (parts - (int)parts > 1e-9);
-    for (int k = 0; k < count; k++) {
-        const $n_4 next = $call;
-        $next
-    }
-}
-
-/* For one step, with a command that is held. */
-static inline void $n_step($n_state *s, const $n_parameters *p, double command) {
-    $step_of
-}
-
-#endif
-"""
-_ROOM = "#define $N_ROOM $room /* commands kept: the delay has at most 2 steps less */\n"
-_AT_ONCE = "$n_move(s, p, p->p4 * $shaped, $N_TIMESTEP);"
-_LATER = """\
-const double most = $N_ROOM - 2, asked = p->delay > 0.0 ? p->delay / $N_TIMESTEP : 0.0;
-const double late = asked < most ? asked : most;
-const int whole = (int)(late + 1e-9);
-const double first = late - whole > 1e-9 ? late - whole : 0.0;
-s->latest = (s->latest + 1) % $N_ROOM;
-s->commands[s->latest] = $shaped;
-const double newer = p->p4 * s->commands[(s->latest + $N_ROOM - whole) % $N_ROOM];
-const double older = p->p4 * s->commands[(s->latest + $N_ROOM - whole - 1) % $N_ROOM];
-$n_move(s, p, older, first * $N_TIMESTEP);
-$n_move(s, p, newer, (1.0 - first) * $N_TIMESTEP);"""
-
-
-def header(twin: Twin, step: float, substeps: int, said: Sequence[str]) -> str:
-    """Return the header."""
+def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> str:
+    """Return the header of a twin, which says some sentences."""
     moved, drive = kernel_of(twin)
     functions = [*(moved.called | drive.called)]
     language, delay = C(twin.identifier, functions), max(twin.loaded.delay, 0.0)
-    expressions = [part for f in functions for s in all_of(f.body) for part in _all(s.value)]
-    read = {part.meant for part in expressions if part.op == "field"} | {"delay"}
-    given = {"p4": twin.loaded.p4} | {k: v for k, v in constants(twin).items() if k in read}
-    states = [*zip(_states(twin), range(4), strict=True)]
-    kept = [(name, unit, k) for (name, unit), k in states if not is_known(moved.returned[k])]
-    rows = [f"double {name}; /* {unit} */" for name, unit, _ in kept]
-    zeros, room = ["0.0"] * len(kept), math.ceil(_SPARE * delay / step) + 2
-    if delay:
-        rows += ["double commands[$N_ROOM]; /* the latest */", "int latest;"]
-        zeros += ["{0.0}", "0"]
-    at = {k: f"s->{name}" for name, _, k in kept}
-    whole = ", ".join(at.get(k, "0.0") for k in range(4))
-    call = {"state": f"$n_4_of({whole})", "drives": "drive", "h": "duration / count", "c": "p"}
-    slots = {
-        "way": f"{twin.joint.way}{', 0 hanging down' if twin.loaded.p3 else ''}",
-        "unit": twin.kind.unit,
-        "room": _ROOM.replace("$room", str(room)) if delay else "",
-        "parameters": _lines(f"double {name}; /* {_about(name, twin)} */" for name in given),
-        "values": _lines((f"{float(value)!r}, /* {name} */" for name, value in given.items()), 8),
-        "states": _lines(rows),
-        "zeros": ", ".join(zeros),
-        "functions": language.text(),
-        "call": language.call(moved, call),
-        "next": _lines((f"{name} = next.e{k};" for k, name in at.items()), 8),
-        "step_of": _lines((_LATER if delay else _AT_ONCE).split("\n")),
-        "shaped": language.call(drive, {"command": "command", "c": "p"}),
-        "substeps": str(substeps),
-        "step": repr(float(step)),
-        "n_": f"{twin.identifier}_",
-        "N_": f"{twin.identifier.upper()}_",
-        "title": f"{twin.name}: moves as our own simulation of the identified joint does.",
-        "said": "\n\n   ".join("\n   ".join(wrap(each, _WIDTH)) for each in said),
+    values = [each.value for f in functions for each in all_of(f.body) if each.value]
+    read = {part.meant for each in values for part in each.all() if part.op == "field"}
+    given = {"p4": twin.loaded.p4} | {
+        name: value for name, value in constants(twin).items() if name in {*read, "delay"}
     }
-    text = _HEADER
-    for name, slot in slots.items():
-        text = text.replace(f"${name}", slot)
+    states = [
+        (*about, number)
+        for number, (about, kind) in enumerate(zip(_states(twin), moved.returned, strict=True))
+        if not is_known(kind)
+    ]
+    at = {number: f"s->{name}" for name, _, number in states}
+    known = {"state": "state", "drives": "drive", "h": "duration / count", "c": "p"}
+    loader = PackageLoader("butterfly.twin", "templates")
+    made = Environment(  # noqa: S701 - no HTML
+        loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
+    )
+    text = made.get_template("joint.h.j2").render(
+        twin=twin,
+        n=twin.identifier,
+        N=twin.identifier.upper(),
+        step=repr(float(step)),
+        substeps=substeps,
+        room=math.ceil(_SPARE * delay / step) + 2 if delay else 0,
+        parameters=[(name, repr(float(each)), _about(name, twin)) for name, each in given.items()],
+        states=states,
+        whole=", ".join(at.get(number, "0.0") for number in range(len(moved.returned))),
+        functions=language.text(),
+        interval=language.call(moved, known),
+        shaped=language.call(drive, known | {"command": "command"}),
+        said=[line for each in said for line in wrap(each, _WIDTH)],
+    )
     text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
     return text.translate(_ASCII).encode("ascii", "replace").decode()
-
-
-def _all(value: Expression | None) -> Iterator[Expression]:
-    yield from value.all() if value else ()
-
-
-def _lines(lines: Iterable[str], begin: int = 4) -> str:
-    """Return lines of C that are set in, but for the first."""
-    return f"\n{' ' * begin}".join(lines)
 
 
 def _states(twin: Twin) -> tuple[tuple[str, str], ...]:

@@ -18,8 +18,10 @@ from butterfly.twin.reduced import (
     is_known,
 )
 
-_BINDS = {"?": 1, "or": 2, "and": 3, "+": 6, "-": 6, "*": 7, "/": 7, "not": 8, "neg": 8}
-_COMPARES, _ATOM = 5, 8
+_COMPARES, _ATOM = 4, 8
+_BINDS = {"?": 1, "or": 2, "and": 3, "+": 5, "-": 5, "*": 6, "/": 6, "not": 7, "neg": 7}
+_BINDS |= dict.fromkeys(("<", "<=", ">", ">=", "==", "!="), _COMPARES)
+"""How hard operators bind; those that compare never stand side by side."""
 _WIDTH = 100
 _ALIKE = {"and": "&&", "or": "||"}
 
@@ -147,12 +149,9 @@ class C:
 
     def expression(self, value: Expression, binds: int = 0) -> str:
         """Return an expression, in brackets if what is about it binds harder."""
-        own = _BINDS.get(value.op, _COMPARES)
-        if value.op in {"constant", "name", "field", "item", "tuple", "call"}:
-            own = _ATOM + 1
+        own = _BINDS.get(value.op, _ATOM)
         text = self._bare(value, own)
-        if text.startswith("-"):
-            own = _ATOM
+        own = min(own, _BINDS["neg"]) if text.startswith("-") else own
         return f"({text})" if own < binds else text
 
     def _bare(self, value: Expression, own: int) -> str:  # noqa: PLR0911 - one for each kind
@@ -178,8 +177,9 @@ class C:
             case "and" | "or":
                 return f" {_ALIKE[op]} ".join(self.expression(each, _COMPARES) for each in parts)
             case "not" | "neg":
-                return f"{'!' if op == 'not' else '-'}{self.expression(parts[0], _ATOM + 1)}"
-        left, right = self.expression(parts[0], own), self.expression(parts[1], own + 1)
+                return f"{'!' if op == 'not' else '-'}{self.expression(parts[0], _ATOM)}"
+        left = self.expression(parts[0], own + (own == _COMPARES))
+        right = self.expression(parts[1], own + 1)
         return f"{left} {op} {right}"
 
     def number(self, value: float | bool) -> str:

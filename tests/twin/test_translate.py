@@ -1,6 +1,8 @@
 """Functions of the kernel in other languages return what they return here."""
 
+import ast
 import ctypes
+import importlib
 import json
 import math
 
@@ -90,6 +92,57 @@ def test_javascript_moves_as_the_compiled_kernel(kind, tmp_path):
     (tmp_path / "joint.js").write_text(f"{text}\n{driver}", encoding="utf-8")
     ours = c.mover(step, 1)(twin, commands, 0.0, 0.0)
     assert np.abs(json.loads(said("node", tmp_path / "joint.js")) - ours[1:]).max() < 1e-12
+
+
+def _written(rng, depth):
+    """A random expression of x and y, as Python spells it without needless brackets."""
+    if not depth:
+        return rng.choice(["x", "y", "0.0", "1.0", "-2.5", "ON"])
+    one, two, three = (_written(rng, depth - 1) for _ in range(3))
+    forms = (
+        *(f"({one}) {op} ({two})" for op in "+-*+-*"),
+        f"({one}) / (2.0 + abs({two}))",
+        f"-({one})",
+        f"(({one}) - ({two})) ** 2",
+        *(f"{name}({one}, {two}, {three})" for name in ("min", "max")),
+        f"({one}) if ({two}) < ({three}) else ({two})",
+        f"({one}) if ON > 0 and not ({two}) <= ({three}) < 2.0 or ({one}) > 0.5 else ({two})",
+    )
+    return ast.unparse(ast.parse(rng.choice(forms)))
+
+
+@needs_node
+def test_random_expressions_are_the_same_in_javascript(tmp_path, monkeypatch):
+    rng = np.random.default_rng(31)
+    lines = ["ON = 1.0"]
+    for k in range(200):
+        values = [_written(rng, depth) for depth in (1, 3, 4)]
+        lines += [
+            f"def f{k}(x, y):",
+            f"    z = {values[0]}",
+            f"    if {values[0]} > {values[1]}:",
+            f"        z += {values[1]}",
+            "    for _ in range(2):",
+            f"        x, y = y, {values[2]}",
+            "    return z, x - y, y",
+        ]
+    (tmp_path / "random_functions.py").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("random_functions")
+    functions = [getattr(module, f"f{k}") for k in range(200)]
+    made = [Translator({}).function(each, NUMBER, NUMBER) for each in functions]
+    text = JavaScript("a", made).text()
+    numbers = {"x": "1.25", "y": "-0.75"}
+    calls = [
+        f"a_f{k}({', '.join(numbers[name] for name in each.arguments)})"
+        for k, each in enumerate(made)
+    ]
+    script = tmp_path / "random.js"
+    script.write_text(f"{text}\nconsole.log(JSON.stringify([{', '.join(calls)}]))")
+    theirs = json.loads(said("node", script))
+    ours = [each(1.25, -0.75) for each in functions]
+    assert np.ptp(ours) > 1
+    np.testing.assert_allclose(theirs, ours, rtol=1e-12, atol=1e-12)
 
 
 def _power(x):
