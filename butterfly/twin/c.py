@@ -154,11 +154,9 @@ _SHAPES |= {"limit": math.inf, "resolution": 0.0}
 def constants(twin: Twin) -> dict[str, float]:
     """Return the constants of a twin that are there, by name: of the kernel, then of its drive."""
     p = twin.loaded
-    of_drive = {"limit": twin.limit, "resolution": twin.resolution}
-    for name in ("p4", "delay", "dead_zone", "compression"):
-        of_drive[name] = getattr(p, name)
-    of_drive["delay"] = max(p.delay, 0.0)
-    values = Constants.of(p)._asdict() | {name: of_drive[name] for name in _SHAPES}
+    others = {"limit": twin.limit, "resolution": twin.resolution, "delay": max(p.delay, 0.0)}
+    drive = {name: others.get(name, getattr(p, name, 0.0)) for name in _SHAPES}
+    values = Constants.of(p)._asdict() | drive
     return {name: each for name, each in values.items() if each != _SHAPES.get(name, 0.0)}
 
 
