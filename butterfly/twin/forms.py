@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 FORMS = {
     "mjcf": "butterfly.twin.stand_alone:as_mjcf",
+    "c": "butterfly.twin.c:as_c",
     "bam": "butterfly.twin.bam:as_bam",
 }
 """What makes each form, by its name: a function of a twin and options."""

@@ -1,0 +1,237 @@
+"""Twins as one C99 header that moves as our compiled kernel does, whose functions it translates.
+
+A command is held during each step, so the kernel's drives, parabolas elsewhere, are one number; the
+delayed command may change once within a step, which is then taken in two parts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from butterfly.arrays import Samples
+from butterfly.identification.parameter import unit_of
+from butterfly.model.greybox import require_plain_base, simulate
+from butterfly.model.kernel.equation import Constants
+from butterfly.model.kernel.integrate import interval
+from butterfly.model.terms import TERMS, DriveTerms
+from butterfly.twin.accuracy import Mover, Yardstick
+from butterfly.twin.forms import Options
+from butterfly.twin.languages import C, wrapped
+from butterfly.twin.reduced import NUMBER, Fields, Function, all_of, is_known, join
+from butterfly.twin.translate import Translator
+from butterfly.twin.twin import Twin, Written
+
+_AIM = 1e-7  # rad, less than which no finer step is worth its time
+_GAIN = 0.01  # or than which share less of the error
+_SUBSTEPS = (1, 2, 4, 8, 16)
+_ROUNDING = 1e-9  # of a step
+_WIDTH = 95  # of a comment
+_SPARE = 2  # times the delay, for which there is room
+_ASCII = str.maketrans(
+    {"²": "^2", "³": "^3", "–": "1"} | {"₀₁₂₃₄₅₆₇₈₉"[k]: str(k) for k in range(10)}
+)
+_OTHERS = {"viscous": "p2", "lag": "time_constant", "give": "base_compliance"}
+"""Constants of the kernel that are parameters by other names,"""
+_MORE = {
+    "swing": ("s^2", "of the base: 1/w^2 of its natural frequency w in rad/s"),
+    "slow": ("s", "of the base: 2 z/w of its damping ratio z"),
+    "moment": ("kg m", "first moment of what swings, on the line to its centre of mass"),
+    "moment_offset": ("kg m", "its first moment beside that line"),
+    "limit": ("unit", "largest command, either way"),
+    "resolution": ("unit", "to multiples of which the command is rounded"),
+}
+"""and those that are none."""
+
+
+def as_c(twin: Twin, options: Options) -> Written:
+    """Return a twin as a C header."""
+    yardstick = Yardstick.of(twin, options.timestep)
+    substeps = _substeps(yardstick)
+    accuracy = yardstick.accuracy(mover(yardstick.step, substeps))
+    left_out = tuple(_left_out(twin))
+    said = (*left_out, *accuracy.lines)
+    return Written(
+        text=header(twin, options.timestep, substeps, said),
+        about=f"{twin.identifier}.h, a C99 header in steps of {1e3 * options.timestep:g} ms",
+        left_out=left_out,
+        accuracy=accuracy,
+    )
+
+
+def _substeps(yardstick: Yardstick) -> int:
+    """Return the least number of parts of a step with which finer ones hardly move otherwise."""
+    before = math.inf
+    for substeps in _SUBSTEPS:
+        error = yardstick.worst_of_some(mover(yardstick.step, substeps))
+        if error <= _AIM:
+            return substeps
+        if before - error < max(_AIM, _GAIN * before):
+            return substeps // 2
+        before = error
+    return _SUBSTEPS[-1]
+
+
+def mover(step: float, substeps: int) -> Mover:
+    """Return what moves a twin as its header does, in the compiled kernel."""
+
+    def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+        loaded = twin.loaded
+        late = max(loaded.delay, 0.0) / step
+        whole = int(late + _ROUNDING)
+        first = late - whole if late - whole > _ROUNDING else 0.0
+        sent = np.concatenate([np.zeros(whole + 1), commands])
+        ends, inputs, begin = [], [], 0.0
+        for past, share in ((0, first), (1, 1 - first)):
+            parts = math.ceil(substeps * share - _ROUNDING)
+            ends += [begin + share * (k + 1) / parts for k in range(parts)]
+            inputs += parts * [sent[past : past + commands.size]]
+            begin = first
+        time = step * np.append(0.0, (np.arange(commands.size)[:, None] + ends).ravel())
+        held = np.repeat(np.array(inputs).T.ravel()[:, None], 3, axis=1)
+        return simulate(loaded, time, held, angle, velocity)[0][:: len(ends)]
+
+    return move
+
+
+def _left_out(twin: Twin) -> Iterator[str]:
+    """Say what the file does not hold."""
+    p = twin.loaded
+    if twin.servo is not None:
+        yield (
+            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
+            "the firmware sets it, and no set-point."
+        )
+    if p.slow_delay:
+        yield (
+            f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
+            "while the clock is slow."
+        )
+    if p.delay < 0:
+        yield f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
+
+
+def part_of(drives: float, _part: float, _parts: float) -> float:
+    """Return the drive of a part of the interval, throughout which it is held."""
+    return drives
+
+
+def piece_of(drives: float, _begin: float, _share: float) -> tuple[float, float, float]:
+    """Return the drives of a piece of the interval."""
+    return drives, drives, drives
+
+
+def drive_at(drives: float, _fraction: float) -> float:
+    """Return the drive at a fraction of the interval."""
+    return drives
+
+
+def exceeds_at(_drives: float, _begin: float, _lower: float, _upper: float) -> tuple[float, float]:
+    """Return that a drive which is held does not leave a range."""
+    return 1.0, 0.0
+
+
+def shaped(command: Any, c: Any) -> Any:  # noqa: ANN401 - numbers, and constants of a drive
+    """Return a command as the drive delivers it: rounded, limited, and what is left of it."""
+    if c.resolution > 0.0:
+        command = c.resolution * round(command / c.resolution)
+    if c.limit < math.inf:
+        command = np.clip(command, -c.limit, c.limit)
+    return DriveTerms.delivered(c, command)
+
+
+_HELD = {each.__name__: each for each in (part_of, piece_of, drive_at, exceeds_at)}
+_SHAPES = {"p4": 0.0, "delay": 0.0, "dead_zone": 0.0, "compression": 0.0}
+_SHAPES |= {"limit": math.inf, "resolution": 0.0}
+"""Parameters of the drive, and what each is where there is no such thing."""
+
+
+def constants(twin: Twin) -> dict[str, float]:
+    """Return the constants of a twin that are there, by name: of the kernel, then of its drive."""
+    p = twin.loaded
+    others = {"limit": twin.limit, "resolution": twin.resolution, "delay": max(p.delay, 0.0)}
+    drive = {name: others.get(name, getattr(p, name, 0.0)) for name in _SHAPES}
+    values = Constants.of(p)._asdict() | drive
+    return {name: each for name, each in values.items() if each != _SHAPES.get(name, 0.0)}
+
+
+def kernel_of(twin: Twin) -> tuple[Function, Function]:
+    """Return what is left of the kernel's `interval`, and of the drive, for a twin."""
+    present, p = constants(twin), twin.loaded
+    kinds = dict.fromkeys(Constants._fields, 0.0) | _SHAPES | dict.fromkeys(present, NUMBER)
+    c = Fields(kinds | {"geared": float(p.geared)})
+    translator, moving = Translator(_HELD), None
+    if p.base_gives:
+        moving = require_plain_base(p)
+    state, before = (NUMBER, NUMBER, 0.0, 0.0), None
+    while state != before:  # until all states are known that the joint has
+        before = state
+        made = translator.function(interval, state, NUMBER, NUMBER, c, moving)
+        state = join(state, made.returned)
+    return made, translator.function(shaped, NUMBER, c)
+
+
+def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> str:
+    """Return the header of a twin, which says some sentences."""
+    moved, drive = kernel_of(twin)
+    functions = [*(moved.called | drive.called)]
+    language, delay = C(twin.identifier, functions), max(twin.loaded.delay, 0.0)
+    values = [each.value for f in functions for each in all_of(f.body) if each.value]
+    read = {part.meant for each in values for part in each.all() if part.op == "field"}
+    given = {"p4": twin.loaded.p4} | {
+        name: value for name, value in constants(twin).items() if name in {*read, "delay"}
+    }
+    states = [
+        (*about, number)
+        for number, (about, kind) in enumerate(zip(_states(twin), moved.returned, strict=True))
+        if not is_known(kind)
+    ]
+    at = {number: f"s->{name}" for name, _, number in states}
+    known = {"state": "state", "drives": "drive", "h": "duration / count", "c": "p"}
+    loader = PackageLoader("butterfly.twin", "templates")
+    made = Environment(  # noqa: S701 - no HTML
+        loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
+    )
+    text = made.get_template("joint.h.j2").render(
+        twin=twin,
+        n=twin.identifier,
+        N=twin.identifier.upper(),
+        step=repr(float(step)),
+        substeps=substeps,
+        room=math.ceil(_SPARE * delay / step) + 2 if delay else 0,
+        parameters=[(name, repr(float(each)), _about(name, twin)) for name, each in given.items()],
+        states=states,
+        whole=", ".join(at.get(number, "0.0") for number in range(len(moved.returned))),
+        functions=language.text(),
+        interval=language.call(moved, known),
+        shaped=language.call(drive, known | {"command": "command"}),
+        said=[line for each in said for line in wrap(each, _WIDTH)],
+    )
+    text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
+    return text.translate(_ASCII).encode("ascii", "replace").decode()
+
+
+def _states(twin: Twin) -> tuple[tuple[str, str], ...]:
+    """Return names and units of the states of the kernel."""
+    way, unit = twin.joint.way, unit_of("coulomb", twin.kind, twin.joint)
+    first = (("angle", way), ("velocity", f"{way}/s"))
+    if twin.loaded.base_gives:
+        return *first, ("base_force", "N, of its spring"), ("base_force_rate", "N/s")
+    return *first, ("motor_torque", unit), ("bristles", f"{way}, their deflection")
+
+
+def _about(name: str, twin: Twin) -> str:
+    """Return unit and meaning of a parameter."""
+    if name in _MORE:
+        unit, meaning = _MORE[name]
+        return f"{unit.replace('unit', twin.kind.unit)}: {meaning}"
+    known = _OTHERS.get(name, name)
+    meaning = TERMS[known].meaning
+    if name == "viscous" and twin.loaded.back_emf:
+        meaning = "viscous friction, without back EMF"
+    return f"{unit_of(known, twin.kind, twin.joint)}: {meaning}"

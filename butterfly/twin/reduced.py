@@ -1,0 +1,195 @@
+"""What is left of a function once all that is known beforehand is worked out.
+
+A known value stands as such, and nothing is computed that nobody reads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+NUMBER, FLAG = "number", "flag"
+Kind: TypeAlias = Any
+"""What is known of a value: it (None, a number or a flag); `NUMBER` or `FLAG`, one that is not; a
+tuple of kinds; or the `Fields` of constants."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """Constants by name: 0 where they are always, else `NUMBER`."""
+
+    kinds: Mapping[str, Kind]
+
+
+@dataclass(frozen=True)
+class Expression:
+    """An operator's name, its parts, and the name, number or `Function` that it means."""
+
+    op: str
+    kind: Kind
+    parts: tuple[Expression, ...] = ()
+    meant: Any = None
+
+    def all(self) -> Iterator[Expression]:
+        """Yield it and all its parts."""
+        yield self
+        for part in self.parts:
+            yield from part.all()
+
+    def names(self) -> Iterator[str]:
+        """Yield the variables in it."""
+        yield from (each.meant for each in self.all() if each.op == "name")
+
+    def with_names(self, meant: Mapping[str, Expression]) -> Expression:
+        """Return it with others in the place of variables."""
+        if self.op == "name":
+            return meant.get(self.meant, self)
+        return replace(self, parts=tuple(each.with_names(meant) for each in self.parts))
+
+
+@dataclass
+class Statement:
+    """One of =, return, if, for, while, break and continue."""
+
+    op: str
+    value: Expression | None = None
+    target: str = ""
+    body: list[Statement] = field(default_factory=list)
+    other: list[Statement] = field(default_factory=list)
+
+    @property
+    def leaves(self) -> bool:
+        """Whether what follows is not reached."""
+        both = (self.body, self.other)
+        return self.op in {"return", "break", "continue"} or (
+            self.op == "if" and all(each and each[-1].leaves for each in both)
+        )
+
+
+@dataclass(eq=False)
+class Function:
+    """What is left of a function: of its arguments, those that it uses."""
+
+    name: str
+    about: str
+    arguments: list[str]
+    kinds: dict[str, Kind]
+    returned: Kind
+    body: list[Statement]
+
+    @property
+    def forwarded(self) -> Expression | None:
+        """What it only hands on, if it does no more."""
+        value, atoms = self.body[0].value, {"name", "field", "constant"}
+        if (
+            self.body[0].op != "return"
+            or value is None
+            or value.op not in {*atoms, "tuple", "call"}
+        ):
+            return None
+        return value if all(each.op in atoms for each in value.parts) else None
+
+    @property
+    def called(self) -> dict[Function, None]:
+        """It and what it calls, in an order in which each knows those that it calls."""
+        found: dict[Function, None] = {}
+        for each in all_of(self.body):
+            for part in each.value.all() if each.value else ():
+                if isinstance(part.meant, Function):
+                    found |= part.meant.called
+        return found | {self: None}
+
+
+def all_of(statements: Iterable[Statement]) -> Iterator[Statement]:
+    """Yield statements and all within them."""
+    for each in statements:
+        yield each
+        yield from all_of([*each.body, *each.other])
+
+
+def is_known(kind: Kind) -> bool:
+    """Tell whether a kind is a value."""
+    return kind is None or isinstance(kind, (bool, float))
+
+
+def join(one: Kind, other: Kind) -> Kind:
+    """Return the kind of what is of one kind or the other; NaN may be of any."""
+    if isinstance(one, tuple):
+        return tuple(map(join, one, other))
+    if one is other or (type(one) is type(other) and one == other) or _lost(other):
+        return one
+    if _lost(one):
+        return other
+    return FLAG if {type(one), type(other)} <= {bool} or FLAG in {one, other} else NUMBER
+
+
+def _lost(kind: Kind) -> bool:
+    return isinstance(kind, float) and math.isnan(kind)
+
+
+def without_aliases(body: list[Statement], arguments: Iterable[str]) -> list[Statement]:
+    """Write what a variable is in its place, if it is always the same argument or constant."""
+    changed = Counter(each.target for each in all_of(body) if each.op in {"=", "for"})
+    fixed = {*arguments} - {*changed}
+    meant: dict[str, Expression] = {}
+    for each in all_of(body):
+        if each.op == "=" and changed[each.target] == 1 and each.value is not None:
+            value = each.value.with_names(meant)
+            if value.op in {"field", "name"} and {*value.names()} <= fixed:
+                meant[each.target] = value
+    for each in all_of(body):
+        each.value = each.value.with_names(meant) if each.value else None
+    return body
+
+
+def tidy(body: list[Statement]) -> list[Statement]:
+    """Drop assignments to what nobody reads, and conditions and loops in which nothing happens."""
+    while True:
+        statements = [*all_of(body)]
+        read = {
+            name
+            for each in statements
+            for name in (each.value.names() if each.value else ())
+            if each.op != "=" or name != each.target
+        }
+        body = _kept(body, read)
+        if len([*all_of(body)]) == len(statements):
+            return body
+
+
+def _kept(body: list[Statement], read: set[str]) -> list[Statement]:
+    left: list[Statement] = []
+    for each in body:
+        each.body, each.other = _kept(each.body, read), _kept(each.other, read)
+        if each.op == "if" and not each.body and each.value:
+            each.value, each.body, each.other = negated(each.value), each.other, []
+        if each.op == "return" and left and left[-1].op == "=" and _is(each.value, left[-1].target):
+            each.value = left.pop().value
+        idle = not each.body if each.op in {"if", "for"} else each.target not in read
+        if each.op not in {"=", "if", "for"} or not (idle or _is(each.value, each.target)):
+            left.append(each)
+    return left
+
+
+def _is(value: Expression | None, variable: str) -> bool:
+    return value is not None and value.op == "name" and value.meant == variable
+
+
+def constant(value: Any) -> Expression:  # noqa: ANN401 - None, a flag, a number, a tuple of them
+    """Return what is known as an expression."""
+    if isinstance(value, tuple):
+        return tuple_of([constant(each) for each in value])
+    return Expression("constant", float(value) if type(value) is int else value)
+
+
+def tuple_of(parts: Sequence[Expression]) -> Expression:
+    """Return a tuple of expressions."""
+    return Expression("tuple", tuple(each.kind for each in parts), tuple(parts))
+
+
+def negated(value: Expression) -> Expression:
+    """Return that something is not."""
+    return constant(not value.kind) if is_known(value.kind) else Expression("not", FLAG, (value,))
