@@ -80,17 +80,19 @@ def _substeps(yardstick: Yardstick) -> int:
 def mover(step: float, substeps: int) -> Mover:
     """Return what moves a twin as its header does, in the compiled kernel."""
 
-    def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+    def move(
+        twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
+    ) -> Samples:
         loaded = twin.loaded
         late = max(loaded.delay, 0.0) / step
         whole = int(late + _ROUNDING)
         first = late - whole if late - whole > _ROUNDING else 0.0
-        sent = np.concatenate([np.zeros(whole + 1), commands])
+        sent = np.concatenate([past[past.size - whole - 1 :], commands])
         ends, inputs, begin = [], [], 0.0
-        for past, share in ((0, first), (1, 1 - first)):
+        for place, share in ((0, first), (1, 1 - first)):
             parts = math.ceil(substeps * share - _ROUNDING)
             ends += [begin + share * (k + 1) / parts for k in range(parts)]
-            inputs += parts * [sent[past : past + commands.size]]
+            inputs += parts * [sent[place : place + commands.size]]
             begin = first
         time = step * np.append(0.0, (np.arange(commands.size)[:, None] + ends).ravel())
         held = np.repeat(np.array(inputs).T.ravel()[:, None], 3, axis=1)

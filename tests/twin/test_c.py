@@ -35,7 +35,7 @@ def test_the_header_moves_as_the_compiled_kernel(kind, seed, tmp_path):
     twin, step, commands = drawn(seed, kind)
     substeps = 1 + seed % 2
     move = library(c.header(twin, step, substeps, ()), twin.identifier, tmp_path)
-    ours = c.mover(step, substeps)(twin, _delivered(twin, commands), 0.0, 0.0)
+    ours = c.mover(step, substeps)(twin, np.zeros(64), _delivered(twin, commands), 0.0, 0.0)
     assert np.ptp(ours) > 0.1
     assert np.abs(move(commands, 0.0, 0.0) - ours).max() < EXACT
     assert kind not in STICKING or ours[int(0.09 / step)] == 0 != ours[-1]
@@ -52,7 +52,7 @@ def test_a_parameter_that_is_varied_moves_it_as_in_the_kernel(name, factor, tmp_
     named = re.findall(r"double (\w+); /\*", header.split("_parameters;")[0])
     value = factor * getattr(twin.parameters, name)
     other = replace(twin, parameters=replace(twin.parameters, **{name: value}))
-    ours = c.mover(step, 1)(other, commands, 0.2, 0.5)
+    ours = c.mover(step, 1)(other, np.zeros(64), commands, 0.2, 0.5)
     moved = library(header, twin.identifier, tmp_path)(commands, 0.2, 0.5, named.index(name), value)
     assert np.abs(moved - ours).max() < EXACT
 
@@ -135,7 +135,7 @@ from butterfly.twin.twin import Twin
 twin = Twin(parameters=LumpedParameters(p1=0.03, p2=0.02, p3=1.0, p4=1.0, coulomb=0.02, cubic=4.0))
 Path("joint.h").write_text(c.header(twin, 2.0**-9, 1, ()), encoding="ascii")
 commands = 0.5 * np.sin(np.arange(512) / 80)
-np.save("moved.npy", [commands, c.mover(2.0**-9, 1)(twin, commands, 0.5, 0.0)[1:]])
+np.save("moved.npy", [commands, c.mover(2.0**-9, 1)(twin, np.zeros(64), commands, 0.5, 0.0)[1:]])
 """
 
 

@@ -90,7 +90,7 @@ def test_javascript_moves_as_the_compiled_kernel(kind, tmp_path):
     values = {"constants": json.dumps(c.constants(twin)), "step": step, "name": name}
     driver = DRIVER.format(commands=commands.tolist(), order=order, **values)
     (tmp_path / "joint.js").write_text(f"{text}\n{driver}", encoding="utf-8")
-    ours = c.mover(step, 1)(twin, commands, 0.0, 0.0)
+    ours = c.mover(step, 1)(twin, np.zeros(64), commands, 0.0, 0.0)
     assert np.abs(json.loads(said("node", tmp_path / "joint.js")) - ours[1:]).max() < 1e-12
 
 
