@@ -161,7 +161,8 @@ def export(
     out
         File to write.
     to
-        Form: a whole MuJoCo model (mjcf), or the JSON of Rhoban's BAM (bam).
+        Form: a whole MuJoCo model (mjcf), lines for your own MJCF (snippet), URDF (urdf), fields of
+        mjlab's and Isaac Lab's actuators (actuator), or the JSON of Rhoban's BAM (bam).
     timestep
         Step in s of the simulator for which the file is written.
     integrator

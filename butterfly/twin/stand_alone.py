@@ -39,8 +39,8 @@ _NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
 class Form(NamedTuple):
     """One way to write a twin at a step."""
 
-    grip: float = _GRIPS[0]
-    """Time constant in steps with which dry friction stops the joint."""
+    grip: float | None = _GRIPS[0]
+    """Time constant in steps with which dry friction stops the joint; None for MuJoCo's own."""
     delay: str = "whole"
     """How a delay is written: none, in whole steps, between past commands, or half a step later."""
 
@@ -96,7 +96,7 @@ def stand_alone(
     if form is None:
         yardstick = Yardstick.of(twin, options.timestep)
         form = _best(twin, options, yardstick)
-        accuracy = yardstick.accuracy(_mover(options, form))
+        accuracy = yardstick.accuracy(mover(options, form))
     return StandAlone(
         root=_root(twin, options, form, scene=scene),
         accuracy=accuracy,
@@ -118,10 +118,10 @@ def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
 def _nearest(forms: Sequence[Form], options: Options, yardstick: Yardstick) -> Form:
     if len(forms) == 1:
         return forms[0]
-    return min(forms, key=lambda form: yardstick.worst_of_some(_mover(options, form)))
+    return min(forms, key=lambda form: yardstick.worst_of_some(mover(options, form)))
 
 
-def _mover(options: Options, form: Form) -> Mover:
+def mover(options: Options, form: Form) -> Mover:
     """Return what moves a twin in MuJoCo, in one form."""
 
     def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
@@ -145,8 +145,11 @@ def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTr
     friction, step = robot.loaded(added), options.timestep
     root = built(_sliding(robot), added, scene=scene)
     next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
-    # which, said so, grips within a step whatever the flags of the model are
-    named(root, "hinge").set("solreffriction", f"-1 {-2 / (form.grip * step)!r}")
+    joint = named(root, "hinge")
+    if form.grip is None:
+        del joint.attrib["solreffriction"], joint.attrib["solimpfriction"]
+    else:  # which, said so, grips within a step whatever the flags of the model are
+        joint.set("solreffriction", f"-1 {-2 / (form.grip * step)!r}")
     motor = named(root, "motor")
     if math.isfinite(twin.limit):
         motor.set("ctrlrange", f"{-twin.limit!r} {twin.limit!r}")

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,15 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, Lump
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.plant.robot import Robot, Shape
+
+
+class Body(NamedTuple):
+    """What swings with all that it carries, as one rigid body."""
+
+    mass: float  # In kg, on which no motion of a hinge depends
+    beside: float  # Distance in m of its centre of mass from the axis, towards positive angles
+    below: float  # and downwards, at angle 0
+    inertia: float  # About the centre of mass in kg m²
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +74,18 @@ class Twin:
         if self.robot is not None:
             return self.robot, self.added
         return Robot.of_loaded(self.parameters, self.added, self.mass)
+
+    @cached_property
+    def body(self) -> Body:
+        """What swings, as one rigid body; that of a slide weighs p1."""
+        robot, added = self.built
+        hand, p1 = robot.hand, robot.loaded(added).p1
+        if robot.shape is Shape.SLIDE:
+            return Body(p1, 0.0, 0.0, p1)
+        mass = hand.mass + added.mass
+        beside = hand.mass * hand.com_offset / mass
+        below = (hand.mass * hand.com_distance + added.mass * added.arm) / mass
+        return Body(mass, beside, below, p1 - mass * (beside**2 + below**2))
 
     @property
     def identifier(self) -> str:
