@@ -125,8 +125,8 @@ def _notes(twin: Twin, options: Options) -> Iterator[str]:
         yield effort_text(twin)
     elif _worth(twin) is None:
         yield (
-            f"Stiffness and damping are missing: those of the loop ({servo.law}) need its supply in "
-            "V (loop: {supply: ...})."
+            f"Stiffness and damping are missing: the loop ({servo.law}) needs its supply in V "
+            "(loop: {supply: ...})."
         )
     elif not servo.kp.value:
         yield f"Stiffness and damping are missing: kp of the loop ({servo.law}) is not known."

@@ -10,11 +10,11 @@ from dataclasses import fields, replace
 
 from butterfly.arrays import Samples
 from butterfly.model.parameters import JointKind, LumpedParameters
-from butterfly.model.terms import LOOP_TERMS, TERMS
+from butterfly.model.terms import LOOP_TERMS
 from butterfly.twin.accuracy import Yardstick
 from butterfly.twin.forms import Options
 from butterfly.twin.stand_alone import Form, mover
-from butterfly.twin.twin import Accuracy, Twin
+from butterfly.twin.twin import Accuracy, Twin, beyond, listed
 
 _OF_BODY = {"p1", "p3", "p3_offset", "tilt", "mass_inertia", "gravity", "carried_moment"}
 _HELD = {*_OF_BODY, "p2", "p4", "coulomb", "load", "delay"}
@@ -59,16 +59,9 @@ def effort_text(twin: Twin) -> str:
 
 def left_out(twin: Twin, form: str) -> Iterator[str]:
     """Say what the joint has beyond this."""
-    p, held = twin.loaded, {*_HELD, *LOOP_TERMS, "back_emf"}
-    rest = [
-        f"{row.symbol} {getattr(p, row.name):.4g} {row.unit}".replace("unit", twin.kind.unit)
-        for each in fields(p)
-        if (row := TERMS.get(each.name)) and row.name not in held
-        if getattr(p, row.name) != each.default
-        and (not row.follows or any(getattr(p, name) for name in row.follows))
-    ]
-    if rest:
-        yield f"{form} has no place for {', '.join(rest)}."
+    p = twin.loaded
+    if rest := beyond(p, {*_HELD, *LOOP_TERMS, "back_emf"}):
+        yield f"{form} has no place for {listed(p, rest, twin.kind.unit)}."
     if twin.resolution:
         yield f"{form} does not round commands, here to multiples of {twin.resolution:g}."
     if twin.built[0].clutch:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.servo import ServoLoop
+from butterfly.model.terms import TERMS, Term
 from butterfly.plant.robot import Robot, Shape
 
 
@@ -96,6 +97,25 @@ class Twin:
     def carrying(self, added: AddedMass) -> Twin:
         """Return the twin with another load."""
         return replace(self, added=added)
+
+
+def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
+    """Return the terms that act in a joint and are not among those that a form holds."""
+    rows = (TERMS[each.name] for each in fields(p) if each.name in TERMS.keys() - held)
+    idle = {each.name: each.default for each in fields(p)}
+    return [
+        row
+        for row in rows
+        if getattr(p, row.name) != idle[row.name]
+        and (not row.follows or any(getattr(p, name) for name in row.follows))
+    ]
+
+
+def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
+    """Return terms with their values; the unit is the command's."""
+    return ", ".join(
+        f"{row.symbol} {getattr(p, row.name):.4g} {row.unit.replace('unit', unit)}" for row in rows
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
