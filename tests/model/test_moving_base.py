@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from butterfly.plant.stand_alone import stand_alone
 from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
@@ -12,7 +13,6 @@ from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import GRAVITY, AddedMass, Base, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.robot import Robot
-from butterfly.plant.stand_alone import stand_alone
 
 BASE = Base(compliance=2e-3, frequency=25.0, damping=0.3)
 JOINT = LumpedParameters(

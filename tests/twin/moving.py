@@ -1,9 +1,12 @@
 """Joints with a short log of their own, and plain MuJoCo that moves whatever holds them."""
 
+from xml.etree import ElementTree
+
 import mujoco
 import numpy as np
 
 from butterfly.identification.free_run import Setting
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.twin.twin import Twin
@@ -22,7 +25,7 @@ KINDS = {
 """Terms of joints, the last a slide."""
 
 
-def twin(kind="smooth", added=MASS, **more):
+def twin(kind="smooth", /, added=MASS, **more):
     """A joint of a kind with a log of two seconds, at whose steps its command changes."""
     terms = PARAMETERS | KINDS[kind]
     joint = JointKind.SLIDE if kind == "slide" else JointKind.HINGE
@@ -49,6 +52,18 @@ def moved(model, driven=DRIVEN, joint=0):
         mujoco.mj_step(model, data)
         angles.append(data.qpos[joint])
     return np.array(angles)
+
+
+def parsed(text):
+    """The XML of lines that have no root of their own, or of a file."""
+    lines = text.replace('<?xml version="1.0"?>', "")
+    return ElementTree.fromstring(f"<lines>{lines}</lines>")  # noqa: S314 - our own
+
+
+def ours(joint):
+    """(n,) angles of our own simulation of its log."""
+    ((log, setting),) = joint.recorded()
+    return Simulation(log, joint.parameters).run(setting.parameters, 0.0, 0.0).at(log.time)
 
 
 def acceleration(p, angle, velocity, torque):

@@ -7,16 +7,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from butterfly.identification.simulation import Simulation
 from butterfly.plant.robot import Clutch
 from butterfly.twin.forms import Options, write_as
 from butterfly.twin.snippet import inertial
-from tests.twin.moving import KINDS, MASS, STEP, moved, twin
+from tests.twin.moving import KINDS, MASS, STEP, moved, ours, parsed, twin
 
 
 def _pasted(text, body, *, gravity="0 0 -9.81", armature="0"):
     """A model of somebody's own, with the lines where they say."""
-    lines = ElementTree.fromstring(f"<lines>{text}</lines>")
+    lines = parsed(text)
     lines.find("joint").set("armature", armature)
     joint, actuators = (ElementTree.tostring(each, encoding="unicode") for each in lines)
     return mujoco.MjModel.from_xml_string(
@@ -37,9 +36,7 @@ def test_pasted_into_a_body_without_numbers_it_moves_as_the_exported_model(kind)
     model = _pasted(written.text, inertial(joint), gravity=_gravity(joint))
     whole = mujoco.MjModel.from_xml_string(write_as("mjcf", joint).text)
     np.testing.assert_allclose(moved(model), moved(whole), atol=1e-9)
-    ((log, _),) = joint.recorded()
-    ours = Simulation(log, joint.parameters).run(joint.parameters, 0.0, 0.0)
-    error = np.abs(moved(model)[:-1] - ours.at(log.time)).max()
+    error = np.abs(moved(model)[:-1] - ours(joint)).max()
     assert error == pytest.approx(written.accuracy.worst, rel=0.02, abs=1e-9)
     assert np.ptp(moved(model)) > 0.1
 
@@ -82,7 +79,7 @@ def test_a_clutch_is_not_in_the_lines_and_no_error_is_claimed():
 def test_names_are_the_data_set_s_and_the_step_is_the_one_asked():
     text = write_as("snippet", twin("sticking"), Options(timestep=0.001)).text
     assert 'timestep="0.001"' in text
-    lines = ElementTree.fromstring(f"<lines>{text}</lines>")
+    lines = parsed(text)
     assert lines.find("joint").get("name") == "my_joint_sticking"
     names = [each.get("name") for each in lines.find("actuator")]
     assert names[:3] == [f"my_joint_sticking_{each}" for each in ("motor", "bias", "slip_1")]

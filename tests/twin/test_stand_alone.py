@@ -6,6 +6,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from butterfly.plant.stand_alone import AIM, command_of, models, stand_alone
 
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.errors import InputError
@@ -17,7 +18,6 @@ from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.plant.rollout import replay_input
-from butterfly.plant.stand_alone import AIM, command_of, models, stand_alone
 from butterfly.signals import hold
 from tests.plant.setting import ADDED, MOTOR, grey_box, mujoco_alone, robot
 
