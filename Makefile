@@ -73,9 +73,10 @@ FILES ?= 2000
 readers: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.independent.readers --files $(FILES) --seed $(SEED)
 
-# Exported twins, moved by the programs that they are for: Pinocchio, mjlab with MuJoCo Warp on the
-# CPU (which asks for the MuJoCo before ours), and a public arm. Several GB with torch.
+# Exported twins, moved by the programs that they are for: Pinocchio, mjlab (which asks for an older
+# MuJoCo) with MuJoCo Warp on the CPU, and on a public arm. Several GB: READBACK_MORE='torch==...'.
 READBACK := build/readback
+READBACK_MORE ?=
 readback: | $(UV)
 	mkdir -p build
 	printf 'mujoco>=4.0,<5\nmujoco-warp>=4.0,<5\n' > $(READBACK).txt
@@ -84,7 +85,7 @@ readback: | $(UV)
 		--editable . hypothesis pytest pytest-xdist pin mjlab openarm-mujoco $(READBACK_MORE)
 	$(UV) pip list --python $(READBACK)/bin/python 2>/dev/null | \
 		grep -E '^(butterfly-testbed|mjlab|mujoco|mujoco-warp|openarm-mujoco|pin|torch) '
-	$(ONE_THREAD) $(READBACK)/bin/python -m pytest tests/twin
+	$(ONE_THREAD) $(READBACK)/bin/python -m pytest $(addprefix tests/twin/test_,actuator.py mjspec.py urdf.py)
 
 # What the program answers, digit by digit, written to RECORD; and what another version of it answers
 # beside that. RECORD_OPTIONS='--part quick' takes a minute, all of it a quarter of an hour.

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from butterfly.plant.bam import bam_model
 
 from butterfly.errors import InputError
 from butterfly.identification.servo_drive import driven
@@ -16,6 +15,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import DRY, FrictionTerms, torque_of
+from butterfly.twin.bam import bam_model
 
 JOINT = LumpedParameters(p1=0.004, p2=0.1, p3=0, p4=0.15, coulomb=0.02, back_emf=0.09)
 STRIBECK = {"stribeck": 0.03, "stribeck_velocity": 0.4}
