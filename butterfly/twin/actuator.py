@@ -70,7 +70,9 @@ def as_actuator(twin: Twin, options: Options) -> Written:
     elif steps:
         name = "DelayedPDActuatorCfg"
         isaaclab |= {"min_delay": steps, "max_delay": steps}
-    error = accuracy(twin, options)
+    loop = bool(drive.stiffness or drive.damping) and twin.servo is not None
+    error = None if loop else accuracy(twin, options)
+    measured = ["Driven by efforts in MuJoCo, as mjlab builds it:", *error.lines] if error else []
     own = "DcMotorActuatorCfg" if is_motor else "IdealPdActuatorCfg"
     content = {
         "name": twin.name,
@@ -79,7 +81,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
         "isaaclab": {"class": name, "fields": isaaclab},
         "gain": {"value": p.p4, "unit": f"{effort_unit(twin)}/{twin.kind.unit}"},
         "body": {"inertia_about_axis": p.p1, "gravity_moment": p.p3},
-        "notes": [*notes, "Driven by efforts in MuJoCo, as mjlab builds it:", *error.lines],
+        "notes": [*notes, *measured],
     }
     about = f"{own} of mjlab, {name} of Isaac Lab"
     return Written(text=json_text(content), about=about, left_out=notes, accuracy=error)
@@ -139,6 +141,7 @@ def _notes(twin: Twin, options: Options) -> Iterator[str]:
         yield f"Targets are the set-points of the servo's loop ({servo.law})."
         if rest:
             yield f"Of that loop, {', '.join(rest)} is left out."
+        yield "How far a joint in this loop moves from ours is not measured."
     if p.delay > 0:
         yield f"The delay of {1e3 * p.delay:.3g} ms is written as {steps} steps."
     if steps and math.isfinite(_drive(twin).speed):
@@ -148,6 +151,6 @@ def _notes(twin: Twin, options: Options) -> Iterator[str]:
             f"armature is not known: it is p1 ({p.p1:.6g}) less the inertia about the axis of your "
             "body without the motor."
         )
-    if p.stribeck:
-        yield "Isaac Lab's friction is that at rest; mjlab's frictionloss is that in motion."
+    if p.coulomb or p.stribeck:
+        yield "Isaac Lab's friction is a torque from Isaac Sim 5.0 on, before that a coefficient."
     yield from left_out(twin, "An actuator")

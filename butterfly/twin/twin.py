@@ -113,9 +113,11 @@ def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
 
 def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
     """Return terms with their values; the unit is the command's."""
-    return ", ".join(
-        f"{row.symbol} {getattr(p, row.name):.4g} {row.unit.replace('unit', unit)}" for row in rows
+    units = {"–": ""}
+    said = (
+        f"{row.symbol} {getattr(p, row.name):.4g} {units.get(row.unit, row.unit)}" for row in rows
     )
+    return ", ".join(each.strip().replace("unit", unit) for each in said)
 
 
 @dataclass(frozen=True, kw_only=True)
