@@ -91,7 +91,8 @@ def test_draws_stop_when_time_is_over_and_those_that_were_made_count(data):
     np.testing.assert_array_equal(few.weights, weighed(fewer, data).weights)
     assert search.left_out == ["some of the draws"]
     assert any(line.startswith(f"{STOPPED}some of the draws:") for line in answer.summary)
-    assert len(answer.drawn.rows()) == LEAST
+    different = {tuple(row.values()) for row in answer.drawn.rows()}
+    assert len(different) <= LEAST < len(answer.drawn.rows())
 
 
 def test_a_band_is_made_of_the_draws_for_which_there_was_time(data):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     import control
     import mujoco
 
-    from butterfly.identification.identification import Identification
     from butterfly.twin.twin import Twin, Written
 
 
@@ -35,8 +35,10 @@ class IdentifiedModel:
     joint: JointKind = JointKind.HINGE
     """How it moves."""
 
-    result: Identification | None = field(default=None, repr=False, compare=False)
-    """What it was identified by."""
+    identified: Callable[[AddedMass, float | None], Twin] | None = field(
+        default=None, repr=False, compare=False
+    )
+    """Returns its twin with a load and a mass, as the data say; None of bare parameters."""
 
     def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand with an added mass (78)."""
@@ -100,11 +102,10 @@ class IdentifiedModel:
 
     def twin(self, added_mass: AddedMass = NO_ADDED_MASS, *, mass: float | None = None) -> Twin:
         """Return the joint as it is exported, with the logs by which that is measured."""
-        from butterfly.api.inspected import twin_of  # noqa: PLC0415 - slow to import
-        from butterfly.twin.twin import Twin  # noqa: PLC0415
+        from butterfly.twin.twin import Twin  # noqa: PLC0415 - slow to import
 
-        if self.result is not None:
-            return twin_of(self.result, added_mass, mass)
+        if self.identified is not None:
+            return self.identified(added_mass, mass)
         return Twin(parameters=self.parameters, added=added_mass, joint=self.joint, mass=mass)
 
     def export(

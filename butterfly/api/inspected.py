@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -12,7 +11,7 @@ from typing import Any, ClassVar
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
-from butterfly.errors import ButterflyError, InputError
+from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
@@ -22,15 +21,12 @@ from butterfly.identification.free_run import Setting
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
-from butterfly.model.prior import Prior
-from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import DRIVE, TERMS
-from butterfly.plant.robot import HAND_MASS, PARTS, Shape
+from butterfly.plant.robot import HAND_MASS, PARTS
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
@@ -298,7 +294,7 @@ def robot_of(
         result = identify(read(path, arm=arm), Suitable())
     verdict = require_possible(result.estimate)
     carried = replace(carried, **_mounted(result))
-    twin = twin_of(result, carried, hand_mass)
+    twin = result.model.twin(carried, mass=hand_mass)
     note = ""
     if hand_mass is None and twin.built[0].hand.mass > HAND_MASS:
         note = (
@@ -331,42 +327,3 @@ def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:
         robot=robot,
         recorded=lambda: [(log, Setting(parameters=p, zero=0.0)) for log in planned_logs(plan)],
     )
-
-
-def twin_of(result: Identification, added: AddedMass, mass: float | None = None) -> Twin:
-    """Return the twin of a result, to be exported; its logs, if they are there, are its measure.
-
-    ``mass``: of what swings, in kg, on which the motion does not depend.
-    """
-    about, manifest = result.origin, result.origin["manifest"]
-    twin = Twin(
-        name=about["name"],
-        parameters=result.estimate.parameters,
-        added=added,
-        joint=added.joint,
-        kind=InputKind(about["input"]),
-        servo=_servo_of(manifest),
-        known=Prior.of(about.get("known", {})),
-        ratios=result.estimate.ratios,
-        mass=mass,
-        recorded=partial(_recorded, result),
-    )
-    if manifest and manifest.get("shape") == "butterfly" and added.gravity == GRAVITY:
-        twin = replace(twin, robot=replace(twin.built[0], shape=Shape.BUTTERFLY))
-    return twin
-
-
-def _recorded(result: Identification) -> Sequence[tuple[Log, Setting]]:
-    """Return the logs of a result with what each is simulated with; none where they are gone."""
-    try:
-        data = result.data
-    except ButterflyError:
-        return ()
-    settings = (data.simulations.setting(k, result.estimate) for k in range(len(data.logs)))
-    return tuple(zip(data.logs, settings, strict=True))
-
-
-def _servo_of(manifest: dict[str, Any] | None) -> ServoLoop | None:
-    """Return the loop of the first log, if one was told."""
-    told = manifest and manifest["loop"] | (manifest["logs"][0].get("loop") or {})
-    return ServoLoop.of(told, whole=False) if told else None

@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from butterfly.api.results import Tabulated, about_log
-from butterfly.files import replacing
+from butterfly.files import replacing, write_file
 from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
@@ -28,42 +31,43 @@ from butterfly.result import Answer
 from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
+    import mujoco
     from plotly.graph_objects import Figure
 
 _SAID_BY_NAME = {"added mass in kg", "frequency in rad/s"}  # columns left out where width counts
-
-WEIGHT = "weight"
-"""Column that says how much a draw counts, 1 on average."""
-
-_FIELDS = [each.name for each in fields(LumpedParameters)]
+_DEFAULTS = {each.name: each.default for each in fields(LumpedParameters)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drawn(Answer):
-    """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
+    """Sets of parameters of the bare joint in SI units, a row each, that count alike."""
 
     kind: ClassVar[str] = "draws"
 
-    found: Identification
+    found: Identification | None = None
+    """What they are drawn from; None of draws that were loaded."""
 
     @classmethod
     def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
         """Tabulate draws from an identification; ``more`` goes to the summary."""
-        estimate, count = draws.estimate, len(draws.values)
-        columns = [*estimate.names, *(key for key in estimate.fixed if key not in estimate.names)]
-        rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
-        units = {row["parameter"]: row["unit"] for row in found.rows()}
+        estimate, kind = draws.estimate, InputKind(found.origin["input"])
+        fixed = [
+            key
+            for key, value in estimate.fixed.items()
+            if key in PARAMETERS
+            or TERMS[key].follows & {*estimate.names}
+            or value != _DEFAULTS.get(key)
+        ]
+        columns = [*estimate.names, *(key for key in fixed if key not in estimate.names)]
+        units = {key: unit_of(key, kind, estimate.joint) for key in columns}
         return cls(
             found=found,
-            title=f"{count} draws of the parameters of {found.title}",
+            title=f"{len(draws.values)} draws of the parameters of {found.title}",
             summary=(*found.judged.lines, *more, *estimate_notes(estimate)),
             judged=found.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
             content={
-                "rows": [
-                    {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
-                    for each, weight in rows
-                ]
+                "rows": [{key: getattr(each, key) for key in columns} for each in draws.parameters]
             },
         )
 
@@ -71,22 +75,39 @@ class Drawn(Answer):
     def parameters(self) -> list[LumpedParameters]:
         """Each draw as parameters of the bare hand."""
         return [
-            LumpedParameters(**{key: value for key, value in row.items() if key in _FIELDS})
+            LumpedParameters(**{key: value for key, value in row.items() if key in _DEFAULTS})
             for row in self.rows()
         ]
 
-    def write_csv(self, path: str | PathLike[str]) -> None:
-        """Write the table as CSV: names of parameters in the first line, SI units, and `WEIGHT`.
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write the draws as CSV, as Parquet (.parquet), or as a folder of MJCF (no ending).
+
+        Columns are named with their units: ``p1 [kg m²]``. The folder has a file for each draw,
+        0000.xml and so on.
 
         Raises
         ------
         InputError
-            If the file cannot be written.
+            If a file cannot be written.
         """
-        with replacing(Path(path)) as draft, draft.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(self.rows()[0]))
-            writer.writeheader()
-            writer.writerows(self.rows())
+        path, rows = Path(path), self.rows()
+        if not path.suffix:
+            for number, model in enumerate(self.models()):
+                write_file(path / f"{number:04d}.xml", model)
+            return
+        names = {key: f"{key} [{self.units[f'rows.{key}']}]" for key in rows[0]}
+        if path.suffix == ".parquet":
+            import pyarrow as pa  # noqa: PLC0415 - slow to import
+            from pyarrow import parquet  # noqa: PLC0415
+
+            with replacing(path) as draft:
+                columns = {name: [row[key] for row in rows] for key, name in names.items()}
+                parquet.write_table(pa.table(columns), draft)
+            return
+        with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(names.values())
+            writer.writerows(row.values() for row in rows)
 
     def models(
         self,
@@ -108,11 +129,22 @@ class Drawn(Answer):
         InputError
             If no joint of that mass moves so.
         """
-        from butterfly.api.inspected import twin_of  # noqa: PLC0415 - slow to import
-        from butterfly.twin.stand_alone import models  # noqa: PLC0415
+        from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415
+        from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
 
+        drawn = self.parameters
+        model = self.found.model if self.found else IdentifiedModel(drawn[0])
         options = Options(timestep=timestep, integrator=integrator)
-        return models(self.parameters, twin_of(self.found, added_mass, mass), options)
+        return models(drawn, model.twin(added_mass, mass=mass), options)
+
+    def batch(self, added_mass: AddedMass = NO_ADDED_MASS, **how: Any) -> list[mujoco.MjModel]:  # noqa: ANN401 - see `models`
+        """Return `models` compiled: a batch for ``mujoco.rollout.rollout(batch, data, states)``.
+
+        All have states of one size, whatever their delays. ``how`` is what `models` takes.
+        """
+        import mujoco  # noqa: PLC0415 - slow to import
+
+        return [mujoco.MjModel.from_xml_string(text) for text in self.models(added_mass, **how)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

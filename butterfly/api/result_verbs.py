@@ -120,7 +120,7 @@ def predict(
             else:
                 errors = expected_errors(seen, estimate)
                 sentences = (sentence, _of_errors(errors), *_beyond(seen.masses, logs))
-            drawn = Drawn.of(open_draws, found, sentences)
+            drawn = Drawn.of(open_draws.resampled(draws, seed), found, sentences)
     predictions = predict_logs(
         logs, estimate, setting, draws=open_draws, errors=errors, seed=seed, track=track
     )
@@ -137,12 +137,15 @@ def draws(
 ) -> Drawn:
     """Draw parameters that an identification leaves open, as for domain randomisation.
 
+    Each draw is simulated on the logs, and counts by how well it follows them; so many that count
+    alike are then chosen of them.
+
     Parameters
     ----------
     result
         An identification, or the file where it was saved.
     n
-        How many.
+        How many, 1 or more.
     seed
         Fixes the draws.
     track
@@ -159,8 +162,10 @@ def draws(
     """
     found = _identified(result)
     require_possible(found.estimate)
-    drawn, _, sentence = _left_open(found, (), n, seed, track)
-    return Drawn.of(drawn, found, (sentence,))
+    if n < 1:
+        raise InputError("draws", "count", n, "1 or more")
+    drawn, _, sentence = _left_open(found, (), max(n, COUNT), seed, track)
+    return Drawn.of(drawn.resampled(n, seed), found, (sentence,))
 
 
 def changed(before: Identification | Named, after: Identification | Named) -> Changed:
@@ -191,15 +196,15 @@ def _left_open(
     except InputError as error:
         drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
         sentence = (
-            f"{count} draws of the parameters, not weighed: the logs that the estimate was "
-            f"made from cannot be read ({error})."
+            f"{count} sets of parameters were drawn, and not compared with the logs, which cannot "
+            f"be read ({error})."
         )
         return drawn, None, sentence
     drawn = draw_parameters(found.estimate, count, masses=[*masses, *data.masses], seed=seed)
     drawn = weighed(drawn, data, bands=logs, track=track)
     sentence = (
-        f"{len(drawn.values)} draws of the parameters, which count as {drawn.effective_size:.0f}: "
-        "those that follow the logs worse than a linear model promises count less."
+        f"{len(drawn.values)} parameter draws (effective sample size {drawn.effective_size:.0f}): "
+        "draws that follow the logs worse than the linearised model predicts count less."
     )
     return drawn, data, sentence
 

@@ -142,7 +142,7 @@ def predict(
     seed
         Fixes everything random.
     out
-        Write the parameters drawn to this file (CSV), as for domain randomisation.
+        Write the parameter draws, for domain randomisation: .csv, .parquet, or a folder of MJCF.
     """
     pairs = "=" in given and not Path(given).exists()
     result = parse_pairs(given, "--with") if pairs else Path(given)
@@ -159,7 +159,7 @@ def predict(
     ended = show(found, report=page.report, figures=page.figures)
     if out is not None and isinstance(result, Path):
         drawn = found.drawn or bf.draws(result, draws, seed, track=show_progress)
-        drawn.write_csv(out)
+        drawn.write(out)
         say(f"Draws: {out}")
     return ended
 

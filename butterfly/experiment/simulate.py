@@ -18,6 +18,7 @@ from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.prior import Known, Prior
 from butterfly.plant.rig import Simulator
+from butterfly.plant.robot import Shape
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
 from butterfly.progress import Track, untracked
@@ -108,6 +109,7 @@ def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
         description=experiment.description,
         input=InputKind.SETPOINT if loop else experiment.input_kind,
         loop=loop,
+        shape="butterfly" if experiment.plant.robot.shape is Shape.BUTTERFLY else "bar",
         intersample=Intersample.ZERO_ORDER_HOLD,
         arm=next((entry.arm for entry in entries if entry.arm), None),
         holdout=list(experiment.holdout),

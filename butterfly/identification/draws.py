@@ -68,6 +68,17 @@ class ParameterDraws:
     weights: Samples
     runs: tuple[DrawnRun, ...] = ()
 
+    def resampled(self, count: int, seed: int = 0) -> ParameterDraws:
+        """Return so many draws that count alike: each as often as its weight says.
+
+        By systematic resampling (Kitagawa, J. Comput. Graph. Stat. 5, 1996), in a random order.
+        """
+        rng = np.random.default_rng(seed)
+        at = (rng.uniform() + np.arange(count)) / count
+        chosen = np.searchsorted(np.cumsum(self.weights), at).clip(max=len(self.weights) - 1)
+        values = rng.permutation(self.values[chosen])
+        return replace(self, values=values, weights=np.full(count, 1 / count), runs=())
+
     @property
     def effective_size(self) -> float:
         """As many equal draws tell as much: 1/sum of squared weights (Kong, 1992)."""

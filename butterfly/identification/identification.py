@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from butterfly.api.identified_model import IdentifiedModel
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.report.parameter_table import Separated
+    from butterfly.twin.twin import Twin
 
 _UNITS = {"fit.horizon": "s"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
@@ -279,7 +280,13 @@ class Identification(Result):
         from butterfly.report.finding_texts import require_possible  # noqa: PLC0415
 
         require_possible(self.estimate)
-        return IdentifiedModel(self.parameters, self.estimate.joint, self)
+
+        def twin(added: AddedMass, mass: float | None) -> Twin:
+            from butterfly.twin.twin import Twin  # noqa: PLC0415 - slow to import
+
+            return Twin.identified(self.estimate, self.origin, lambda: self.data, added, mass)
+
+        return IdentifiedModel(self.parameters, self.estimate.joint, twin)
 
     @property
     def covariance(self) -> Samples:

@@ -6,6 +6,7 @@ drive delivers it, was during that step. Our own simulation has the input as it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,9 +29,13 @@ _TONES = (0.7, 1.3)  # their frequencies, over that of the resonance,
 _PACE = 3.0  # or in its place, in rad/s, where there is none
 _SOME = 3  # logs by which the form of a twin is chosen,
 _TRIED = 20.0  # and how much of each, in s
+_EARLIER = 2  # steps more than the delay before a log, whose commands are told
 
-Mover: TypeAlias = Callable[[Twin, Samples, float, float], Samples]
-"""Moves a twin by (n,) commands, one a step, from an angle and a velocity: (n + 1,) angles."""
+Mover: TypeAlias = Callable[[Twin, Samples, Samples, float, float], Samples]
+"""Moves a twin by (n,) commands, one a step, from an angle and a velocity: (n + 1,) angles.
+
+Before the commands come those of some earlier steps, which a delay lets act later.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +44,7 @@ class _Case:
 
     name: str
     twin: Twin
+    past: Samples
     commands: Samples
     angle: float
     velocity: float
@@ -53,12 +59,15 @@ class _Case:
         motion = own.run(p, setting.zero, setting.velocity)._replace(slopes=False)
         length = min(log.time[-1] - log.time[0], setting.horizon)
         instants = log.time[0] + step * np.arange(max(int(length / step + 1e-9), 1) + 1)
+        earlier = math.ceil(max(p.delay, 0.0) / step) + _EARLIER
+        edges = np.concatenate([instants[0] - step * np.arange(earlier, 0, -1), instants])
         stamps, commands = log.command
-        delivered = p.drive.delivered(commands)
+        means = hold.mean(stamps, p.drive.delivered(commands), edges, log.intersample)
         return cls(
             name=log.name,
             twin=carrying,
-            commands=hold.mean(stamps, delivered, instants, log.intersample),
+            past=means[:earlier],
+            commands=means[earlier:],
             angle=angle,
             velocity=velocity,
             own=motion.at(instants) - setting.zero,
@@ -66,7 +75,7 @@ class _Case:
 
     def error(self, move: Mover, most: int | None = None) -> float:
         """Return the largest difference of a motion over so many steps."""
-        moved = move(self.twin, self.commands[:most], self.angle, self.velocity)
+        moved = move(self.twin, self.past, self.commands[:most], self.angle, self.velocity)
         with np.errstate(invalid="ignore"):
             error = float(np.abs(moved - self.own[: moved.size]).max())
         return error if np.isfinite(error) else np.inf

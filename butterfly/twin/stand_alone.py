@@ -50,7 +50,7 @@ class Form(NamedTuple):
             return None
         if self.delay == "whole":
             return max(round(delay / step), 1) * step
-        return max(delay + (step / 2 if self.delay == "later" else 0.0), step)
+        return float(max(delay + (step / 2 if self.delay == "later" else 0.0), step))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,11 +124,15 @@ def _nearest(forms: Sequence[Form], options: Options, yardstick: Yardstick) -> F
 def mover(options: Options, form: Form) -> Mover:
     """Return what moves a twin in MuJoCo, in one form."""
 
-    def move(twin: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+    def move(
+        twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
+    ) -> Samples:
         model = mujoco.MjModel.from_xml_string(text_of(_root(twin, options, form, scene=False)))
         data = mujoco.MjData(model)
         hinge = hinge_of(model)
         data.qpos[hinge], data.qvel[hinge] = angle, velocity
+        if remembered := model.actuator_history[0, 0]:
+            mujoco.mj_initCtrlHistory(model, data, 0, None, past[-remembered:, None])
         state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
         mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
         controls = np.zeros((1, commands.size, model.nu))
@@ -156,7 +160,7 @@ def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTr
     if (late := form.late(twin.parameters.delay, step)) is not None:
         motor.attrib |= {
             "delay": repr(late),
-            "nsample": str(math.ceil(late / step - 1e-9) + 1),
+            "nsample": str(_samples(late, step)),
             "interp": "zoh" if form.delay == "whole" else "linear",
         }
     if friction.stribeck and not friction.bristle_stiffness:
@@ -187,6 +191,11 @@ def _left_out(twin: Twin, options: Options, form: Form) -> Iterator[str]:
     ):
         if flaw > 0:
             yield f"MuJoCo {remedy.format(flaw)} yourself."
+    if not p.p4:
+        yield (
+            "No log tells p4, since nothing drives the joint there: 1 N m per unit of ctrl is a "
+            "default."
+        )
     if p.slow_delay:
         yield (
             f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
@@ -215,10 +224,27 @@ def models(
 
     All have the form that suits the twin itself.
     """
-    form = _best(twin, options, Yardstick.of(twin, options.timestep))
-    for parameters in drawn:
-        each = replace(twin, parameters=parameters, robot=None)
-        yield text_of(stand_alone(each, options, scene=True, form=form).root)
+    form, step = _best(twin, options, Yardstick.of(twin, options.timestep)), options.timestep
+    sets = list(drawn)
+    remembered = 0
+    if form.late(twin.parameters.delay, step) is not None:  # all then have states of one size
+        sets = [replace(each, delay=max(each.delay, 2 * _NO_DELAY)) for each in sets]
+        remembered = max(_samples(form.late(each.delay, step) or 0.0, step) for each in sets)
+    for parameters in sets:
+        root = _root(_of(twin, parameters), options, form, scene=True)
+        if remembered:
+            named(root, "motor").set("nsample", str(remembered))
+        yield text_of(root)
+
+
+def _samples(late: float, step: float) -> int:
+    """Count the past commands that a delay in s needs."""
+    return math.ceil(late / step - 1e-9) + 1
+
+
+def _of(twin: Twin, parameters: LumpedParameters) -> Twin:
+    """Return a twin with other parameters."""
+    return replace(twin, parameters=parameters, robot=None)
 
 
 def _sliding(robot: Robot) -> Robot:

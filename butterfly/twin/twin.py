@@ -7,13 +7,22 @@ import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import ButterflyError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+)
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import TERMS, Term
@@ -56,8 +65,49 @@ class Twin:
     """The robot of an experiment, whose shape is known; None where only its motion is."""
     mass: float | None = None
     """Of what swings in kg, on which the motion does not depend; a possible one if None."""
+    is_butterfly: bool = False
+    """Whether what swings across the ground's gravity is drawn as the Butterfly robot's hand."""
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
     """Returns logs of its motion, and what each is simulated with."""
+
+    @classmethod
+    def identified(
+        cls,
+        estimate: Estimate,
+        origin: dict[str, Any],
+        data: Callable[[], DataSet],
+        added: AddedMass = NO_ADDED_MASS,
+        mass: float | None = None,
+    ) -> Twin:
+        """Return the twin of an estimate, of data of an ``origin``, with a load and a mass in kg.
+
+        The logs, if they are still there, are its measure.
+        """
+
+        def recorded() -> Sequence[tuple[Log, Setting]]:
+            try:
+                logs = data()
+            except ButterflyError:
+                return ()
+            settings = (logs.simulations.setting(k, estimate) for k in range(len(logs.logs)))
+            return tuple(zip(logs.logs, settings, strict=True))
+
+        joint = JointKind(origin.get("joint", JointKind.HINGE))
+        gravity, manifest = float(origin.get("gravity", GRAVITY)), origin["manifest"] or {}
+        loop = manifest.get("loop", {}) | ((manifest.get("logs") or [{}])[0].get("loop") or {})
+        return cls(
+            name=origin["name"],
+            parameters=estimate.parameters,
+            added=replace(added, gravity=gravity, joint=joint),
+            joint=joint,
+            kind=InputKind(origin["input"]),
+            servo=ServoLoop.of(loop, whole=False) if loop else None,
+            known=Prior.of(origin.get("known", {})),
+            ratios=estimate.ratios,
+            mass=mass,
+            is_butterfly=manifest.get("shape") == "butterfly",
+            recorded=recorded,
+        )
 
     @cached_property
     def loaded(self) -> LumpedParameters:
@@ -74,7 +124,11 @@ class Twin:
         """The robot that moves so, and what that carries besides."""
         if self.robot is not None:
             return self.robot, self.added
-        return Robot.of_loaded(self.parameters, self.added, self.mass)
+        driven = replace(self.parameters, p4=self.parameters.p4 or 1.0)
+        robot, added = Robot.of_loaded(driven, self.added, self.mass)
+        if self.is_butterfly and self.added.gravity == GRAVITY:
+            robot = replace(robot, shape=Shape.BUTTERFLY)
+        return robot, added
 
     @cached_property
     def body(self) -> Body:

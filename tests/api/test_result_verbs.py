@@ -8,9 +8,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from mujoco import rollout
+from pyarrow import parquet
 
 import butterfly as bf
-from butterfly.api.predicted import WEIGHT
+from butterfly.identification.draws import ParameterDraws
+from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
@@ -24,7 +27,7 @@ def test_a_prediction_has_rows_bands_and_the_verdict(predicted, data, result):
         assert 0 < row[f"{OF_PARAMETERS}: width in rad"] < row[f"{OF_NEW_LOG}: width in rad"]
     assert np.mean([row[f"{OF_NEW_LOG}: inside in %"] for row in rows]) > 85
     said = " ".join(predicted.summary)
-    assert "60 draws of the parameters, which count as" in said
+    assert "60 parameter draws (effective sample size" in said
     assert "12 logs, each simulated without having seen its added mass" in said
     for sentence in result.verdict:
         assert sentence in predicted.summary
@@ -71,7 +74,7 @@ def test_without_the_logs_there_is_the_band_of_the_parameters_only(data, quick_d
     shutil.rmtree(tmp_path / "logs")
     part = bf.predict(data.logs[0], str(tmp_path / "result.json"), draws=40)
     assert list(part.predictions[0].bands) == [OF_PARAMETERS]
-    assert "not weighed: the logs that the estimate was made from cannot be read" in str(part)
+    assert "not compared with the logs, which cannot be read" in str(part)
     assert "no band of a new log" in str(part)
 
 
@@ -88,22 +91,40 @@ def test_an_estimate_that_left_no_mass_out_says_so(data):
     assert "may be too narrow for another mass" in str(bf.predict(data, found, draws=40))
 
 
-def test_draws_are_a_file_a_frame_and_models(result, tmp_path):
-    drawn = bf.draws(result, 50, seed=3)
-    names = [*result.estimate.names, WEIGHT]
-    drawn.write_csv(tmp_path / "draws.csv")
+def test_draws_are_files_a_frame_models_and_a_batch(result, tmp_path):
+    drawn = bf.draws(result, 7, seed=3)
+    assert bf.draws(result, 7, seed=3).rows() == drawn.rows()
+    assert len(bf.draws(result, 301).rows()) == 301
+    assert all(isinstance(each, LumpedParameters) for each in drawn.parameters)
+    for name in ("draws.csv", "draws.parquet", "models"):
+        drawn.write(tmp_path / name)
     with (tmp_path / "draws.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == names
-    assert [{key: float(text) for key, text in row.items()} for row in rows] == drawn.rows()
-    assert np.mean([row[WEIGHT] for row in drawn.rows()]) == pytest.approx(1)
-    assert all(isinstance(each, LumpedParameters) for each in drawn.parameters)
-    assert bf.draws(result, 50, seed=3).rows() == drawn.rows()
-    inertias = set()
-    for text in drawn.models(bf.AddedMass(mass=0.05, arm=0.104), mass=0.2):
-        model = mujoco.MjModel.from_xml_string(text)
-        inertias.add(float(model.body("hand").inertia[0]))
-    assert len(inertias) == 50
+    assert [*rows[0]][:2] == ["p1 [kg m²]", "p2 [N m s/rad]"]
+    assert [key.split(" [")[0] for key in rows[0]] == [*result.estimate.names]
+    table = parquet.read_table(tmp_path / "draws.parquet").to_pylist()
+    assert table == [{key: float(text) for key, text in row.items()} for row in rows]
+    assert [[*row.values()] for row in table] == [[*row.values()] for row in drawn.rows()]
+    assert len(list((tmp_path / "models").glob("*.xml"))) == 7
+    batch = drawn.batch(bf.AddedMass(mass=0.05, arm=0.104), mass=0.2)
+    assert len({float(model.dof_M0[0]) for model in batch}) == 7
+    data = mujoco.MjData(batch[0])
+    size = mujoco.mj_stateSize(batch[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    start = np.zeros(size)
+    mujoco.mj_getState(batch[0], data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    command = np.zeros((7, 50, batch[0].nu))
+    command[:, :, 0] = 1.0
+    states, _ = rollout.rollout(batch, data, np.tile(start, (7, 1)), command)
+    assert len({float(angle) for angle in states[:, -1, 1]}) == 7
+
+
+def test_draws_that_count_alike_are_chosen_by_their_weights():
+    estimate = given_estimate({"p1": 1.0, "p3": 1.0, "p4": 1.0}, "test")
+    values = np.arange(4.0)[:, None] + np.zeros((4, len(estimate.names)))
+    drawn = ParameterDraws(estimate=estimate, values=values, weights=np.array([0.0, 0.5, 0.3, 0.2]))
+    again = drawn.resampled(10, seed=1)
+    assert np.bincount(again.values[:, 0].astype(int)).tolist() == [0, 5, 3, 2]
+    assert again.weights.sum() == pytest.approx(1)
 
 
 def test_what_was_held_is_drawn_too(data):

@@ -1,15 +1,13 @@
 """A slide's results speak of kg and m."""
 
 import numpy as np
-import pytest
 
 import butterfly as bf
-from butterfly.errors import InputError
 from butterfly.identification.estimators import WeakForm
 from tests.independent.integrator import Joint, motion
 
 
-def test_a_slide_s_table_is_in_kilograms_and_it_makes_no_hinge(tmp_path):
+def test_a_slide_s_table_is_in_kilograms_and_it_is_exported_as_a_slide(tmp_path):
     time = 4e-3 * np.arange(1520)
     command = np.repeat([0.8, -1.0, 0.3, 1.0, -0.9, -0.4, 0.7, -0.6], 190)
     way, _ = motion(Joint(2.0, 4.0, 0.0, 3.0, coulomb=0.5), time, command)
@@ -27,5 +25,6 @@ def test_a_slide_s_table_is_in_kilograms_and_it_makes_no_hinge(tmp_path):
     panels = found.plot.frequency_response().to_dict()["layout"]
     assert panels["yaxis2"]["title"]["text"] == "phase in °"
     assert "yaxis3" not in panels  # without sines there is nothing measured
-    with pytest.raises(InputError, match="hinge"):
-        found.model.export(tmp_path / "slide.xml")
+    written = found.model.export(tmp_path / "slide.xml")
+    assert 'type="slide"' in written.text
+    assert written.accuracy.unit == "m"

@@ -129,7 +129,8 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
     assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
     assert re.search(r"p4 +0\.025 N m/V", out)
     out = done(answer("export", "quickstart", "--out", tmp_path / "q.xml"))
-    assert f"Model: {tmp_path / 'q.xml'}, with steps of 1 ms" in out
+    assert f"Model: {tmp_path / 'q.xml'}, the butterfly's hand in steps of 2 ms by RK4." in out
+    assert "Largest error against our own simulation: " in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
     assert model.dof_damping[0] == 2e-4
 
@@ -180,7 +181,7 @@ def test_a_hand_gets_a_mass_that_its_parameters_allow(butterfly, heavy_data, tmp
     out = done(butterfly("export", heavy_data, "--out", tmp_path / "t.xml"))
     assert "(--hand-mass)" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
-    hand = model.body("hand").id
+    hand = model.joint("hinge").bodyid[0]
     about = model.body_inertia[hand, 0] + model.body_mass[hand] * model.body_ipos[hand, 2] ** 2
     assert about == pytest.approx(0.012, rel=0.02)
 
