@@ -79,7 +79,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
         "timestep": options.timestep,
         "mjlab": {"class": own, "fields": mjlab},
         "isaaclab": {"class": name, "fields": isaaclab},
-        "gain": {"value": p.p4, "unit": f"{effort_unit(twin)}/{twin.kind.unit}"},
+        "gain": {"value": p.p4 or 1.0, "unit": f"{effort_unit(twin)}/{twin.kind.unit}"},
         "body": {"inertia_about_axis": p.p1, "gravity_moment": p.p3},
         "notes": [*notes, *measured],
     }

@@ -38,10 +38,12 @@ def accuracy(twin: Twin, options: Options) -> Accuracy:
     form = Form(grip=None, delay="whole" if steps else "none")
     move, late = mover(options, form), steps * options.timestep
 
-    def moved(each: Twin, commands: Samples, angle: float, velocity: float) -> Samples:
+    def moved(
+        each: Twin, past: Samples, commands: Samples, angle: float, velocity: float
+    ) -> Samples:
         joint = plain(each)
         joint = replace(joint, parameters=replace(joint.parameters, delay=late))
-        return move(joint, commands, angle, velocity)
+        return move(joint, past, commands, angle, velocity)
 
     return Yardstick.of(twin, options.timestep).accuracy(moved)
 
@@ -53,6 +55,8 @@ def effort_unit(twin: Twin) -> str:
 
 def effort_text(twin: Twin) -> str:
     """Say what a command is worth."""
+    if not twin.parameters.p4:
+        return f"No log tells p4, since nothing drives the joint: effort is in {effort_unit(twin)}."
     worth = f"{twin.parameters.p4:.6g} {effort_unit(twin)}"
     return f"Effort is the command times {worth} per {twin.kind.unit}: multiply it yourself."
 

@@ -10,6 +10,7 @@ import mujoco
 from butterfly.plant.mjcf import named, text_of
 from butterfly.plant.robot import Shape
 from butterfly.twin.forms import Options, xml_comment
+from butterfly.twin.plain import effort_unit
 from butterfly.twin.stand_alone import stand_alone
 from butterfly.twin.twin import Twin, Written
 
@@ -103,10 +104,10 @@ def _on_body(twin: Twin) -> Iterator[str]:
 
 
 def _on_actuators(twin: Twin) -> Iterator[str]:
-    p = twin.parameters
+    p, worth = twin.parameters, f"{twin.built[0].drive.gain:.6g} {effort_unit(twin)}"
     yield (
-        f"3. The drive. ctrl of {twin.identifier}_motor is the command in {twin.kind.unit}, at "
-        f"standstill worth {p.p4:.6g} each; give each step the mean of the command over it."
+        f"3. The drive. ctrl of {twin.identifier}_motor is the command, {worth} per "
+        f"{twin.kind.unit} at standstill; give each step the mean of it over that step."
     )
     others = {
         "slip: what Stribeck friction loses once the joint slides": p.stribeck,

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from butterfly.plant.stand_alone import stand_alone
 from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError

@@ -33,6 +33,14 @@ OPEN_ARM = Path(sys.prefix, "share/openarm_mujoco/v2/openarm_bimanual.xml")
 INERT = 1e9  # kg m², of joints that do not give way
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _brief():
+    """A joint without logs is measured for ten seconds, not for a minute."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("butterfly.twin.accuracy._MINUTE", 10.0)
+        yield
+
+
 @pytest.fixture(scope="module", params=[{}, {"coulomb": 2e-3, "delay": 0.004, "spring": 0.02}])
 def model(request):
     return IdentifiedModel(LumpedParameters(**PARAMETERS | request.param))

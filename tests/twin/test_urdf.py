@@ -1,5 +1,7 @@
 """The URDF moves in MuJoCo and in Pinocchio as the equation says, and tells what it cannot say."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -94,3 +96,10 @@ def test_limits_are_those_of_the_drive_and_a_turning_joint_without_any_has_none(
     motor = limit("motor", limit=12.0)
     assert motor == pytest.approx({"effort": 0.48, "velocity": 480.0})
     assert limit("slide")["upper"] == 1e6
+
+
+@pytest.mark.parametrize("form", ["snippet", "urdf", "actuator"])
+def test_a_joint_that_nothing_drove_is_written_and_says_so(form):
+    joint = twin("smooth")
+    joint = replace(joint, parameters=replace(joint.parameters, p4=0.0), recorded=tuple)
+    assert "No log tells p4" in " ".join(write_as(form, joint).left_out)
