@@ -21,7 +21,14 @@ from butterfly.model.servo import LawStructure, Output
 from butterfly.plant.robot import Shape
 from butterfly.result import json_text
 from butterfly.twin.forms import Options
-from butterfly.twin.plain import accuracy, effort_text, effort_unit, late_steps, left_out
+from butterfly.twin.plain import (
+    accuracy,
+    effort_text,
+    effort_unit,
+    late_steps,
+    left_out,
+    steps_text,
+)
 from butterfly.twin.twin import Twin, Written
 
 _OF_LOOP = ("law", "kp", "kd", "limit", "supply", "clock", "torque_constant")
@@ -143,7 +150,7 @@ def _notes(twin: Twin, options: Options) -> Iterator[str]:
             yield f"Of that loop, {', '.join(rest)} is left out."
         yield "How far a joint in this loop moves from ours is not measured."
     if p.delay > 0:
-        yield f"The delay of {1e3 * p.delay:.3g} ms is written as {steps} steps."
+        yield f"The delay of {1e3 * p.delay:.3g} ms is written as {steps_text(twin, options)}."
     if steps and math.isfinite(_drive(twin).speed):
         yield "Isaac Lab's DCMotorCfg has no delay."
     if _armature(twin) is None:

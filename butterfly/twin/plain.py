@@ -32,6 +32,12 @@ def late_steps(twin: Twin, options: Options) -> int:
     return max(round(twin.parameters.delay / options.timestep), 0)
 
 
+def steps_text(twin: Twin, options: Options) -> str:
+    """Say by how many steps a command is late."""
+    steps = late_steps(twin, options)
+    return f"{steps} step{'' if steps == 1 else 's'} of {1e3 * options.timestep:g} ms"
+
+
 def accuracy(twin: Twin, options: Options) -> Accuracy:
     """Return how far such a joint strays in MuJoCo, with MuJoCo's own settings of friction."""
     steps = late_steps(twin, options)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from butterfly.plant.robot import Shape
 from butterfly.twin.forms import Options, xml_comment
-from butterfly.twin.plain import accuracy, effort_text, late_steps, left_out
+from butterfly.twin.plain import accuracy, effort_text, late_steps, left_out, steps_text
 from butterfly.twin.twin import Twin, Written
 
 _BEYOND = 1e6  # of effort, velocity or way, where no limit is known and URDF wants one
@@ -55,11 +55,10 @@ def as_urdf(twin: Twin, options: Options) -> Written:
 def _missing(twin: Twin, options: Options) -> Iterator[str]:
     """Say what URDF cannot."""
     yield effort_text(twin)
-    if steps := late_steps(twin, options):
-        yield (
-            f"Send each effort {steps} steps of {1e3 * options.timestep:g} ms late yourself: the "
-            f"delay is {1e3 * twin.parameters.delay:.3g} ms."
-        )
+    if late_steps(twin, options):
+        late = steps_text(twin, options)
+        delay = f"{1e3 * twin.parameters.delay:.3g} ms"
+        yield f"Send each effort {late} late yourself: the delay is {delay}."
     if twin.servo is not None:
         yield f"The servo's loop ({twin.servo.law}) is left out: the command is its drive's."
     yield from left_out(twin, "URDF")
