@@ -12,7 +12,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers record record-check wheel clean
+.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -72,6 +72,20 @@ fuzz: $(VENV)/.development
 FILES ?= 2000
 readers: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.independent.readers --files $(FILES) --seed $(SEED)
+
+# Exported twins, moved by the programs that they are for: Pinocchio, mjlab (which asks for an older
+# MuJoCo) with MuJoCo Warp on the CPU, and on a public arm. Several GB: READBACK_MORE='torch==...'.
+READBACK := build/readback
+READBACK_MORE ?=
+readback: | $(UV)
+	mkdir -p build
+	printf 'mujoco>=4.0,<5\nmujoco-warp>=4.0,<5\n' > $(READBACK).txt
+	$(UV) venv --quiet --allow-existing --python $(PYTHON) $(READBACK)
+	$(UV) pip install --quiet --python $(READBACK)/bin/python --override $(READBACK).txt \
+		--editable . hypothesis pytest pytest-xdist pin mjlab openarm-mujoco $(READBACK_MORE)
+	$(UV) pip list --python $(READBACK)/bin/python 2>/dev/null | \
+		grep -E '^(butterfly-testbed|mjlab|mujoco|mujoco-warp|openarm-mujoco|pin|torch) '
+	$(ONE_THREAD) $(READBACK)/bin/python -m pytest $(addprefix tests/twin/test_,actuator.py mjspec.py urdf.py)
 
 # What the program answers, digit by digit, written to RECORD; and what another version of it answers
 # beside that. RECORD_OPTIONS='--part quick' takes a minute, all of it a quarter of an hour.

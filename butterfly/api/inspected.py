@@ -325,5 +325,8 @@ def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:
         resolution=path.resolution,
         servo=plan.plant.servo,
         robot=robot,
-        recorded=lambda: [(log, Setting(parameters=p, zero=0.0)) for log in planned_logs(plan)],
+        recorded=lambda: [
+            (log, Setting(parameters=p, zero=0.0))
+            for log in (() if plan.plant.servo else planned_logs(plan))
+        ],
     )

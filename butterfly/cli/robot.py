@@ -161,7 +161,9 @@ def export(
     out
         File to write.
     to
-        Form: a whole MuJoCo model (mjcf), one C99 header (c), or the JSON of Rhoban's BAM (bam).
+        Form: a whole MuJoCo model (mjcf), lines for your own MJCF (snippet), URDF (urdf), fields of
+        mjlab's and Isaac Lab's actuators (actuator), one C99 header (c), or the JSON of
+        Rhoban's BAM (bam).
     timestep
         Step in s of the simulator for which the file is written.
     integrator

@@ -23,10 +23,10 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import ServoLoop
-from butterfly.model.terms import GEAR, TERMS
+from butterfly.model.terms import GEAR
 from butterfly.result import json_text
 from butterfly.twin.forms import Options
-from butterfly.twin.twin import Twin, Written
+from butterfly.twin.twin import Twin, Written, beyond, listed
 
 _OF_LAWS = {"dynamixel-xl330": "xl330", "feetech-sts": "sts3215"}
 ACTUATORS = (*_OF_LAWS.values(), "mx64", "mx106", "xl320")
@@ -172,14 +172,8 @@ def _stribeck_and_gear(p: LumpedParameters, model: str) -> dict[str, float]:
 def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
     """Say what BAM's form does not hold of a joint, or reads otherwise."""
     told = {"loop_kp", "load"} if added.mass else {"loop_kp"}
-    rest = [
-        TERMS[each.name]
-        for each in fields(LumpedParameters)
-        if each.name in TERMS.keys() - _HELD - told and getattr(p, each.name) != each.default
-    ]
-    if rest:
-        said = ", ".join(f"{row.symbol} {getattr(p, row.name):.4g} {row.unit}" for row in rest)
-        yield f"BAM's form has no place for {said}.".replace("unit", "V")
+    if rest := beyond(p, _HELD | told):
+        yield f"BAM's form has no place for {listed(p, rest, InputKind.VOLTAGE.unit)}."
     if any(row.offered and row.name != "latency" for row in rest):
         held = [name for name in ("stribeck", *GEAR, "back_emf") if getattr(p, name)]
         yield (

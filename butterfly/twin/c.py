@@ -7,7 +7,7 @@ delayed command may change once within a step, which is then taken in two parts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from textwrap import wrap
 from typing import Any
 
@@ -25,7 +25,7 @@ from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, wrapped
 from butterfly.twin.reduced import NUMBER, Fields, Function, all_of, is_known, join
 from butterfly.twin.translate import Translator
-from butterfly.twin.twin import Twin, Written
+from butterfly.twin.twin import Twin, Written, unheard
 
 _AIM = 1e-7  # rad, less than which no finer step is worth its time
 _GAIN = 0.01  # or than which share less of the error
@@ -54,7 +54,7 @@ def as_c(twin: Twin, options: Options) -> Written:
     yardstick = Yardstick.of(twin, options.timestep)
     substeps = _substeps(yardstick)
     accuracy = yardstick.accuracy(mover(yardstick.step, substeps))
-    left_out = tuple(_left_out(twin))
+    left_out = tuple(unheard(twin))
     said = (*left_out, *accuracy.lines)
     return Written(
         text=header(twin, options.timestep, substeps, said),
@@ -99,23 +99,6 @@ def mover(step: float, substeps: int) -> Mover:
         return simulate(loaded, time, held, angle, velocity)[0][:: len(ends)]
 
     return move
-
-
-def _left_out(twin: Twin) -> Iterator[str]:
-    """Say what the file does not hold."""
-    p = twin.loaded
-    if twin.servo is not None:
-        yield (
-            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
-            "the firmware sets it, and no set-point."
-        )
-    if p.slow_delay:
-        yield (
-            f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
-            "while the clock is slow."
-        )
-    if p.delay < 0:
-        yield f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
 
 
 def part_of(drives: float, _part: float, _parts: float) -> float:

@@ -11,12 +11,15 @@ if TYPE_CHECKING:
 
 FORMS = {
     "mjcf": "butterfly.twin.stand_alone:as_mjcf",
+    "snippet": "butterfly.twin.snippet:as_snippet",
+    "urdf": "butterfly.twin.urdf:as_urdf",
+    "actuator": "butterfly.twin.actuator:as_actuator",
     "c": "butterfly.twin.c:as_c",
     "bam": "butterfly.twin.bam:as_bam",
 }
 """What makes each form, by its name: a function of a twin and options."""
 
-WITH_A_BODY = ("mjcf",)
+WITH_A_BODY = ("mjcf", "snippet", "urdf")
 """Forms that say a mass on which the motion does not depend."""
 
 INTEGRATORS = ("RK4", "implicitfast")
@@ -37,6 +40,11 @@ class Options:
 
 DEFAULTS = Options()
 """What is written if nothing is asked."""
+
+
+def xml_comment(sentence: str) -> str:
+    """Return a sentence as a comment of XML, which holds no two hyphens in a row."""
+    return f"<!-- {sentence.replace('--', '- -')} -->"
 
 
 def write_as(form: str, twin: Twin, options: Options = DEFAULTS) -> Written:

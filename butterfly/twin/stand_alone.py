@@ -25,7 +25,7 @@ from butterfly.plant.mjcf import built, hinge_of, named, text_of
 from butterfly.plant.robot import Robot, Shape
 from butterfly.twin.accuracy import Mover, Yardstick
 from butterfly.twin.forms import DEFAULTS, Options
-from butterfly.twin.twin import Accuracy, Twin, Written
+from butterfly.twin.twin import Accuracy, Twin, Written, unheard
 
 _GRIPS = (0.12, 0.25, 0.06)  # steps: time constants with which dry friction stops the joint
 _NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
@@ -39,8 +39,8 @@ _NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
 class Form(NamedTuple):
     """One way to write a twin at a step."""
 
-    grip: float = _GRIPS[0]
-    """Time constant in steps with which dry friction stops the joint."""
+    grip: float | None = _GRIPS[0]
+    """Time constant in steps with which dry friction stops the joint; None for MuJoCo's own."""
     delay: str = "whole"
     """How a delay is written: none, in whole steps, between past commands, or half a step later."""
 
@@ -96,11 +96,11 @@ def stand_alone(
     if form is None:
         yardstick = Yardstick.of(twin, options.timestep)
         form = _best(twin, options, yardstick)
-        accuracy = yardstick.accuracy(_mover(options, form))
+        accuracy = yardstick.accuracy(mover(options, form))
     return StandAlone(
         root=_root(twin, options, form, scene=scene),
         accuracy=accuracy,
-        left_out=tuple(_left_out(twin, options, form)),
+        left_out=tuple(_left_out(twin, form)),
     )
 
 
@@ -108,7 +108,8 @@ def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
     """Return the form that strays least from our own simulation of some logs."""
     forms = [Form()]
     if twin.parameters.delay > _NO_DELAY:
-        forms = [Form(delay=each) for each in ("none", "whole", "later", "between")]
+        short = ("none",) if twin.parameters.delay < options.timestep else ()
+        forms = [Form(delay=each) for each in (*short, "whole", "later", "between")]
     best = _nearest(forms, options, yardstick)
     if twin.loaded.holding:
         best = _nearest([best._replace(grip=grip) for grip in _GRIPS], options, yardstick)
@@ -118,10 +119,10 @@ def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
 def _nearest(forms: Sequence[Form], options: Options, yardstick: Yardstick) -> Form:
     if len(forms) == 1:
         return forms[0]
-    return min(forms, key=lambda form: yardstick.worst_of_some(_mover(options, form)))
+    return min(forms, key=lambda form: yardstick.worst_of_some(mover(options, form)))
 
 
-def _mover(options: Options, form: Form) -> Mover:
+def mover(options: Options, form: Form) -> Mover:
     """Return what moves a twin in MuJoCo, in one form."""
 
     def move(
@@ -149,8 +150,11 @@ def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTr
     friction, step = robot.loaded(added), options.timestep
     root = built(_sliding(robot), added, scene=scene)
     next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
-    # which, said so, grips within a step whatever the flags of the model are
-    named(root, "hinge").set("solreffriction", f"-1 {-2 / (form.grip * step)!r}")
+    joint = named(root, "hinge")
+    if form.grip is None:
+        del joint.attrib["solreffriction"], joint.attrib["solimpfriction"]
+    else:  # which, said so, grips within a step whatever the flags of the model are
+        joint.set("solreffriction", f"-1 {-2 / (form.grip * step)!r}")
     motor = named(root, "motor")
     if math.isfinite(twin.limit):
         motor.set("ctrlrange", f"{-twin.limit!r} {twin.limit!r}")
@@ -173,9 +177,9 @@ def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTr
     return root
 
 
-def _left_out(twin: Twin, options: Options, form: Form) -> Iterator[str]:
+def _left_out(twin: Twin, form: Form) -> Iterator[str]:
     """Say what the file does not hold, and what makes up for it."""
-    p, way = twin.loaded, twin.joint.way
+    p = twin.loaded
     if beyond := [name for name in BEYOND_MUJOCO if getattr(p, name)]:
         yield (
             "MuJoCo has no friction that depends on torque or angle: set dof_frictionloss yourself "
@@ -193,25 +197,12 @@ def _left_out(twin: Twin, options: Options, form: Form) -> Iterator[str]:
             "No log tells p4, since nothing drives the joint there: 1 N m per unit of ctrl is a "
             "default."
         )
-    if p.slow_delay:
+    if form.delay == "none" and p.delay > _NO_DELAY:
         yield (
-            f"The delay is that of the fast sampling regime; {1e3 * p.slow_delay:.3g} ms come in "
-            "while the clock is slow."
+            f"The delay of {1e3 * p.delay:.3g} ms is left out: it is less than a step, and the "
+            "motion is nearer without it than with a whole step."
         )
-    if p.delay < -_NO_DELAY:
-        yield (
-            f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
-        )
-    elif form.delay == "none" and p.delay > _NO_DELAY:
-        yield (
-            f"The delay of {1e3 * p.delay:.3g} ms is left out: without it a step of "
-            f"{1e3 * options.timestep:g} ms is nearer."
-        )
-    if twin.servo is not None:
-        yield (
-            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
-            f"the firmware sets it. What it commands is not a set-point in {way}."
-        )
+    yield from unheard(twin)
 
 
 def models(

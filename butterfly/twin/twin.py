@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,19 @@ from butterfly.model.parameters import (
 )
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.servo import ServoLoop
+from butterfly.model.terms import TERMS, Term
 from butterfly.plant.robot import Robot, Shape
+
+_NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
+
+
+class Body(NamedTuple):
+    """What swings with all that it carries, as one rigid body."""
+
+    mass: float  # In kg, on which no motion of a hinge depends
+    beside: float  # Distance in m of its centre of mass from the axis, towards positive angles
+    below: float  # and downwards, at angle 0
+    inertia: float  # About the centre of mass in kg m²
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +132,18 @@ class Twin:
             robot = replace(robot, shape=Shape.BUTTERFLY)
         return robot, added
 
+    @cached_property
+    def body(self) -> Body:
+        """What swings, as one rigid body; that of a slide weighs p1."""
+        robot, added = self.built
+        hand, p1 = robot.hand, robot.loaded(added).p1
+        if robot.shape is Shape.SLIDE:
+            return Body(p1, 0.0, 0.0, p1)
+        mass = hand.mass + added.mass
+        beside = hand.mass * hand.com_offset / mass
+        below = (hand.mass * hand.com_distance + added.mass * added.arm) / mass
+        return Body(mass, beside, below, p1 - mass * (beside**2 + below**2))
+
     @property
     def identifier(self) -> str:
         """Its name as an identifier of C, Python and XML: lower case, digits, underscores."""
@@ -129,6 +153,46 @@ class Twin:
     def carrying(self, added: AddedMass) -> Twin:
         """Return the twin with another load."""
         return replace(self, added=added)
+
+
+def unheard(twin: Twin) -> Iterator[str]:
+    """Say what a form that takes the drive's own command leaves out of how it comes about."""
+    p = twin.loaded
+    if twin.servo is not None:
+        yield (
+            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
+            "the firmware sets it, not a set-point."
+        )
+        if p.back_emf:
+            yield "The back EMF brakes here even while the torque is off."
+    if p.slow_delay:
+        yield (
+            f"The delay is that of the fast sampling regime. While the clock is slow it is "
+            f"{1e3 * (p.delay + p.slow_delay):.3g} ms in place of {1e3 * p.delay:.3g} ms."
+        )
+    if p.delay < -_NO_DELAY:
+        yield f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
+
+
+def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
+    """Return the terms that act in a joint and are not among those that a form holds."""
+    rows = (TERMS[each.name] for each in fields(p) if each.name in TERMS.keys() - held)
+    idle = {each.name: each.default for each in fields(p)}
+    return [
+        row
+        for row in rows
+        if getattr(p, row.name) != idle[row.name]
+        and (not row.follows or any(getattr(p, name) for name in row.follows))
+    ]
+
+
+def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
+    """Return terms with their values; the unit is the command's."""
+    units = {"–": ""}
+    said = (
+        f"{row.symbol} {getattr(p, row.name):.4g} {units.get(row.unit, row.unit)}" for row in rows
+    )
+    return ", ".join(each.strip().replace("unit", unit) for each in said)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ notebook, which a code host shows, is a page as well.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,4 +48,4 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Write links as they are within the site."""
     if page.file.generated_by is None:
         return markdown.replace("](../", "](").replace(f"{NOTEBOOK})", ".md)")
-    return markdown.replace("](docs/", "](").replace("](../docs/", "](../")
+    return re.sub(r"\]\(((?:\.\./)*)docs/", r"](\1", markdown)

@@ -11,6 +11,7 @@ from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.inspected import robot_of
 from butterfly.errors import InputError
 from butterfly.identification.free_run import Setting
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters, TorqueDrive
 from butterfly.model.servo import ServoLoop
@@ -109,14 +110,14 @@ WORST = {  # rad, over two seconds, at steps of 0.5 and 5 ms
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
 def test_the_file_moves_alone_as_far_from_our_free_run_as_it_says(kind, seed, integrator):
     parameters, log = _drawn(seed, kind)
-    ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
-    assert np.ptp(ours) > 0.1
+    ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
+    assert np.ptp(ours.at(log.time)) > 0.1
     for step, most in zip((5e-4, 5e-3), WORST[kind], strict=True):
         asked = Options(timestep=step, integrator=integrator)
         written = write_as("mjcf", _twin(parameters, log), asked)
         moved, instants = _moved(written.text, log)
-        error = np.abs(moved - np.interp(instants, log.time, ours)).max()
-        assert written.accuracy.worst == pytest.approx(error, rel=0.02, abs=2e-5)
+        error = np.abs(moved - ours.at(instants)).max()
+        assert written.accuracy.worst == pytest.approx(error, rel=1e-3, abs=1e-7)
         assert written.accuracy.sentence in written.text
         if integrator == "RK4":
             assert written.accuracy.worst < most
@@ -131,8 +132,8 @@ def test_a_delay_is_written_in_the_way_that_is_nearest(step, most, gained):
     assert error < most
     without = text_of(stand_alone(_twin(replace(parameters, delay=0.0), log), asked).root)
     moved, instants = _moved(without, log)
-    ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
-    assert np.abs(moved - np.interp(instants, log.time, ours)).max() > gained * error
+    ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
+    assert np.abs(moved - ours.at(instants)).max() > gained * error
 
 
 def test_a_delay_in_whole_steps_is_exact():
@@ -189,7 +190,7 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
         mujoco.mj_forward(model, data)
         braked = data.qfrc_constraint[0] + data.qfrc_actuator[0]
         level = parameters.level(abs(velocity))
-        assert braked == pytest.approx(-np.sign(velocity) * level, abs=0.002 * parameters.stribeck)
+        assert braked == pytest.approx(-np.sign(velocity) * level, abs=0.004 * parameters.stribeck)
 
 
 def _model(twin, **asked):
@@ -209,11 +210,14 @@ def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out: no joint moves before"),
-        ({"delay": 2e-5}, r"The delay of 0\.02 ms is left out"),
+        ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out: no joint moves before its"),
+        ({"delay": 2e-5}, r"The delay of 0\.02 ms is left out: it is less than a step"),
         ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
         ({"dead_zone": 0.02}, r"move ctrl by up to 0\.02 towards 0 yourself"),
-        ({"slow_delay": 9e-4, "slow_interval": 1e-3}, r"0\.9 ms come in while the clock is slow"),
+        (
+            {"slow_delay": 9e-4, "slow_interval": 1e-3},
+            r"While the clock is slow it is 0\.9 ms in place of 0 ms",
+        ),
         ({"motor_friction": 0.1, "load_stribeck": 0.2}, r"for motor_friction, load_stribeck"),
     ],
 )

@@ -1,0 +1,119 @@
+"""Lines to paste into one's own MJCF: the joint, its actuators, and a body where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree import ElementTree
+
+import mujoco
+
+from butterfly.plant.mjcf import named, text_of
+from butterfly.plant.robot import Shape
+from butterfly.twin.forms import Options, xml_comment
+from butterfly.twin.plain import effort_unit
+from butterfly.twin.stand_alone import stand_alone
+from butterfly.twin.twin import Twin, Written
+
+
+def as_snippet(twin: Twin, options: Options) -> Written:
+    """Return the lines of a twin that go into one's own MJCF, each with what it is."""
+    made, robot = stand_alone(twin, options), twin.built[0]
+    left_out = [*made.left_out]
+    if aside := [name for name in ("base", "clutch") if getattr(robot, name)]:
+        left_out.append(
+            f"Not in these lines: the {' and the '.join(aside)}. Take the whole model (--to mjcf)."
+        )
+    accuracy = None if aside else made.accuracy
+    joint = named(made.root, "slide" if robot.shape is Shape.SLIDE else "hinge")
+    actuators = next(made.root.iter("actuator"))
+    joint.set("name", twin.identifier)
+    joint.set("armature", "0")
+    for each in actuators:
+        each.attrib |= {"name": f"{twin.identifier}_{each.get('name')}", "joint": twin.identifier}
+    ElementTree.indent(actuators)
+    head = (*_head(twin, options), *left_out, *(accuracy.lines if accuracy else ()))
+    parts = (
+        *map(xml_comment, head),
+        *("", *map(xml_comment, _on_joint(twin))),
+        text_of(joint).strip(),
+        *("", *map(xml_comment, _on_body(twin))),
+        xml_comment(f" {inertial(twin)} "),
+        *("", *map(xml_comment, _on_actuators(twin))),
+        text_of(actuators).strip(),
+    )
+    return Written(
+        text="\n".join((*parts, "")),
+        about=f"lines for your own MJCF, joint {twin.identifier!r}",
+        left_out=tuple(left_out),
+        accuracy=accuracy,
+    )
+
+
+def inertial(twin: Twin) -> str:
+    """Return the MJCF of the body that swings, with what it carries."""
+    mass, beside, below, inertia = twin.body
+    turns = " ".join([repr(inertia)] * 3)
+    return f'<inertial pos="{beside!r} 0 {-below!r}" mass="{mass!r}" diaginertia="{turns}"/>'
+
+
+def _head(twin: Twin, options: Options) -> Iterator[str]:
+    yield f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}."
+    yield (
+        f'Holds at <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
+        "export again for another step."
+    )
+
+
+def _on_joint(twin: Twin) -> Iterator[str]:
+    slides = twin.built[0].shape is Shape.SLIDE
+    yield "1. In your body, in place of its joint. Put your own name, axis, pos and range."
+    if not slides:
+        yield (
+            "Angle 0 is where the joint hangs, axis horizontal. If yours is 0 elsewhere, set ref, "
+            "springref and the phase of cogging to match."
+        )
+    yield (
+        "damping: viscous friction, then drag. frictionloss: the torque that holds it at rest. "
+        "solreffriction and solimpfriction: how fast that grips, for this step."
+    )
+
+
+def _on_body(twin: Twin) -> Iterator[str]:
+    p = twin.loaded
+    if twin.built[0].shape is Shape.SLIDE:
+        yield f"2. Its body. p1 = {p.p1:.6g} kg is the mass of all that moves, motor included."
+        yield f"a) Your body has the mass m without the motor: armature = {p.p1:.6g} - m."
+    else:
+        yield (
+            f"2. Its body. p1 = {p.p1:.6g} kg m² is the inertia about the axis of all that turns, "
+            f"motor included; p3 = {p.p3:.6g} N m is its gravity moment m g l."
+        )
+        yield (
+            "a) Your body has the inertia I about the axis without the motor: armature = "
+            f"{p.p1:.6g} - I. Its m g l has to be p3."
+        )
+        if p.p3_offset or p.tilt:
+            yield (
+                f"Its centre of mass is {twin.body.beside:.4g} m beside the line; the axis is "
+                f"{p.tilt:.4g} rad out of the horizontal."
+            )
+    yield (
+        'b) Your body has no mass yet: armature="0" and the next line in it, in a frame where the '
+        "axis is as above and gravity points along -z at angle 0."
+    )
+
+
+def _on_actuators(twin: Twin) -> Iterator[str]:
+    p, worth = twin.parameters, f"{twin.built[0].drive.gain:.6g} {effort_unit(twin)}"
+    yield (
+        f"3. The drive. ctrl of {twin.identifier}_motor is the command, {worth} per "
+        f"{twin.kind.unit} at standstill; give each step the mean of it over that step."
+    )
+    others = {
+        "slip: what Stribeck friction loses once the joint slides": p.stribeck,
+        "bias: a constant torque": p.bias,
+        "cogging: a torque that repeats over a turn": p.cogging or p.cogging_cosine,
+        "bristles: friction that bends before it slides": p.bristle_stiffness,
+    }
+    if said := [text for text, there in others.items() if there]:
+        yield f"The others take no command: leave their ctrl at 0. {'; '.join(said)}."
