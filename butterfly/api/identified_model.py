@@ -66,6 +66,32 @@ class IdentifiedModel:
 
         return linearised(self.parameters, added_mass, angle=angle, pade_order=pade_order)
 
+    def discretised(
+        self, step: float, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+    ) -> control.StateSpace:
+        """Return the linearisation for commands that are held during steps, with the exact delay.
+
+        Earlier commands are states, no approximation of the delay is needed (see
+        `butterfly.model.control_bridge.discretised`).
+
+        Parameters
+        ----------
+        step
+            In s, between two commands.
+        added_mass
+            What the hand carries.
+        angle
+            Of rest, in rad.
+
+        Raises
+        ------
+        InputError
+            If the step is not a positive number.
+        """
+        from butterfly.model.control_bridge import discretised  # noqa: PLC0415 - slow to import
+
+        return discretised(self.parameters, step, added_mass, angle=angle)
+
     def nonlinear(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.NonlinearIOSystem:
         """Return the whole equation as python-control's object, the delay left out."""
         from butterfly.model.control_bridge import nonlinear_system  # noqa: PLC0415 - slow to import

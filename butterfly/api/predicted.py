@@ -31,6 +31,7 @@ from butterfly.result import Answer
 from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
+    import control
     import mujoco
     from plotly.graph_objects import Figure
 
@@ -136,6 +137,29 @@ class Drawn(Answer):
         model = self.found.model if self.found else IdentifiedModel(drawn[0])
         options = Options(timestep=timestep, integrator=integrator)
         return models(drawn, model.twin(added_mass, mass=mass), options)
+
+    def linear_systems(
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        angle: float = 0.0,
+        step: float | None = None,
+    ) -> list[control.StateSpace]:
+        """Return the linearisation of each draw, for robust control: samples of its uncertainty.
+
+        Parameters
+        ----------
+        added_mass, angle
+            As of `IdentifiedModel.linearised`.
+        step
+            Of a discrete-time system, in s (`IdentifiedModel.discretised`); in continuous time if
+            not given.
+        """
+        from butterfly.model.control_bridge import discretised, linearised  # noqa: PLC0415 - slow to import
+
+        if step is None:
+            return [linearised(each, added_mass, angle=angle) for each in self.parameters]
+        return [discretised(each, step, added_mass, angle=angle) for each in self.parameters]
 
     def batch(self, added_mass: AddedMass = NO_ADDED_MASS, **how: Any) -> list[mujoco.MjModel]:  # noqa: ANN401 - see `models`
         """Return `models` compiled: a batch for ``mujoco.rollout.rollout(batch, data, states)``.

@@ -7,14 +7,18 @@ from typing import Any
 
 import control
 import numpy as np
+from scipy.linalg import expm
 
 from butterfly.arrays import Samples
+from butterfly.errors import require_number
 from butterfly.model.linear import DelayStates, Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 PADE_ORDER = 4
 """Of the approximation of a delay, if none is wished for."""
+
+_ROUNDING = 1e-9  # of a step
 
 
 def linearised(
@@ -61,6 +65,52 @@ def linearised(
         outputs=["angle", "velocity"],
         states=names,
         name="hand" if is_late or p.delay == 0 else "hand_without_delay",
+    )
+
+
+def discretised(
+    parameters: LumpedParameters,
+    step: float,
+    added_mass: AddedMass = NO_ADDED_MASS,
+    *,
+    angle: float = 0.0,
+) -> control.StateSpace:
+    """Linearise as `linearised` does, for commands that are held during steps in s.
+
+    Exact at the steps' ends, the delay d = n step + r included: with F(t) = exp(A t) and G(t) its
+    integral times B, ``x[k+1] = F(step) x[k] + F(step - r) G(r) u[k-n-1] + G(step - r) u[k-n]``
+    (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, section 2.3). Earlier
+    commands are states. A negative delay is left out.
+    """
+    require_number("discretised", positive=True, unit="s", step=step)
+    system = linearised(parameters, added_mass, angle=angle, pade_order=0)
+    late = max(float(parameters.delay), 0.0) / step
+    whole = math.floor(late + _ROUNDING)
+    rest = late - whole if late - whole > _ROUNDING else 0.0
+    count, kept = system.nstates, whole + (rest > 0)
+    generator = np.zeros((count + 1, count + 1))
+    generator[:count] = np.hstack([system.A, system.B])
+    newer, older = (expm(generator * step * share) for share in (1 - rest, rest))
+    now = newer[:count, count]  # of the command that acts at a step's end,
+    before = newer[:count, :count] @ older[:count, count]  # and of the one before it
+    a, b = np.zeros((count + kept, count + kept)), np.eye(count + kept, 1, -count)
+    a[:count, :count] = newer[:count, :count] @ older[:count, :count]
+    a[count + 1 :, count:-1] = np.eye(max(kept - 1, 0))
+    for back, effect in enumerate([now, before][: 1 + (rest > 0)], whole):
+        if back:
+            a[:count, count + back - 1] = effect
+        else:
+            b[:count, 0] = effect
+    return control.ss(
+        a,
+        b,
+        np.eye(2, count + kept),
+        np.zeros((2, 1)),
+        step,
+        inputs=["command"],
+        outputs=["angle", "velocity"],
+        states=[*system.state_labels, *(f"command[{-k}]" for k in range(1, kept + 1))],
+        name="hand",
     )
 
 

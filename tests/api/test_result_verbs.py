@@ -116,6 +116,9 @@ def test_draws_are_files_a_frame_models_and_a_batch(result, tmp_path):
     command[:, :, 0] = 1.0
     states, _ = rollout.rollout(batch, data, np.tile(start, (7, 1)), command)
     assert len({float(angle) for angle in states[:, -1, 1]}) == 7
+    continuous, discrete = drawn.linear_systems(), drawn.linear_systems(step=0.01)
+    assert len({float(system.B[1, 0]) for system in continuous}) == 7
+    assert {system.dt for system in discrete} == {0.01}
 
 
 def test_draws_that_count_alike_are_chosen_by_their_weights():

@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.errors import InputError
 from butterfly.model.control_bridge import (
+    discretised,
     linearised,
     nonlinear_system,
     transfer_function,
@@ -207,3 +208,29 @@ def test_the_predicted_swing_is_the_simulated_one(joint, error, omega, amplitude
 def test_a_drive_that_friction_holds_swings_nothing_and_one_beyond_all_balance_without_bound():
     assert predicted_swing(replace(SWINGING, coulomb=0.01), 3.0, 0.2) == 0.0
     assert predicted_swing(SWINGING, 1.0, 100.0) == np.inf
+
+
+@pytest.mark.parametrize("delay", [0.0, 2e-3, 0.01, 0.0137, 0.03])
+@pytest.mark.parametrize("constant", [0.0, 4e-3])
+def test_a_discrete_system_has_the_exact_delay(delay, constant):
+    """Against the continuous system, simulated with a finely held command that comes later."""
+    robot = replace(WHOLE, delay=delay, time_constant=constant)
+    mass, step, fine = AddedMass(mass=0.05, arm=0.1), 0.01, 1e-4
+    commands = np.random.default_rng(0).standard_normal(40)
+    system = discretised(robot, step, mass, angle=0.3)
+    found = control.forced_response(system, inputs=commands).outputs
+    ahead = discretised(replace(robot, delay=0.0), fine, mass, angle=0.3)
+    held = np.concatenate([np.zeros(round(delay / fine)), np.repeat(commands, round(step / fine))])
+    expected = control.forced_response(ahead, inputs=held).outputs[:, :: round(step / fine)]
+    np.testing.assert_allclose(found, expected[:, : found.shape[1]], rtol=1e-9, atol=1e-12)
+    assert system.dt == step
+    slow = np.abs(1j * np.linspace(1, 20, 5))
+    late = linearised(robot, mass, angle=0.3).frequency_response(slow).complex[0, 0]
+    sampled = system.frequency_response(slow).complex[0, 0]
+    hold = np.sinc(slow * step / 2 / np.pi) * np.exp(-1j * slow * step / 2)
+    np.testing.assert_allclose(sampled, late * hold, rtol=0.02)
+
+
+def test_a_step_that_is_none_is_refused():
+    with pytest.raises(InputError, match="step: got 0"):
+        discretised(WHOLE, 0)
