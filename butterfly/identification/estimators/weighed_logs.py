@@ -29,7 +29,7 @@ from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.term_choice import BASE, RARER
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
+from butterfly.identification.levels import FEW, LOST, MOST, PRECISE
 from butterfly.model.terms import FOLLOWERS, GEAR
 from butterfly.progress import out_of_time
 
@@ -75,10 +75,15 @@ class WeighedLogs:
         lowest = np.maximum(np.minimum(self.problem.lower - self.point, 0.0), -reach)
         return bounded_step(self.at, lowest, reach)
 
+    @cached_property
+    def promised(self) -> float:
+        """Half the squares of standard errors that this takes off."""
+        return decrease(self.at, self.step)
+
     @property
     def settled(self) -> bool:
-        """Whether that promises nothing."""
-        return decrease(self.at, self.step) < MATTERS
+        """Whether that is next to nothing."""
+        return self.promised < PRECISE
 
     def taking(self, problem: FreeRunResiduals) -> WeighedLogs:
         """Return the same of residuals in fewer parameters."""
@@ -88,11 +93,16 @@ class WeighedLogs:
 
     def settled_within(self, most: int) -> WeighedLogs | None:
         """Return what logs say where no step promises anything, or after so many of them."""
-        found: WeighedLogs | None = self
+        found, share = self, 1.0
         for _ in range(most):
-            if found is None or found.settled:
+            if found.settled:
                 break
-            found = found.next_in(self.problem)
+            there = found.next_in(self.problem, share)
+            if there is None:
+                return None
+            if not there.promised < found.promised:  # steps go to and fro
+                share *= LOST
+            found = there
         return found
 
     @property
@@ -109,13 +119,14 @@ class WeighedLogs:
         at = self.problem.weighed(self.problem.equations(point), point)
         return replace(self.weighed_end, at=at)
 
-    def next_in(self, problem: FreeRunResiduals) -> WeighedLogs | None:
-        """Return what logs say a step away, each simulated as it most likely is, of more values.
+    def next_in(self, problem: FreeRunResiduals, share: float = 1.0) -> WeighedLogs | None:
+        """Return what logs say a step away, or a share of it, of as many values or more.
 
-        None where a simulation diverges.
+        Each log is simulated as it most likely is; None where a simulation diverges.
         """
-        point = self.point + self.step
-        own = self._scatter.apart(self.logs.moved(self.step), self._spread)
+        step = share * self.step
+        point = self.point + step
+        own = self._scatter.apart(self.logs.moved(step), self._spread)
         own = np.maximum(own, self.problem.lower - point)
         values = problem.values_of(self.problem, point)
         own = problem.values_of(self.problem, point + own) - values
