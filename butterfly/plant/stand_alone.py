@@ -60,6 +60,7 @@ def stand_alone(
     added: AddedMass = NO_ADDED_MASS,
     *,
     delay: float = 0.0,
+    slow_delay: float = 0.0,
     limit: float = math.inf,
     resolution: float = 0.0,
     dead_zone: float = 0.0,
@@ -76,6 +77,11 @@ def stand_alone(
         left_out.append(
             "MuJoCo has no friction that torque or angle change: set dof_frictionloss yourself in "
             f"each step, for {', '.join(beyond)}"
+        )
+    if slow_delay:
+        left_out.append(
+            f"The delay is that of the fast clock: of the {1e3 * slow_delay:+.3g} ms in a clock's "
+            "slow regime nothing is in the file"
         )
     for flaw, remedy in (
         (resolution, "does not round commands: set ctrl to multiples of {:g}"),
@@ -113,7 +119,7 @@ def stand_alone(
 
 def command_of(parameters: LumpedParameters) -> dict[str, float]:
     """Return what becomes of the command before it is a torque, as `stand_alone` takes it."""
-    return {name: float(getattr(parameters, name)) for name in ("delay", *DRIVE)}
+    return {name: float(getattr(parameters, name)) for name in ("delay", "slow_delay", *DRIVE)}
 
 
 def models(

@@ -165,6 +165,7 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
     [
         ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out: no robot moves before"),
         ({"delay": 2e-5}, r"The delay of 0\.02 ms is left out"),
+        ({"slow_delay": -9.4e-4}, r"fast clock: of the -0\.94 ms in a clock's slow regime nothing"),
         ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
         ({"dead_zone": 0.02}, r"take up to 0\.02 towards 0 from ctrl yourself"),
         ({"resolution": 0.01}, r"set ctrl to multiples of 0\.01 yourself"),

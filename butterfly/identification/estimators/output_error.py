@@ -35,10 +35,10 @@ from butterfly.identification.estimators.local_parameters import Key
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.servo_start import servo_start
 from butterfly.identification.estimators.weighed_logs import (
-    WeighedLogs,
     chosen_by_weight,
     not_tried,
     weighed_end,
+    weighed_from,
 )
 from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
@@ -50,7 +50,7 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
+from butterfly.identification.levels import FEW, LOST, MATTERS
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log, slow_interval
@@ -198,30 +198,33 @@ class OutputError(Estimator):
             (each.without(absent) for each in chain([wide], others)), enough=enough
         )
         rivals: tuple[Samples, ...] = ()
-        weighed: WeighedLogs | None = None
-        if self.terms is None and not out_of_time("the choice of terms"):
+        choosing = self.terms is None and not out_of_time("the choice of terms")
+        if choosing:
             always = tuple(known.uncertain)
             problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always)
             said = (*said, *more)
-            if weighed := chosen_by_weight(wide, problem, end):
-                problem, end, rivals = weighed.problem, weighed.end, ()
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
-            problem, weighed = problem.keeping(kept, end.point[kept]), None
+            problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
+        weighed = weighed_from(problem, end.at, end.point)
+        hidden = chosen_by_weight(wide, weighed, end) if choosing else None
+        if hidden:
+            problem, weighed, end, rivals = hidden.problem, hidden, hidden.end, ()
         while held := problem.untold(weighed.weighed_end if weighed else end):
+            point = weighed.weighed_end.point if weighed else end.point
             at = problem.keys.index((held, None))
-            number = float(end.point[at] * problem.scale[at])
+            number = float(point[at] * problem.scale[at])
             said = (*said, Finding(FindingKind.HELD, (held,), number=number))
             rivals = tuple(np.delete(each, at) for each in rivals)
-            problem = problem.holding(held, end.point)
-            weighed = weighed and weighed.taking(problem).settled_within(MOST)
-            end = weighed.end if weighed else problem.descend(problem.initial)
+            problem = problem.holding(held, point)
+            weighed = weighed and weighed.taking(problem).settled_within(FEW)
+            end = weighed.end if hidden and weighed else problem.descend(problem.initial)
 
         solved = cells = problem.solved(end)
-        if with_scatter := weighed_end(problem, end, weighed):
+        if with_scatter := weighed_end(weighed, end):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
         owned = problem.keys[problem.shared :]

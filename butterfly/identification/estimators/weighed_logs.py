@@ -29,7 +29,7 @@ from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.term_choice import BASE, RARER
-from butterfly.identification.levels import FEW, LOST, MOST, PRECISE
+from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, WEIGHED
 from butterfly.model.terms import FOLLOWERS, GEAR
 from butterfly.progress import out_of_time
 
@@ -77,13 +77,13 @@ class WeighedLogs:
 
     @cached_property
     def promised(self) -> float:
-        """Half the squares of standard errors that this takes off."""
-        return decrease(self.at, self.step)
+        """Mean square of that in standard errors."""
+        return 2 * decrease(self.at, self.step) / self.point.size
 
     @property
     def settled(self) -> bool:
-        """Whether that is next to nothing."""
-        return self.promised < PRECISE
+        """Whether that is less than scatter tells."""
+        return self.promised < WEIGHED
 
     def taking(self, problem: FreeRunResiduals) -> WeighedLogs:
         """Return the same of residuals in fewer parameters."""
@@ -92,10 +92,10 @@ class WeighedLogs:
         return WeighedLogs(problem=problem, point=self.point[kept], logs=logs)
 
     def settled_within(self, most: int) -> WeighedLogs | None:
-        """Return what logs say where no step promises anything, or after so many of them."""
+        """Return what logs say where no step promises much, or after so many of them."""
         found, share = self, 1.0
         for _ in range(most):
-            if found.settled:
+            if found.settled or share < MATTERS:
                 break
             there = found.next_in(self.problem, share)
             if there is None:
@@ -174,33 +174,31 @@ def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> We
 
 
 def weighed_end(
-    problem: FreeRunResiduals, end: Minimum, found: WeighedLogs | None = None
+    found: WeighedLogs | None, end: Minimum
 ) -> tuple[Minimum, tuple[Finding, ...]] | None:
     """Return the end with logs weighed by their scatter, and what is found of it.
 
-    From that of the least squares, or where it is ``found`` already. None where they cannot be
-    weighed, no longer tell the parameters apart, or are not followed there as their derivatives
-    said.
+    Beside that of the least squares. None where logs cannot be weighed, no longer tell the
+    parameters apart, or are not followed there as their derivatives said.
     """
-    found = found or weighed_from(problem, end.at, end.point)
-    if found is None or problem.inseparable(found.at):
+    if found is None or found.problem.inseparable(found.at):
         return None
     weighed = found.weighed_end
     told = end.at.moved(weighed.point - end.point).cost
-    if not LOST * problem.equations(weighed.point, slopes=False).cost <= told:
+    if not LOST * found.problem.equations(weighed.point, slopes=False).cost <= told:
         return None
     return weighed, found.findings
 
 
 def chosen_by_weight(
-    wide: FreeRunResiduals, problem: FreeRunResiduals, end: Minimum
+    wide: FreeRunResiduals, found: WeighedLogs | None, end: Minimum
 ) -> WeighedLogs | None:
     """Return what logs say, once they are weighed, with the rarer terms that they lack otherwise.
 
     Scatter hides these from the least squares. None where friction and gain do not differ from log
     to log by more than chance, or nothing is lacking.
     """
-    found, chosen = weighed_from(problem, end.at, end.point), None
+    chosen: WeighedLogs | None = None
     while found and found.findings and not out_of_time("the choice of terms"):
         every = wide.without(not_tried(found.problem))
         absent = {*every.keys} - {*found.problem.keys}
