@@ -35,6 +35,7 @@ from butterfly.identification.estimators.local_parameters import Key
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.servo_start import servo_start
 from butterfly.identification.estimators.weighed_logs import (
+    WeighedLogs,
     chosen_by_weight,
     not_tried,
     weighed_end,
@@ -213,15 +214,8 @@ class OutputError(Estimator):
         hidden = chosen_by_weight(wide, weighed, end) if choosing else None
         if hidden:
             problem, weighed, end, rivals = hidden.problem, hidden, hidden.end, ()
-        while held := problem.untold(weighed.weighed_end if weighed else end):
-            point = weighed.weighed_end.point if weighed else end.point
-            at = problem.keys.index((held, None))
-            number = float(point[at] * problem.scale[at])
-            said = (*said, Finding(FindingKind.HELD, (held,), number=number))
-            rivals = tuple(np.delete(each, at) for each in rivals)
-            problem = problem.holding(held, point)
-            weighed = weighed and weighed.taking(problem).settled_within(FEW)
-            end = weighed.end if hidden and weighed else problem.descend(problem.initial)
+        problem, end, weighed, rivals, held = _holding(problem, end, weighed, rivals, hidden)
+        said = (*said, *held)
 
         solved = cells = problem.solved(end)
         if with_scatter := weighed_end(weighed, end):
@@ -408,6 +402,30 @@ def _chosen(
         if lacking != "slow_delay":  # which stamps tell from all else
             plain = plain or (problem, end, rivals, said)
         rarer, always = rarer - {lacking}, (*always, lacking)
+
+
+def _holding(
+    problem: FreeRunResiduals,
+    end: Minimum,
+    weighed: WeighedLogs | None,
+    rivals: tuple[Samples, ...],
+    hidden: WeighedLogs | None,
+) -> tuple[FreeRunResiduals, Minimum, WeighedLogs | None, tuple[Samples, ...], tuple[Finding, ...]]:
+    """Hold what hardly shows of a base's shape, by weighed logs where there are such.
+
+    The least squares are fitted again, but where terms are ``hidden`` from them.
+    """
+    said: tuple[Finding, ...] = ()
+    while held := problem.untold(weighed.weighed_end if weighed else end):
+        point = weighed.weighed_end.point if weighed else end.point
+        at = problem.keys.index((held, None))
+        number = float(point[at] * problem.scale[at])
+        said = (*said, Finding(FindingKind.HELD, (held,), number=number))
+        rivals = tuple(np.delete(each, at) for each in rivals)
+        problem = problem.holding(held, point)
+        weighed = weighed and weighed.taking(problem).settled_within(FEW)
+        end = weighed.end if hidden and weighed else problem.descend(problem.initial)
+    return problem, end, weighed, rivals, said
 
 
 def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
