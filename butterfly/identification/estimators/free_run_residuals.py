@@ -40,7 +40,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import FEW, MOST, ROUNDING, SPREADS
+from butterfly.identification.levels import FEW, MOST, PRECISE, ROUNDING, SPREADS
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import InputKind, Log
@@ -375,6 +375,9 @@ class FreeRunResiduals:
         parameters = replace(self.start, **moved)
         if not parameters.p1 + simulation.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
+        fastest = parameters.base_frequency * max(1.0, 2 * parameters.base_damping)
+        if parameters.base_compliance and PRECISE * simulation.log.mean_step * fastest > 1:
+            return _impossible(len(self.keys))  # a base that settles in a tenth of a clock's step
         zero = own["zero"] if "zero" in own else reading_of(simulation.log, self.zeros)
         names = list(own) if slopes else []
         errors, rows, mixture = simulation.linearised(names, parameters, zero, own.get("velocity"))
@@ -386,7 +389,7 @@ class FreeRunResiduals:
 
 
 def _impossible(count: int) -> LogEquations:
-    """Return the equations of a joint without inertia, from which a descent steps back."""
+    """Return the equations of a joint that there is not, from which a descent steps back."""
     none = np.zeros((1, 1))
     return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
 

@@ -29,7 +29,7 @@ from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.term_choice import BASE, RARER
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, WEIGHED
+from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PRECISE, ROUNDING, WEIGHED
 from butterfly.model.terms import FOLLOWERS, GEAR
 from butterfly.progress import out_of_time
 
@@ -69,11 +69,18 @@ class WeighedLogs:
 
     @cached_property
     def step(self) -> Samples:
-        """(n,) what they ask the values to move by; what else shapes a term, by half at most."""
+        """(n,) what they ask the values to move by.
+
+        What else shapes a term by half at most, and to ten times its first guess: a base that is
+        faster still shows no frequency, and costs the more steps.
+        """
+        size = np.abs(self.point)
         shapes = [name in FOLLOWERS for name in self._names]
-        reach = np.where(shapes, LOST * np.abs(self.point), np.inf)
-        lowest = np.maximum(np.minimum(self.problem.lower - self.point, 0.0), -reach)
-        return bounded_step(self.at, lowest, reach)
+        room = np.maximum(self.problem.initial / PRECISE - self.point, ROUNDING * size)
+        highest = np.where(shapes, np.minimum(LOST * size, room), np.inf)
+        lowest = np.minimum(self.problem.lower - self.point, 0.0)
+        lowest = np.where(shapes, np.maximum(lowest, -LOST * size), lowest)
+        return bounded_step(self.at, lowest, highest)
 
     @cached_property
     def promised(self) -> float:
