@@ -293,10 +293,11 @@ def _responder(
 
 
 def _respond(parameters: LumpedParameters, *, mass: AddedMass, signal: Excitation) -> Samples:
-    """Simulate a candidate from rest, its bias aside."""
+    """Simulate a candidate from rest, its bias aside; a clock of two regimes is slow at its end."""
     time = np.arange(0.0, DURATION, LONGEST_STEP)
     instants = np.column_stack([time[:-1], time[:-1] + LONGEST_STEP / 2, time[1:]])
-    late = instants - parameters.delay
+    slow = (instants > DURATION / 2) & (parameters.slow_interval > 0)
+    late = instants - parameters.delay - parameters.slow_delay * slow
     inputs = np.where(late < 0, 0.0, signal.sample(late.ravel()).reshape(late.shape))
     loaded = parameters.with_added_mass(mass)
     angle, _ = simulate(loaded, time, inputs, initial_angle(signal))

@@ -183,3 +183,23 @@ def test_a_loop_that_is_not_stable_is_planned_nothing_without_a_warning():
     told = [each.warning for each in ranked if not isinstance(each.signal, FreeDecay)]
     assert all(warning.startswith("swings") for warning in told)
     assert np.isfinite([each.errors for each in ranked]).all()
+
+
+def test_a_plan_tells_of_the_delay_of_a_slow_clock(found):
+    """It takes the second half of a run: what nothing shows could not become better known."""
+    names = (*found.names, "slow_delay")
+    more = len(names)
+    covariance = np.zeros((more, more))
+    covariance[:-1, :-1], covariance[-1, -1] = found.covariance, 1e-6
+    slow = replace(
+        found,
+        names=names,
+        values=np.append(found.values, -1e-3),
+        covariance=covariance,
+        lower=np.append(found.lower, -3e-3),
+        upper=np.append(found.upper, 1e-3),
+        freedom=np.append(found.freedom, 10.0),
+        fixed={**found.fixed, "slow_interval": 2e-3},
+    )
+    best = rank_experiments(slow, [MASSES[1]], 0.01)[0]
+    assert best.errors[-1] < 0.9

@@ -201,6 +201,10 @@ class Bench:
     encoder: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda angle: angle
     notes: Callable[[Recording], Recording] = lambda log: log
     rates: tuple[float, ...] = (1.0,)  # mean sampling steps of the logs in turn, over the first
+    # stamps of a log's even clock turned into those of its own, and how late its commands are in s
+    clock: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]] = (
+        lambda stamps: (stamps, np.zeros_like(stamps))
+    )
 
 
 def record(
@@ -210,13 +214,15 @@ def record(
 
     A law knows no ``bench``.
     """
-    stamps, joint = clock(rng, duration, *ticks), body.carrying(run.mass)
+    bench, joint = bench or Bench(), body.carrying(run.mass)
+    stamps, late = bench.clock(clock(rng, duration, *ticks))
     offsets = encoder.zero + encoder.spread * rng.standard_normal(stamps.size)
     if run.plan is None:
-        inputs, bench = run.torque(stamps) / joint.gain, bench or Bench()
+        inputs = run.torque(stamps) / joint.gain
         real = bench.joint(joint, run.mass, stamps[-1])
         rest = real.spring * real.spring_rest / (real.spring + real.gravity or 1.0)
-        angle, velocity = motion(real, stamps, bench.drive(stamps, inputs), run.start + rest)
+        driven = stamps, bench.drive(stamps, inputs)
+        angle, velocity = motion(real, *driven, run.start + rest, late=late)
         readings = encoder.count * np.rint((bench.encoder(angle) + offsets) / encoder.count)
     else:
         wanted, rates, pumps = run.plan(stamps)

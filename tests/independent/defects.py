@@ -140,6 +140,29 @@ def _base_and_friction_by_log(rng, body, sizes):
     )
 
 
+def _regimes(rng, _body, _sizes):
+    """Within most logs the clock slows down by 4 to 15 %, or speeds up: a message more, or less.
+
+    The delay is that of the fast clock.
+    """
+    slower, messages, begins = rng.uniform(1.04, 1.15), rng.uniform(0.5, 1.2), rng.integers(2)
+
+    def clock(stamps):
+        step = stamps[-1] / (stamps.size - 1)
+        switch = rng.uniform(0.2, 0.8) if rng.random() < 0.8 else 1.0  # some never do
+        slow = (np.arange(stamps.size) < switch * stamps.size) == bool(begins)
+        cycles = np.diff(stamps) * np.where(slow[1:], slower, 1.0)
+        return np.concatenate([[0.0], np.cumsum(cycles)]), messages * step * slow
+
+    return Bench(clock=clock)
+
+
+def _base_friction_and_regimes(rng, body, sizes):
+    """All three at once."""
+    bench, regimes = _base_and_friction_by_log(rng, body, sizes), _regimes(rng, body, sizes)
+    return replace(bench, clock=regimes.clock)
+
+
 def _damped(joint, factor):
     return joint._replace(
         viscous=factor * joint.viscous, coulomb=factor * joint.coulomb, drag=factor * joint.drag
@@ -274,4 +297,8 @@ ROWS = {
     "scale": Row(_scale),
     "lag": Row(_lag),
     "base, friction by log": Row(_base_and_friction_by_log, ("p1", "p2", "coulomb"), r"\bbase\b"),
+    "regimes": Row(_regimes, ("delay",), r"regime|slow.delay"),
+    "base, friction by log, regimes": Row(
+        _base_friction_and_regimes, ("p1", "p2", "coulomb"), r"\bbase\b"
+    ),
 }

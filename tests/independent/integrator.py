@@ -62,10 +62,14 @@ class Law(NamedTuple):
     share: float = 1.0
 
 
-def motion(joint, stamps, inputs, angle=0.0, velocity=0.0, *, step=STEP):
-    """Return (n,) angles in rad and velocities in rad/s at (n,) stamps in s, for (n,) inputs."""
-    start = (angle, velocity, 0.0, 0.0)
-    return _motion(joint, np.asarray(stamps), np.asarray(inputs), start, step)
+def motion(joint, stamps, inputs, angle=0.0, velocity=0.0, *, late=0.0, step=STEP):
+    """Return (n,) angles in rad and velocities in rad/s at (n,) stamps in s, for (n,) inputs.
+
+    An input is ``late`` by so many s beside the delay, none before the one that was sent first.
+    """
+    start, stamps = (angle, velocity, 0.0, 0.0), np.asarray(stamps)
+    arrivals = np.maximum.accumulate(stamps + joint.delay + late)
+    return _motion(joint, (stamps, np.asarray(inputs), arrivals), start, step)
 
 
 def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
@@ -79,12 +83,13 @@ def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
 
 
 @numba.njit(cache=True)
-def _motion(joint, stamps, inputs, start, step):
-    state, latest = start, -1
+def _motion(joint, columns, start, step):
+    (stamps, inputs, arrivals), state, latest = columns, start, -1
     angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
     angles[0], velocities[0] = state[:2]
     for k in range(stamps.size - 1):
-        state, latest = _to_next_stamp(joint, (stamps, inputs, k), (state, latest), step)
+        driven = stamps, inputs, arrivals, k
+        state, latest = _to_next_stamp(joint, driven, (state, latest), step)
         angles[k + 1], velocities[k + 1] = state[:2]
     return angles, velocities
 
@@ -92,14 +97,14 @@ def _motion(joint, stamps, inputs, start, step):
 @numba.njit(cache=True)
 def _to_next_stamp(joint, driven, now_and_latest, step):
     """Return the state at stamp k + 1, and the number of the input that acts there."""
-    (stamps, inputs, k), (state, latest) = driven, now_and_latest
+    (stamps, inputs, arrivals, k), (state, latest) = driven, now_and_latest
     now, end = stamps[k], stamps[k + 1]
     while now < end:
-        while latest + 1 < stamps.size and stamps[latest + 1] + joint.delay <= now:
+        while latest + 1 < stamps.size and arrivals[latest + 1] <= now:
             latest += 1
         stop = end
         if latest + 1 < stamps.size:
-            stop = min(end, stamps[latest + 1] + joint.delay)
+            stop = min(end, arrivals[latest + 1])
         torque = joint.bias + (joint.gain * inputs[latest] if latest >= 0 else 0.0)
         load = torque, 1.0 + joint.wear * (0.5 * (now + stop) - stamps[0])
         count = math.ceil((stop - now) / step)
@@ -113,6 +118,7 @@ def _to_next_stamp(joint, driven, now_and_latest, step):
 def _tracking(joint, law, plan, start, step):
     stamps, wanted, rates, pumps, offsets = plan
     state, latest, slope = start, -1, 0.0
+    arrivals = stamps + joint.delay
     angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
     inputs, readings = np.empty(stamps.size), np.empty(stamps.size)
     for k in range(stamps.size):
@@ -125,7 +131,8 @@ def _tracking(joint, law, plan, start, step):
         command += pumps[k] * (1.0 if slope >= 0.0 else -1.0)
         inputs[k] = min(max(command, -law.limit), law.limit)
         if k + 1 < stamps.size:
-            state, latest = _to_next_stamp(joint, (stamps, inputs, k), (state, latest), step)
+            driven = stamps, inputs, arrivals, k
+            state, latest = _to_next_stamp(joint, driven, (state, latest), step)
     return angles, velocities, inputs, readings
 
 

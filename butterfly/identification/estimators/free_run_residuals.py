@@ -40,7 +40,7 @@ from butterfly.identification.inference.term_choice import (
     choose_terms,
     submodels_of,
 )
-from butterfly.identification.levels import FEW, MOST, ROUNDING, SPREADS
+from butterfly.identification.levels import FEW, MOST, PRECISE, ROUNDING, SPREADS
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import InputKind, Log
@@ -188,17 +188,21 @@ class FreeRunResiduals:
 
     def weighed(self, at: Equations, point: Samples) -> Equations:
         """Return equations about (n,) scaled values beside what is known of these."""
-        values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
-        prior = Penalty.of(self.keys, self.known, values=values)
+        prior = self.prior(point)
         if prior is None or not at.is_finite:
             return at
-        prior = prior.turned(1 / self.scale, np.zeros(point.size))
         cells = independent_cells_of(len(at.logs), len(self.keys))
-        about = self._equations(point, replace(at, known=(prior, point)), cells)
+        about = self.about_point(point, replace(at, known=(prior, point)), cells)
         rows = about.rows.reshape(-1, point.size)
         left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
         free = replace(about, residuals=left.reshape(about.residuals.shape))
         return replace(at, known=(prior.weighed(free.realised_variance), point))
+
+    def prior(self, point: Samples) -> Penalty | None:
+        """Return what is known of (n,) scaled values, beside rows of variance 1."""
+        values = dict(zip(self.keys, (point * self.scale).tolist(), strict=True))
+        prior = Penalty.of(self.keys, self.known, values=values)
+        return prior and prior.turned(1 / self.scale, np.zeros(point.size))
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent."""
@@ -243,7 +247,7 @@ class FreeRunResiduals:
         masses = [log.added_mass for log in logs]
         cells = independent_cells_of(len(logs), len(self.keys))
         conditions = Conditions.of(logs, cells)
-        nested = submodels_of(self._equations(point, at, cells), masses, conditions=conditions)
+        nested = submodels_of(self.about_point(point, at, cells), masses, conditions=conditions)
         kept = tuple(label for label in self.labels if label not in optional)
         return choose_terms([nested], always=kept)
 
@@ -271,10 +275,16 @@ class FreeRunResiduals:
 
     def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
         """Return (n,) scaled values, and the equations about them, at those of fewer parameters."""
-        found = dict(zip(problem.keys, (point * problem.scale).tolist(), strict=True))
-        absent = {key: getattr(LumpedParameters, key[0], 0.0) for key in self.keys}
-        values = np.array(list((absent | found).values())) / self.scale
+        values = self.values_of(problem, point)
         return values, self.weighed(self.equations(values).counting(self.loss), values)
+
+    def values_of(self, problem: FreeRunResiduals, points: Samples) -> Samples:
+        """Return (..., n) scaled values at those of fewer parameters."""
+        absent = np.array([getattr(LumpedParameters, name, 0.0) for name, _ in self.keys])
+        values = np.broadcast_to(absent / self.scale, (*points.shape[:-1], absent.size)).copy()
+        places = [self.keys.index(key) for key in problem.keys]
+        values[..., places] = points * problem.scale / self.scale[places]
+        return values
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -289,7 +299,7 @@ class FreeRunResiduals:
             return None
         values, at = self.about(problem, point)
         cells = cells_of(len(at.logs), len(self.keys))
-        return lacking_term(self._equations(values, at, cells), tried, self.conditions)
+        return lacking_term(self.about_point(values, at, cells), tried, self.conditions)
 
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
@@ -312,6 +322,8 @@ class FreeRunResiduals:
         if not shape:
             return None
         found = self.solved(end, cells=1)
+        if mute := [k for k in shape if not found.rows[:, :, k].any()]:
+            return names[mute[0]]
         covariance, _ = cluster_covariance(found.rows, found.residuals, found.prior)
         told = np.abs(found.values[shape]) / np.sqrt(np.diag(covariance)[shape])
         return names[shape[int(np.argmin(told))]] if np.min(told) < SPREADS else None
@@ -326,7 +338,7 @@ class FreeRunResiduals:
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, in the parameters themselves."""
         cells = cells or cells_of(len(self.simulations), len(self.keys))
-        scale, scaled = self.scale, self._equations(end.point, end.at, cells)
+        scale, scaled = self.scale, self.about_point(end.point, end.at, cells)
         prior = scaled.prior
         found = replace(
             scaled,
@@ -339,7 +351,7 @@ class FreeRunResiduals:
         )
         return found if end.converged else found.stopped(found.next_step)
 
-    def _equations(self, point: Samples, at: Equations, cells: int) -> CellEquations:
+    def about_point(self, point: Samples, at: Equations, cells: int) -> CellEquations:
         """Return the equations about (n,) scaled values, each log cut into some cells."""
         logs = len(at.logs)
         rows, residuals = at.compressed(cells)
@@ -363,6 +375,9 @@ class FreeRunResiduals:
         parameters = replace(self.start, **moved)
         if not parameters.p1 + simulation.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
+        fastest = parameters.base_frequency * max(1.0, 2 * parameters.base_damping)
+        if parameters.base_compliance and PRECISE * simulation.log.mean_step * fastest > 1:
+            return _impossible(len(self.keys))  # a base that settles in a tenth of a clock's step
         zero = own["zero"] if "zero" in own else reading_of(simulation.log, self.zeros)
         names = list(own) if slopes else []
         errors, rows, mixture = simulation.linearised(names, parameters, zero, own.get("velocity"))
@@ -374,7 +389,7 @@ class FreeRunResiduals:
 
 
 def _impossible(count: int) -> LogEquations:
-    """Return the equations of a joint without inertia, from which a descent steps back."""
+    """Return the equations of a joint that there is not, from which a descent steps back."""
     none = np.zeros((1, 1))
     return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
 

@@ -251,7 +251,7 @@ def minimise(
     while evaluations < most and not search.over:
         search.simulations += 1
         whole = bounded_step(at, np.maximum(lower - point, -reach), reach)
-        step, promised, longest = whole / bends, _decrease(at, whole), float(abs(whole).max())
+        step, promised, longest = whole / bends, decrease(at, whole), float(abs(whole).max())
         there = np.maximum(point + step, lower)
         if longest < (1 - ROUNDING) * reach:
             left = _UNSEEN * at.cost * last / count
@@ -266,7 +266,7 @@ def minimise(
             break
         tried = replace(expand(there, at.cost), known=at.known and (at.known[0], there))
         evaluations += 1
-        predicted, longest = _decrease(at, step), longest / bends
+        predicted, longest = decrease(at, step), longest / bends
         kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if kept > _POOR:
             bends = max(1.0, 1 + (1 - kept) * predicted / (0.5 * float(step @ at.curvature @ step)))
@@ -277,7 +277,7 @@ def minimise(
         if kept > 0:
             last = at.cost - tried.cost
             point, at = there, tried
-    promised = _decrease(at, bounded_step(at, lower - point, np.inf))
+    promised = decrease(at, bounded_step(at, lower - point, np.inf))
     converged = evaluations < most and promised <= SHOWS * at.cost
     return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
 
@@ -305,12 +305,12 @@ def minimise_robustly(
     return replace(found, evaluations=plain.evaluations + found.evaluations)
 
 
-def _decrease(at: Equations, step: Samples) -> float:
+def decrease(at: Equations, step: Samples) -> float:
     """Return what a step takes off the cost, by its derivatives."""
     return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
 
 
-def bounded_step(at: Equations, lowest: Samples, reach: float) -> Samples:
+def bounded_step(at: Equations, lowest: Samples, reach: float | Samples) -> Samples:
     """Return the step that a quadratic cost asks for, within a box."""
     curvatures, axes = np.linalg.eigh(at.curvature)
     told = curvatures > ROUNDING**2 * curvatures[-1]

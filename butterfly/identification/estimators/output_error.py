@@ -30,23 +30,22 @@ from butterfly.identification.estimators.free_run_residuals import (
     FreeRunResiduals,
     tried,
 )
-from butterfly.identification.estimators.gauss_newton import (
-    Equations,
-    LogEquations,
-    Loss,
-    Minimum,
-    bounded_step,
-)
+from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import Key
 from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.estimators.servo_start import servo_start
+from butterfly.identification.estimators.weighed_logs import (
+    WeighedLogs,
+    chosen_by_weight,
+    not_tried,
+    weighed_end,
+    weighed_from,
+)
 from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.infer import infer
-from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
-    BASE,
     RARER,
     SCANNED,
     candidates,
@@ -57,8 +56,8 @@ from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
-from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import GEAR, OF_ANGLE, PARAMETERS, companions, offered
+from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.terms import OF_ANGLE, PARAMETERS, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -200,7 +199,8 @@ class OutputError(Estimator):
             (each.without(absent) for each in chain([wide], others)), enough=enough
         )
         rivals: tuple[Samples, ...] = ()
-        if self.terms is None and not out_of_time("the choice of terms"):
+        choosing = self.terms is None and not out_of_time("the choice of terms")
+        if choosing:
             always = tuple(known.uncertain)
             problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always)
             said = (*said, *more)
@@ -210,16 +210,15 @@ class OutputError(Estimator):
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
-        while held := problem.untold(end):
-            at = problem.keys.index((held, None))
-            number = float(end.point[at] * problem.scale[at])
-            said = (*said, Finding(FindingKind.HELD, (held,), number=number))
-            rivals = tuple(np.delete(each, at) for each in rivals)
-            problem = problem.holding(held, end.point)
-            end = problem.descend(problem.initial)
+        weighed = weighed_from(problem, end.at, end.point)
+        hidden = chosen_by_weight(wide, weighed, end) if choosing else None
+        if hidden:
+            problem, weighed, end, rivals = hidden.problem, hidden, hidden.end, ()
+        problem, end, weighed, rivals, held = _holding(problem, end, weighed, rivals, hidden)
+        said = (*said, *held)
 
         solved = cells = problem.solved(end)
-        if with_scatter := _weighed(problem, end):
+        if with_scatter := weighed_end(weighed, end):
             end, differing = with_scatter
             solved, said = problem.solved(end, cells=1), (*said, *differing)
         owned = problem.keys[problem.shared :]
@@ -394,7 +393,7 @@ def _chosen(
             problem, end, rivals, said = before
         elif LOST * end.at.cost > before[1].at.cost:  # not what the derivatives said
             (problem, end), rivals, said = _helping(*found), (), ()
-        tried_next = wide.without(_not_tried(problem))
+        tried_next = wide.without(not_tried(problem))
         lacking = None if worse else tried_next.lacking(problem, end.point)
         if lacking is None or out_of_time("the choice of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):
@@ -405,13 +404,28 @@ def _chosen(
         rarer, always = rarer - {lacking}, (*always, lacking)
 
 
-def _not_tried(problem: FreeRunResiduals) -> set[str]:
-    """Return the terms that nobody looks for beside those that are fitted."""
-    fitted = {name for name, _ in problem.keys}
-    idle = {*tried([each.log for each in problem.simulations])} - fitted
-    if BASE in fitted:  # on which friction of gears is not simulated
-        return idle | {*GEAR}
-    return idle | {BASE} if fitted & {*GEAR} else idle
+def _holding(
+    problem: FreeRunResiduals,
+    end: Minimum,
+    weighed: WeighedLogs | None,
+    rivals: tuple[Samples, ...],
+    hidden: WeighedLogs | None,
+) -> tuple[FreeRunResiduals, Minimum, WeighedLogs | None, tuple[Samples, ...], tuple[Finding, ...]]:
+    """Hold what hardly shows of a base's shape, by weighed logs where there are such.
+
+    The least squares are fitted again, but where terms are ``hidden`` from them.
+    """
+    said: tuple[Finding, ...] = ()
+    while held := problem.untold(weighed.weighed_end if weighed else end):
+        point = weighed.weighed_end.point if weighed else end.point
+        at = problem.keys.index((held, None))
+        number = float(point[at] * problem.scale[at])
+        said = (*said, Finding(FindingKind.HELD, (held,), number=number))
+        rivals = tuple(np.delete(each, at) for each in rivals)
+        problem = problem.holding(held, point)
+        weighed = weighed and weighed.taking(problem).settled_within(FEW)
+        end = weighed.end if hidden and weighed else problem.descend(problem.initial)
+    return problem, end, weighed, rivals, said
 
 
 def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
@@ -450,63 +464,3 @@ def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]
     values = {name: value / factors.get(name, 1.0) for name, value in own.items()}
     values["mass_inertia"] = 0.0
     return [np.array([values[name] for name in solved.names[: problem.shared]])]
-
-
-def _weighed(problem: FreeRunResiduals, end: Minimum) -> tuple[Minimum, tuple[Finding, ...]] | None:
-    """Return the end with logs weighed by their scatter, and what is found of it.
-
-    It takes one step from the least squares, to where every log is simulated with friction and gain
-    of its own, which tells the scatter better, and one from there. Few logs do not tell, and robust
-    losses have weights of their own: None then, and where the logs no longer tell the parameters
-    apart, or are not followed there as their derivatives said.
-    """
-    few = len(end.at.logs) <= FEW or end.at.loss is not Loss.LINEAR
-    if few or out_of_time("weights of logs by their scatter"):
-        return None
-    names = tuple(name for name, _ in problem.keys)
-    prior = end.at.known and end.at.known[0].weighed(1.0)
-    logs, spread = _rows(end.at), spread_of(names, end.point)
-    scatter = Likelihood(logs, spread, prior, end.point).best()
-    step = _step(problem, _whitened(logs, scatter, spread, prior, end.point), end.point)
-    point = end.point + step
-    apart = np.maximum(scatter.apart(logs.moved(step), spread), problem.lower - point)
-    there = problem.equations(point + apart)
-    if not there.is_finite:
-        return None
-    logs, spread = _rows(there).moved(-apart), spread_of(names, point)
-    likelihood = Likelihood(logs, spread, prior, point)
-    scatter = likelihood.best()
-    at = _whitened(logs, scatter, spread, prior, point)
-    if problem.inseparable(at):
-        return None
-    last = _step(problem, at, point)
-    found = Minimum(
-        point=np.maximum(point + last, problem.lower),
-        at=at.moved(last),
-        converged=end.converged,
-        evaluations=end.evaluations + 2,
-    )
-    told = end.at.moved(found.point - end.point).cost
-    if not LOST * problem.equations(found.point, slopes=False).cost <= told:
-        return None
-    return found, tuple(likelihood.findings(scatter, names))
-
-
-def _rows(at: Equations) -> LogRows:
-    return LogRows.of((log.residuals, log.rows, log.mixture) for log in at.logs)
-
-
-def _whitened(
-    logs: LogRows, scatter: Scatter, spread: Samples, prior: Penalty | None, point: Samples
-) -> Equations:
-    """Return the equations about (n,) values whose errors are independent and of variance 1."""
-    pairs = zip(*scatter.whitened(logs, spread), strict=True)
-    identity = np.eye(point.size)
-    return Equations(
-        logs=tuple(LogEquations(residuals=own, rows=rows, mixture=identity) for rows, own in pairs),
-        known=None if prior is None else (prior, point),
-    )
-
-
-def _step(problem: FreeRunResiduals, at: Equations, point: Samples) -> Samples:
-    return bounded_step(at, np.minimum(problem.lower - point, 0.0), np.inf)

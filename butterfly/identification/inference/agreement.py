@@ -184,7 +184,8 @@ def lacking_term(
     best = min(tried, key=lambda each: each.chance, default=None)
     if best is None or not best.chance * len(names) < 1 - CONFIDENCE:
         return None
-    matters = _matters(equations, best, [best.at_mean], conditions, _OF_TORQUES)
+    of = (*_OF_TORQUES, *(("delay",) if best.parameter == "slow_delay" else ()))
+    matters = _matters(equations, best, [best.at_mean], conditions, of)
     return best.parameter if matters else None
 
 
