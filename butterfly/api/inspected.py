@@ -298,8 +298,8 @@ def robot_of(
     note = ""
     if hand_mass is None and twin.built[0].hand.mass > HAND_MASS:
         note = (
-            f"The mass of {twin.built[0].hand.mass:.3g} kg (--hand-mass) is a guess: {HAND_MASS:g} "
-            "kg cannot have its p1 and p3, and the motion does not depend on it."
+            f"The mass of {twin.built[0].hand.mass:.3g} kg (export --hand-mass) is a guess: "
+            f"{HAND_MASS:g} kg cannot have its p1 and p3, and the motion does not depend on it."
         )
     besides = {**result.basis(), **estimate_numbers(result.estimate)}
     return RobotModel.of(twin, verdict=verdict, note=note, besides=besides)

@@ -17,7 +17,6 @@ from butterfly.cli.options import (
     WRITTEN,
     Data,
     DataOptions,
-    HandMass,
     Holdout,
     Limit,
     LogNumbers,
@@ -207,7 +206,6 @@ def compare(
     *,
     fit: Fit = Fit(),  # noqa: B008
     log: LogNumbers = None,
-    hand_mass: HandMass = None,
     holdout: Holdout = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
@@ -236,14 +234,13 @@ def compare(
             data,
             _method(data, fit),
             logs=parse_numbers(log),
-            mass=hand_mass,
             holdout=parse_names(holdout),
             track=show_progress,
         )
         return show(found, report=page.report, figures=page.figures)
     from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415 - slow to import
 
-    of_logs = {"--log": log, "--hand-mass": hand_mass, "--holdout": holdout, "--method": fit.given}
+    of_logs = {"--log": log, "--holdout": holdout, "--method": fit.given}
     for option, value in of_logs.items():
         if value:
             raise InputError("butterfly compare", option, value, "none beside two results")

@@ -12,7 +12,6 @@ from butterfly.cli.options import (
     SILENT,
     Data,
     DataOptions,
-    HandMass,
     LogNumbers,
     Out,
     Page,
@@ -28,7 +27,6 @@ def inspect(
     *,
     log: LogNumbers = None,
     plot: Page = None,
-    hand_mass: HandMass = None,
     added_mass: Annotated[float, Parameter(metavar="kg")] = 0.0,
     options: DataOptions = SILENT,
 ) -> ExitCode:
@@ -54,7 +52,6 @@ def inspect(
     found = bf.inspect(
         data,
         logs=parse_numbers(log),
-        hand_mass=hand_mass,
         added_mass=added_mass,
         track=show_progress,
         root=options.root,

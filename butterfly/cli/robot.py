@@ -38,7 +38,6 @@ def show(
     seconds: Annotated[float, Parameter(metavar="s", validator=Number(gte=0.1))] = 8.0,
     fps: Annotated[int, Parameter(metavar="N", validator=Number(gte=1, lte=120))] = 25,
     size: Annotated[int, Parameter(metavar="N", validator=Number(gte=16, lte=4096))] = 480,
-    hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
@@ -93,7 +92,7 @@ def show(
         from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
         from butterfly.plant.watch.picture import render  # noqa: PLC0415
 
-        named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
+        named = robot_of(source, hand_mass=None, added_mass=added_mass, arm=arm)
         if named.judged is not None:
             say_verdict(named.judged)
         render(*named.twin.built, 0.5 if angle is None else angle, out, size)

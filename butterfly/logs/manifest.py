@@ -320,7 +320,18 @@ class Manifest(StrictModel):
         }
 
 
-_SELDOM = ("sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout")
+_SELDOM = (
+    "shape",
+    "sign",
+    "loop",
+    "encoder",
+    "joint",
+    "gravity",
+    "known",
+    "zeros",
+    "units",
+    "holdout",
+)
 """Fields that are not written where they are as usual."""
 
 

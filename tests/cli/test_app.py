@@ -102,7 +102,7 @@ def test_a_former_command_ends_in_a_line_that_tells_the_present_one(butterfly, f
     ("call", "old", "new"),
     [
         (("compare", "data"), "--logs", "--log"),
-        (("compare", "data"), "--mass=0.3", "--hand-mass"),
+        (("export", "data", "--out", "x"), "--mass=0.3", "--hand-mass"),
         (("design", "data"), "--count", "--limit"),
         (("validate", "data"), "--methods", "--method"),
         (("compare", "results/x/0", "results/x/1"), "--against", "RESULTS/RUN"),
