@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 198,
-    "lines of the package": 39_612,
-    "lines of tests": 31_827,
+    "files of the package": 211,
+    "lines of the package": 42_005,
+    "lines of tests": 33_020,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 66,

@@ -63,6 +63,9 @@ BARS = {
     "motor wrapper": Bar("≤", 1.33, "a bare loop of mj_step"),
     "a run in MuJoCo on a jittered clock": Bar("≤", 1.4, "its steps, taken in C"),
     "39 runs in MuJoCo": Bar("≤", 1.05, "a bare rollout"),
+    "the exported twin with Stribeck friction, 2 ms": Bar(
+        "≤", 1.3, "a hinge with damping and frictionloss"
+    ),
     "a step of the energy-shaping controller": Bar("≤", 2, "a step of MuJoCo"),
     "scipy's solve_ivp at the kernel's accuracy": Bar("≥", 500, _KERNEL),
     "MuJoCo's bare rollout, RK4 at 1 ms": Bar("≥", 100, _KERNEL),

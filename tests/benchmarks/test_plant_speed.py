@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -9,14 +10,16 @@ from mujoco.rollout import Rollout
 
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.plant.joints import steps_of
-from butterfly.plant.mjcf import compile_model
+from butterfly.plant.mjcf import compile_model, text_of
 from butterfly.plant.motor import Reading
 from butterfly.plant.rig import Rig
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
+from butterfly.twin.stand_alone import stand_alone
+from butterfly.twin.twin import Twin
 from tests.benchmarks.bars import at_most, measured
 from tests.benchmarks.cpu_time import least_seconds
 from tests.plant.setting import MOTOR, robot
@@ -96,3 +99,25 @@ def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
         lambda: [mujoco.mj_step(model, data) for _ in readings],
     )
     measured("a step of the energy-shaping controller", deciding / stepping)
+
+
+HINGE = """<mujoco><option integrator="RK4" timestep="0.002"/><worldbody><body>
+<joint name="hinge" axis="0 -1 0" damping="0.001" frictionloss="0.0005"/>
+<inertial pos="0 0 -0.05" mass="0.1" diaginertia="0.003 0.003 0.003"/></body></worldbody>
+<actuator><motor joint="hinge"/></actuator></mujoco>"""
+
+
+def test_an_exported_twin_costs_little_more_than_a_hinge_with_friction():
+    p = LumpedParameters(
+        p1=0.003, p2=1e-3, p3=0.05, p4=1.0, coulomb=5e-4, stribeck=3e-4, delay=3e-3
+    )
+    texts = HINGE, text_of(stand_alone(Twin(parameters=p)).root)
+    models = [mujoco.MjModel.from_xml_string(text) for text in texts]
+
+    def stepped(model):
+        data = mujoco.MjData(model)
+        data.qpos[0], data.ctrl[0] = 0.5, 0.01
+        mujoco.mj_step(model, data, 10_000)
+
+    hinge, own = least_seconds(*(partial(stepped, model) for model in models))
+    measured("the exported twin with Stribeck friction, 2 ms", own / hinge)
