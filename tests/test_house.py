@@ -18,8 +18,8 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 211,
-    "lines of the package": 42_005,
-    "lines of tests": 33_020,
+    "lines of the package": 41_995,
+    "lines of tests": 33_044,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 66,

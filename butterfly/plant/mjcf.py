@@ -39,15 +39,6 @@ _FRONT = -0.0145  # m along the axis, where the painted front plate ends
 _ROD = 0.004  # m, radius
 
 
-def mjcf(robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False) -> str:
-    """Return the MJCF text of a robot, which loads in plain MuJoCo, and of what it carries.
-
-    Every number is written so that it reads back bit for bit. A robot that MuJoCo alone cannot run
-    is an InputError.
-    """
-    return text_of(built(robot, added, scene=scene))
-
-
 def compile_model(
     robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False
 ) -> mujoco.MjModel:
@@ -90,6 +81,9 @@ def built(
     robot: Robot, added: AddedMass, *, scene: bool, assisted: bool = False
 ) -> ElementTree.Element:
     """Return the shipped model, filled in, ``assisted`` if `MujocoJoint` is to run it.
+
+    Every number is written so that it reads back bit for bit. Else a robot that MuJoCo alone cannot
+    run is an InputError.
 
     The motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off
     at 1 ms.

@@ -150,10 +150,6 @@ class Twin:
         plain = re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
         return plain if plain and not plain[0].isdigit() else f"joint_{plain}".rstrip("_")
 
-    def carrying(self, added: AddedMass) -> Twin:
-        """Return the twin with another load."""
-        return replace(self, added=added)
-
 
 def unheard(twin: Twin) -> Iterator[str]:
     """Say what a form that takes the drive's own command leaves out of how it comes about."""

@@ -15,13 +15,13 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.multistart import Start
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
-from butterfly.plant.mjcf import mjcf
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from tests.benchmarks.bars import count_missing, measured
 from tests.benchmarks.cpu_time import least_seconds
+from tests.plant.setting import mjcf
 
 _LOGS = "mujoco.sysid, 6 logs, 4 parameters"
 FASTER = (f"{_LOGS}: from the logs on", f"{_LOGS}: the fit")

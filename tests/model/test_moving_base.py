@@ -11,8 +11,8 @@ from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import GRAVITY, AddedMass, Base, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import mjcf
 from butterfly.plant.robot import Robot
+from tests.plant.setting import mjcf
 
 BASE = Base(compliance=2e-3, frequency=25.0, damping=0.3)
 JOINT = LumpedParameters(

@@ -7,8 +7,9 @@ from scipy.integrate import solve_ivp
 
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.mjcf import built, text_of
 from butterfly.plant.motor import ControlLoop
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
@@ -26,6 +27,11 @@ JOINTS = [MujocoJoint, GreyBoxJoint]
 def robot(drive=MOTOR, hand=HAND, clutch=None, **friction):
     friction = Friction(**({"viscous": 2e-4} | friction))
     return Robot(hand=hand, drive=drive, friction=friction, clutch=clutch)
+
+
+def mjcf(robot, added=NO_ADDED_MASS, *, scene=False):
+    """The text of a robot's model, which loads in plain MuJoCo."""
+    return text_of(built(robot, added, scene=scene))
 
 
 def play(joint, duration=5.0, amplitude=0.5, omega=4.0, step=0.01):

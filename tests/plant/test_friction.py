@@ -10,10 +10,19 @@ from scipy.optimize import brentq
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import mjcf
 from butterfly.plant.robot import Clutch
 from tests.independent.integrator import Joint, motion
-from tests.plant.setting import ADDED, HAND, JOINTS, MOTOR, integrated, mujoco_alone, play, robot
+from tests.plant.setting import (
+    ADDED,
+    HAND,
+    JOINTS,
+    MOTOR,
+    integrated,
+    mjcf,
+    mujoco_alone,
+    play,
+    robot,
+)
 
 TILTED = Hand(mass=0.1, com_distance=0.05, com_offset=0.01, inertia=0.003, tilt=0.1)
 BALANCED = Hand(mass=0.1, com_distance=0.0, inertia=0.003)

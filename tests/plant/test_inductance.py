@@ -12,10 +12,19 @@ import pytest
 from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import Friction, Hand
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import mjcf
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Clutch
-from tests.plant.setting import ADDED, FINE, JOINTS, MOTOR, integrated, mujoco_alone, play, robot
+from tests.plant.setting import (
+    ADDED,
+    FINE,
+    JOINTS,
+    MOTOR,
+    integrated,
+    mjcf,
+    mujoco_alone,
+    play,
+    robot,
+)
 from tests.signals.sines import fit_sine
 
 pytestmark = pytest.mark.slow

@@ -9,12 +9,12 @@ from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
-from butterfly.plant.mjcf import compile_model, disc_radius, mjcf, mount
+from butterfly.plant.mjcf import compile_model, disc_radius, mount
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.watch.picture import Painter, render
-from tests.plant.setting import FINE, grey_box, mujoco_alone, skip_where_nothing_is_drawn
+from tests.plant.setting import FINE, grey_box, mjcf, mujoco_alone, skip_where_nothing_is_drawn
 
 ROBOT = Robot(
     hand=Hand(mass=0.1 + 1e-13, com_distance=1 / 30, inertia=0.003 * (1 + 1e-12)),

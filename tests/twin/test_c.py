@@ -100,7 +100,7 @@ def test_what_it_cannot_hold_is_said_in_the_file_too():
 
 def test_the_header_of_a_plain_joint_has_what_it_needs_and_no_more():
     twin, step, _ = drawn(0, "smooth")
-    named = replace(twin, name="*/ one /* day").carrying(AddedMass(mass=0.1, arm=0.1))
+    named = replace(twin, name="*/ one /* day", added=AddedMass(mass=0.1, arm=0.1))
     header = c.header(named, step, 1, ())
     assert header.startswith("/* * / one / * day: moves")
     named = re.findall(r"double (\w+); /\*", header.split("_parameters;")[0])
