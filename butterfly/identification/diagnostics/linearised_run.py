@@ -101,8 +101,8 @@ class LinearisedRun:
                 asked, parameters, setting.zero, setting.velocity
             )
             slopes = rows @ mixture
-        numbers = (run.fit, whole, slopes)
-        if not (motion > 0 and all(np.isfinite(each).all() for each in numbers)):
+            squares = (run.fit, np.square(whole).sum(), np.square(slopes).sum())
+        if not (motion > 0 and np.isfinite(squares).all()):
             return None
         of = dict(zip(asked, slopes.T, strict=True))
         if isinstance(simulation, Segments):

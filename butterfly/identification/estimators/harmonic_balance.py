@@ -22,7 +22,7 @@ one (indirect inference; Gourieroux, Monfort & Renault, J. Appl. Econometrics 8,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -59,6 +59,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.levels import FEW
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.frequency_response import ResponsePoint
@@ -120,7 +121,8 @@ class HarmonicBalance(Estimator):
             optional = (*optional, BASE)
             if BASE in self._chosen(begun, conditions, optional)[0].terms:
                 moving = self._searched(begun, robot, conditions, optional)
-                if BASE in moving[0].terms and moving[1].misfit < fit.misfit:
+                nearer = BASE in moving[0].terms and moving[1].misfit < fit.misfit
+                if nearer and _bears(moving[1].parameters, data.masses):
                     chosen, fit, robot = moving
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(
@@ -247,6 +249,15 @@ def _begun(
     known = reference.fixed
     phasors = Phasors.of(points, known.fitted(names), small=small, known=known)
     return reference, HarmonicBalanceFit.of(phasors)
+
+
+def _bears(p: LumpedParameters, masses: Iterable[AddedMass]) -> bool:
+    """Tell whether a base is at least as heavy as what swings on it, whose least mass is h^2/p1."""
+    for loaded in map(p.with_added_mass, masses):
+        least = (loaded.moments[0] ** 2 + loaded.moments[1] ** 2) / loaded.p1
+        if 2 * least * loaded.base_compliance * loaded.base_frequency**2 > 1:
+            return False
+    return True
 
 
 def _judged(

@@ -176,8 +176,7 @@ def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> We
     few = len(at.logs) <= FEW or at.loss is not Loss.LINEAR
     if few or out_of_time("weights of logs by their scatter"):
         return None
-    found = WeighedLogs.of(problem, at, point).next_in(problem)
-    return found and found.settled_within(FEW)
+    return WeighedLogs.of(problem, at, point).next_in(problem)
 
 
 def weighed_end(

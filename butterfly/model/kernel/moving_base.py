@@ -37,14 +37,18 @@ from butterfly.model.kernel.equation import (
 )
 
 _STEPS = 4  # least number of steps in the time in which the base swings by a radian
+_UNSEEN = 100  # such times in one interval, from which on no log shows it
 
 
 @inner
 def least_base_steps(c, h):
     """Count the steps in h s that the base asks for; 0 where no masses could move like that."""
-    if not c.p1 * c.swing > c.give * (c.moment**2 + c.moment_offset**2):
+    least = c.swing - c.give * (c.moment**2 + c.moment_offset**2) / c.p1  # as the joint lets it
+    if not least > 0.0:
         return 0
-    fastest = max(1.0 / math.sqrt(c.swing), c.slow / c.swing)
+    fastest = max(1.0 / math.sqrt(least), c.slow / least)
+    if not h * fastest <= _UNSEEN:
+        return 0
     return max(1, math.ceil(_STEPS * h * fastest))
 
 
