@@ -18,7 +18,7 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 211,
-    "lines of the package": 42_009,
+    "lines of the package": 41_986,
     "lines of tests": 33_044,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,

@@ -18,13 +18,12 @@ from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
 from butterfly.identification.free_run import Setting
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
+from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import DRIVE, TERMS
 from butterfly.plant.robot import HAND_MASS, PARTS
 from butterfly.progress import Track, untracked
@@ -293,7 +292,6 @@ def robot_of(
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
     verdict = require_possible(result.estimate)
-    carried = replace(carried, **_mounted(result))
     twin = result.model.twin(carried, mass=hand_mass)
     note = ""
     if hand_mass is None and twin.built[0].hand.mass > HAND_MASS:
@@ -303,12 +301,6 @@ def robot_of(
         )
     besides = {**result.basis(), **estimate_numbers(result.estimate)}
     return RobotModel.of(twin, verdict=verdict, note=note, besides=besides)
-
-
-def _mounted(result: Identification) -> dict[str, Any]:
-    """Return on what a result's joint carries masses."""
-    joint = JointKind(result.origin.get("joint", JointKind.HINGE))
-    return {"gravity": float(result.origin.get("gravity", GRAVITY)), "joint": joint}
 
 
 def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:

@@ -25,10 +25,9 @@ from butterfly.plant.mjcf import built, hinge_of, named, text_of
 from butterfly.plant.robot import Robot, Shape
 from butterfly.twin.accuracy import Mover, Yardstick
 from butterfly.twin.forms import DEFAULTS, Options
-from butterfly.twin.twin import Accuracy, Twin, Written, unheard
+from butterfly.twin.twin import NO_DELAY, Accuracy, Twin, Written, unheard
 
 _GRIPS = (0.12, 0.25, 0.06)  # steps: time constants with which dry friction stops the joint
-_NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
 _KNOTS = 12  # of the polygon that stands for Stribeck's curve,
 _REACH = 3.0  # Stribeck velocities long: there all but 1e-4 is lost
 _CROWD = 1.3  # by which power they crowd about 0, where most logs are
@@ -46,7 +45,7 @@ class Form(NamedTuple):
 
     def late(self, delay: float, step: float) -> float | None:
         """Return MuJoCo's delay of a command in s; None for none."""
-        if self.delay == "none" or delay <= _NO_DELAY:
+        if self.delay == "none" or delay <= NO_DELAY:
             return None
         if self.delay == "whole":
             return max(round(delay / step), 1) * step
@@ -58,7 +57,7 @@ class StandAlone:
     """A twin's MJCF, how far it moves as ours does, and in sentences what it leaves out."""
 
     root: ElementTree.Element
-    accuracy: Accuracy | None
+    accuracy: Accuracy
     left_out: tuple[str, ...]
 
 
@@ -70,8 +69,7 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
         f"{twin.name}: moves by itself in plain MuJoCo, driven by ctrl[0] (motor); leave other "
         "commands at 0. Each step takes the mean of the command over that step."
     )
-    lines = made.accuracy.lines if made.accuracy else ()
-    for k, sentence in enumerate([first, *made.left_out, *lines]):
+    for k, sentence in enumerate([first, *made.left_out, *made.accuracy.lines]):
         comment = ElementTree.Comment(f" {sentence.replace('--', '- -')} ")
         comment.tail = "\n  "
         made.root.insert(k, comment)
@@ -84,22 +82,13 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
     )
 
 
-def stand_alone(
-    twin: Twin, options: Options = DEFAULTS, *, scene: bool = False, form: Form | None = None
-) -> StandAlone:
-    """Return a twin that moves by itself in plain MuJoCo.
-
-    Its form is the most exact for its step, of which it then says how exact it is, unless it is
-    given.
-    """
-    accuracy = None
-    if form is None:
-        yardstick = Yardstick.of(twin, options.timestep)
-        form = _best(twin, options, yardstick)
-        accuracy = yardstick.accuracy(mover(options, form))
+def stand_alone(twin: Twin, options: Options = DEFAULTS, *, scene: bool = False) -> StandAlone:
+    """Return a twin that moves by itself in plain MuJoCo, in the most exact form for its step."""
+    yardstick = Yardstick.of(twin, options.timestep)
+    form = _best(twin, options, yardstick)
     return StandAlone(
         root=_root(twin, options, form, scene=scene),
-        accuracy=accuracy,
+        accuracy=yardstick.accuracy(mover(options, form)),
         left_out=tuple(_left_out(twin, form)),
     )
 
@@ -107,7 +96,7 @@ def stand_alone(
 def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
     """Return the form that strays least from our own simulation of some logs."""
     forms = [Form()]
-    if twin.parameters.delay > _NO_DELAY:
+    if twin.parameters.delay > NO_DELAY:
         short = ("none",) if twin.parameters.delay < options.timestep else ()
         forms = [Form(delay=each) for each in (*short, "whole", "later", "between")]
     best = _nearest(forms, options, yardstick)
@@ -197,7 +186,7 @@ def _left_out(twin: Twin, form: Form) -> Iterator[str]:
             "No log tells p4, since nothing drives the joint there: 1 N m per unit of ctrl is a "
             "default."
         )
-    if form.delay == "none" and p.delay > _NO_DELAY:
+    if form.delay == "none" and p.delay > NO_DELAY:
         yield (
             f"The delay of {1e3 * p.delay:.3g} ms is left out: it is less than a step, and the "
             "motion is nearer without it than with a whole step."
@@ -216,10 +205,11 @@ def models(
     sets = list(drawn)
     remembered = 0
     if form.late(twin.parameters.delay, step) is not None:  # all then have states of one size
-        sets = [replace(each, delay=max(each.delay, 2 * _NO_DELAY)) for each in sets]
+        sets = [replace(each, delay=max(each.delay, 2 * NO_DELAY)) for each in sets]
         remembered = max(_samples(form.late(each.delay, step) or 0.0, step) for each in sets)
     for parameters in sets:
-        root = _root(_of(twin, parameters), options, form, scene=True)
+        each = replace(twin, parameters=parameters, robot=None)
+        root = _root(each, options, form, scene=True)
         if remembered:
             named(root, "motor").set("nsample", str(remembered))
         yield text_of(root)
@@ -228,11 +218,6 @@ def models(
 def _samples(late: float, step: float) -> int:
     """Count the past commands that a delay in s needs."""
     return math.ceil(late / step - 1e-9) + 1
-
-
-def _of(twin: Twin, parameters: LumpedParameters) -> Twin:
-    """Return a twin with other parameters."""
-    return replace(twin, parameters=parameters, robot=None)
 
 
 def _sliding(robot: Robot) -> Robot:

@@ -28,7 +28,7 @@ from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import TERMS, Term
 from butterfly.plant.robot import Robot, Shape
 
-_NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
+NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by 1e-4 rad
 
 
 class Body(NamedTuple):
@@ -166,7 +166,7 @@ def unheard(twin: Twin) -> Iterator[str]:
             f"The delay is that of the fast sampling regime. While the clock is slow it is "
             f"{1e3 * (p.delay + p.slow_delay):.3g} ms in place of {1e3 * p.delay:.3g} ms."
         )
-    if p.delay < -_NO_DELAY:
+    if p.delay < -NO_DELAY:
         yield f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
 
 

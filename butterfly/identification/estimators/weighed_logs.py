@@ -189,7 +189,7 @@ def weighed_end(
     """
     if found is None or found.problem.inseparable(found.at):
         return None
-    weighed = found.weighed_end
+    weighed = replace(found.weighed_end, converged=end.converged)
     told = end.at.moved(weighed.point - end.point).cost
     if not LOST * found.problem.equations(weighed.point, slopes=False).cost <= told:
         return None
