@@ -178,13 +178,13 @@ def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
         fixed = [name in each.fixed or name in each.known.fixed for each in both]
         fitted = [name in each.names for each in both]
         if all(known):
-            why[name] = "was known in both, so that these logs are no evidence of it"
+            why[name] = "given in both"
         elif any(fixed):
             why[name] = f"was held in {'both' if all(fixed) else _which(fixed)}"
         elif not all(fitted):
             why[name] = f"was fitted in {_which(fitted)} only"
         elif not all(_uncertain(each, name) for each in both):
-            why[name] = "has no standard error"
+            why[name] = "without standard error"
     return why
 
 
