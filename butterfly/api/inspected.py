@@ -293,7 +293,7 @@ def robot_of(
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
     verdict = require_possible(result.estimate)
-    twin = result.model.twin(carried, mass=hand_mass)
+    twin = result.model.twin(carried, hand_mass=hand_mass)
     note = ""
     if hand_mass is None and twin.built[0].hand.mass > HAND_MASS:
         note = (

@@ -113,7 +113,7 @@ class Drawn(Answer):
         self,
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
-        mass: float | None = None,
+        hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
     ) -> Iterator[str]:
@@ -121,13 +121,13 @@ class Drawn(Answer):
 
         Parameters
         ----------
-        added_mass, mass, timestep, integrator
+        added_mass, hand_mass, timestep, integrator
             As in `IdentifiedModel.export`.
 
         Raises
         ------
         InputError
-            If ``mass`` is impossible for the draws.
+            If ``hand_mass`` is impossible for the draws.
         """
         from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415
         from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
@@ -135,7 +135,7 @@ class Drawn(Answer):
         drawn = self.parameters
         model = self.found.model if self.found else IdentifiedModel(drawn[0])
         options = Options(timestep=timestep, integrator=integrator)
-        return models(drawn, model.twin(added_mass, mass=mass), options)
+        return models(drawn, model.twin(added_mass, hand_mass=hand_mass), options)
 
     def linear_systems(
         self,

@@ -102,7 +102,9 @@ def predict(
             whole = whole.with_zero(Known(value=estimate.local[None]["zero"]))
             logs, setting = whole.logs, whole.simulations.setting
         if bands:
-            raise IdentifiabilityError("bands need an identification: plain parameters have no covariance")
+            raise IdentifiabilityError(
+                "bands need an identification: plain parameters have no covariance"
+            )
         sentences = _of_gain(given, estimate, whole)
     else:
         found = _identified(result)

@@ -115,7 +115,8 @@ def program(called: Sequence[str] = ()) -> App:
         version=f"butterfly {__version__}",
         help="Identify and simulate a motor-driven joint from its logs.",
         help_format="markdown",
-        help_epilogue="Start: butterfly run quickstart. Help: butterfly COMMAND --help." * (not call),
+        help_epilogue="Start: butterfly run quickstart. Help: butterfly COMMAND --help."
+        * (not call),
         default_parameter=plain,
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
