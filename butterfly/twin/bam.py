@@ -181,7 +181,7 @@ def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
             f'"{",".join(held)}".'
         )
     if p.compression:
-        yield f"BAM has no compression: at V volts its motor is 1 + {p.compression:.4g} |V| times stronger."
+        yield f"BAM has no compression: its motor is 1 + {p.compression:.4g} |V| times stronger."
     if model == "m6":
         yield (
             "In BAM the larger torque decides whether motor or load drives, here the direction of "
@@ -189,8 +189,8 @@ def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
         )
     if p.geared and not p.back_emf:
         yield (
-            "BAM's friction grows with the motor torque minus back EMF, here with p4 u: no back EMF "
-            "was identified."
+            "BAM's friction grows with the motor torque minus back EMF, here with p4 u: no back "
+            "EMF was identified."
         )
     if p.p3:
         yield (

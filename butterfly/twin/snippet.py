@@ -94,12 +94,12 @@ def _on_body(twin: Twin) -> Iterator[str]:
         )
         if p.p3_offset or p.tilt:
             yield (
-                f"Its centre of mass is offset by {twin.body.beside:.4g} m to the side; the axis is "
+                f"Its centre of mass is offset {twin.body.beside:.4g} m to the side; the axis is "
                 f"tilted {p.tilt:.4g} rad from horizontal."
             )
     yield (
-        'b) If your body has no mass yet: armature="0", and put the next line in it, in a frame with '
-        "the axis as above and gravity along -z at angle 0."
+        'b) If your body has no mass yet: armature="0", and add the next line to it, in a frame '
+        "with the axis as above and gravity along -z at angle 0."
     )
 
 
