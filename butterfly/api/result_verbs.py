@@ -225,8 +225,8 @@ def _of_errors(errors: Sequence[ExpectedErrors]) -> str:
     unseen = sum(each.unseen for each in errors)
     if unseen == len(errors):
         return (
-            f"The band of a new log comes from the errors of {unseen} logs, each predicted with its "
-            "added mass held out."
+            f"The band of a new log comes from the errors of {unseen} logs, each predicted with "
+            "its added mass held out."
         )
     return (
         f"The band of a new log comes from the errors of {len(errors)} logs. For "

@@ -182,7 +182,7 @@ def export(
     made = write_as(to, named.twin, asked)
     write_file(out, made.text)
     say(f"Model: {out}, {made.about}.")
-    for sentence in (*made.left_out, *(made.accuracy.lines if made.accuracy else ())):
+    for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)

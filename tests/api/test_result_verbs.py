@@ -106,7 +106,7 @@ def test_draws_are_files_a_frame_models_and_a_batch(result, tmp_path):
     assert table == [{key: float(text) for key, text in row.items()} for row in rows]
     assert [[*row.values()] for row in table] == [[*row.values()] for row in drawn.rows()]
     assert len(list((tmp_path / "models").glob("*.xml"))) == 7
-    batch = drawn.batch(bf.AddedMass(mass=0.05, arm=0.104), mass=0.2)
+    batch = drawn.batch(bf.AddedMass(mass=0.05, arm=0.104), hand_mass=0.2)
     assert len({float(model.dof_M0[0]) for model in batch}) == 7
     data = mujoco.MjData(batch[0])
     size = mujoco.mj_stateSize(batch[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)

@@ -316,7 +316,7 @@ def test_a_plain_array_has_the_columns_of_a_matrix_or_those_that_are_told():
 
 
 def test_what_only_files_have_is_refused_for_a_table():
-    with pytest.raises(InputError, match=r"arm: got 0\.1; expected none beside a table"):
+    with pytest.raises(InputError, match=r"arm: got 0\.1; expected no such option with a table"):
         read(TABLE, **OTHERS, arm=0.1)
 
 

@@ -51,7 +51,7 @@ REFUSED = {
     "identify {data} --holdout run99": "run0",
     "validate {data} --terms drug": "did you mean",
     "validate {data} -m linear,weekform": "weak-form",
-    "validate {data} -m linear,thesis --terms drag": "--terms: got ('drag',); expected none beside",
+    "validate {data} -m linear,thesis --terms drag": "--terms: got ('drag',); expected no such option",
     "predict {data} --with nowhere.json": "nowhere",
     "predict nowhere --with {saved}": "nowhere",
     f"predict {{data}} --with {GIVEN} --out d.csv": "an identification to draw from",
@@ -161,7 +161,7 @@ def test_a_saved_result_is_the_estimate(answer, saved, tmp_path):
     assert answer("export", saved, "--out", tmp_path / "right.xml")[0] == 0
     assert out.read_text() != (tmp_path / "right.xml").read_text()
     result = answer("design", other, "--method", "linear")
-    assert_one_line_error(result, "none beside a result")
+    assert_one_line_error(result, "no such option with a saved result")
 
 
 def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
@@ -218,7 +218,7 @@ def test_both_simulators_are_compared_with_the_logs_and_reported(answer, quick_d
 def test_two_identifications_are_compared(answer, saved, tmp_path):
     told, page = tmp_path / "c.json", tmp_path / "c.html"
     out = done(answer("compare", saved, saved, "--json", told, "--report", page))
-    assert out.startswith("No change can be seen")
+    assert out.startswith("No significant change")
     assert "of the logs are in both" in out
     assert json.loads(told.read_text())["schema"] == "butterfly.change"
     assert page.exists()
