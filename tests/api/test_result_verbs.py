@@ -28,7 +28,7 @@ def test_a_prediction_has_rows_bands_and_the_verdict(predicted, data, result):
     assert np.mean([row[f"{OF_NEW_LOG}: inside in %"] for row in rows]) > 85
     said = " ".join(predicted.summary)
     assert "60 parameter draws (effective sample size" in said
-    assert "12 logs, each simulated without having seen its added mass" in said
+    assert "12 logs, each predicted with its added mass held out" in said
     for sentence in result.verdict:
         assert sentence in predicted.summary
 
@@ -49,7 +49,7 @@ def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
         predicted = bf.predict(plan, result, draws=40)
         assert not predicted.measured
         assert predicted.verdict == [*predicted.summary[:2]]
-        assert "nobody has recorded" in predicted.summary[2]
+        assert "no measurement to compare" in predicted.summary[2]
         assert not any("FIT" in name or "inside" in name for name in predicted.rows()[0])
     found = bf.simulate(quick)
     run, log = predicted.predictions[3].run, found.logs[3]
@@ -74,14 +74,14 @@ def test_without_the_logs_there_is_the_band_of_the_parameters_only(data, quick_d
     shutil.rmtree(tmp_path / "logs")
     part = bf.predict(data.logs[0], str(tmp_path / "result.json"), draws=40)
     assert list(part.predictions[0].bands) == [OF_PARAMETERS]
-    assert "not compared with the logs, which cannot be read" in str(part)
-    assert "no band of a new log" in str(part)
+    assert "not weighted by their fit: the logs cannot be read" in str(part)
+    assert "band of a new log is missing" in str(part)
 
 
 def test_a_mass_beyond_those_seen_is_said_to_be(data, result):
     far = replace(data.logs[-1], added_mass=bf.AddedMass(mass=0.3, arm=0.104))
     said = bf.predict(far, result, draws=40).summary
-    assert any("300 g at 104 mm: beyond the added masses of the estimate" in each for each in said)
+    assert any("300 g at 104 mm: extrapolation beyond the added masses" in each for each in said)
     assert not any("beyond" in each for each in bf.predict(data, result, draws=40).summary)
 
 
@@ -144,7 +144,7 @@ def test_slips_are_one_typed_error(data, result, predicted, tmp_path):
         (lambda: bf.predict(data, tmp_path / "p.json"), "result: got Predicted"),
         (lambda: bf.predict(data, data), "result: got DataSet"),
         (lambda: bf.predict(tmp_path / "nowhere", result), "no such file"),
-        (lambda: bf.predict("", result), "an empty text"),
+        (lambda: bf.predict("", result), "got empty"),
         (lambda: bf.predict(data, result, draws=5), "at least 40"),
         (lambda: bf.draws(result, seed=-1), "seed: got -1"),
         (lambda: bf.predict(replace(data.logs[0], input_kind="torque"), result), "input: got torq"),

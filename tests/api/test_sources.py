@@ -92,7 +92,7 @@ def test_a_sweep_s_results_lead_to_the_logs_of_a_run(tmp_path):
     plan = small_plan(tmp_path, keep_signals=True, sweep={"repetitions": 1})
     run_sweep(plan, tmp_path / "kept", HereEngine())
     logs = ResultStore(tmp_path / "kept").files_path(plan.tasks[0].key)
-    with pytest.raises(InputError, match=f"the logs of one run, as {logs}"):
+    with pytest.raises(InputError, match=f"one run's logs, such as {logs}"):
         read(tmp_path / "kept")
     assert len(read(logs).logs) == 2
 
@@ -333,7 +333,7 @@ def test_repairs_are_allowed_by_name():
         read(log, repair=["turn"])
     with pytest.raises(InputError, match="repair: got 'unwrap'; expected a list"):
         read(log, repair="unwrap")
-    with pytest.raises(InputError, match="none of a repaired data set"):
+    with pytest.raises(InputError, match="no repair: these logs are already read"):
         read(data, repair=["unwrap"])
 
 

@@ -27,7 +27,7 @@ SAYS = {
     "residual {data}": ("of 12 logs",),
     "design {data} --limit 3": (r"^ +3  ",),
     "predict {data} --with {saved}": ("median FIT",),
-    "predict {quick} --with {saved} --bands --draws 40": ("nobody has recorded",),
+    "predict {quick} --with {saved} --bands --draws 40": ("no measurement to compare",),
     f"predict {{data}} --with {GIVEN}": (
         r"\AUse with care: how exact p1, p4",
         r"\A.*\n12 logs simulated with these values",
@@ -47,7 +47,7 @@ REFUSED = {
     "identify {data} --against p1": "NAME=VALUE",
     "identify {data} --against p1=1,p2=1,p3=1,mass=2": "unknown parameter",
     "identify {data} --against p1=1e-9,p3=1e9": "p3: got a resonance of 1e+09 rad/s; expected at",
-    "identify {data} --figures": "--report FILE beside it",
+    "identify {data} --figures": "--report FILE as well",
     "identify {data} --holdout run99": "run0",
     "validate {data} --terms drug": "did you mean",
     "validate {data} -m linear,weekform": "weak-form",
@@ -219,7 +219,7 @@ def test_two_identifications_are_compared(answer, saved, tmp_path):
     told, page = tmp_path / "c.json", tmp_path / "c.html"
     out = done(answer("compare", saved, saved, "--json", told, "--report", page))
     assert out.startswith("No significant change")
-    assert "of the logs are in both" in out
+    assert "logs are in both" in out
     assert json.loads(told.read_text())["schema"] == "butterfly.change"
     assert page.exists()
 
