@@ -51,7 +51,7 @@ REFUSED = {
     "identify {data} --holdout run99": "run0",
     "validate {data} --terms drug": "did you mean",
     "validate {data} -m linear,weekform": "weak-form",
-    "validate {data} -m linear,thesis --terms drag": "--terms: got ('drag',); expected no such option",
+    "validate {data} -m linear,thesis --terms drag": "--terms: got ('drag',); expected no such",
     "predict {data} --with nowhere.json": "nowhere",
     "predict nowhere --with {saved}": "nowhere",
     f"predict {{data}} --with {GIVEN} --out d.csv": "an identification to draw from",
@@ -189,7 +189,7 @@ def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
     assert "residuals of" in out
     text = plot.read_text(encoding="utf-8")
     assert "Residual torque" in text
-    assert "The errors of the free run" in text
+    assert "Compares each log's free-run error" in text
 
 
 def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
@@ -228,7 +228,7 @@ def test_estimators_are_ranked_over_data_sets(answer, quick_data, saved, tmp_pat
     report = tmp_path / "board.html"
     told = ("--method", "harmonic-balance,linear", "--report", report)
     out = done(answer("validate", quick_data, saved, *told))
-    best = re.search(r"(\S+) predicts best what it has not seen", out)
+    best = re.search(r"(\S+) predicts held-out logs best", out)
     assert best.group(1) == "harmonic-balance"
     assert report.stat().st_size > 1e5
 

@@ -216,7 +216,7 @@ def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
         ({"dead_zone": 0.02}, r"move ctrl by up to 0\.02 towards 0 yourself"),
         (
             {"slow_delay": 9e-4, "slow_interval": 1e-3},
-            r"While the clock is slow it is 0\.9 ms in place of 0 ms",
+            r"The delay is 0 ms, that of fast sampling; in slow sampling it is 0\.9 ms",
         ),
         ({"motor_friction": 0.1, "load_stribeck": 0.2}, r"for motor_friction, load_stribeck"),
     ],
