@@ -172,9 +172,9 @@ def test_local_values_and_unknown_ones_come_back(data, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a result"),
+        ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a saved result"),
         ({"schema": []}, "schema: got"),
-        ({"schema_number": 3}, "needs a newer butterfly"),
+        ({"schema_number": 3}, "update butterfly"),
         ({"schema_number": 0}, "save again"),
         ({"schema_number": None}, "save again"),
         ({"parameters": {}}, "content: got KeyError"),
