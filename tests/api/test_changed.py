@@ -73,12 +73,12 @@ def test_it_is_saved_shown_and_reported(tmp_path):
     assert str(again) == str(found)
     assert max(map(len, found.shown_lines())) < 78
     found.report(tmp_path / "change.html")
-    assert "grown by 32 %" in (tmp_path / "change.html").read_text()
+    assert "increased by 32 %" in (tmp_path / "change.html").read_text()
 
 
 def test_what_cannot_be_compared_is_refused():
     volts = identified().origin | {"input": "voltage"}
-    with pytest.raises(bf.InputError, match="torque, as the first has it"):
+    with pytest.raises(bf.InputError, match="torque, as in the first result"):
         bf.changed(identified(), identified(origin=volts))
     with pytest.raises(bf.InputError, match="an identification"):
         bf.changed(identified(), 3)

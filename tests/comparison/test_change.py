@@ -115,11 +115,11 @@ def test_what_was_known_or_fitted_once_is_no_evidence():
     names = (*NAMES[:5], "drag")
     other = estimate(TRUTH, covariance, names=names)
     assert change(plain, other).untested == {
-        "delay": "was fitted in the first only",
-        "drag": "was fitted in the second only",
+        "delay": "fitted only in the first",
+        "drag": "fitted only in the second",
     }
     held = replace(other, fixed={"delay": 0.002})
-    assert change(plain, held).untested["delay"] == "was held in the second"
+    assert change(plain, held).untested["delay"] == "fixed in the second"
     nothing = replace(plain, covariance=np.full((6, 6), np.nan))
     with pytest.raises(InputError, match="no common parameter"):
         change(plain, nothing)
