@@ -61,7 +61,7 @@ def test_what_else_may_make_a_difference_is_said():
         identified(estimate=replace(identified().estimate, fixed={"bias": value}))
         for value in (0.0, 0.1)
     ]
-    assert any("hold bias at different values" in each for each in bf.changed(*held).summary)
+    assert any("Fixed at different values: bias" in each for each in bf.changed(*held).summary)
 
 
 def test_it_is_saved_shown_and_reported(tmp_path):
