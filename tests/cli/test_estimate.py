@@ -30,7 +30,7 @@ SAYS = {
     "predict {quick} --with {saved} --bands --draws 40": ("no measurement to compare",),
     f"predict {{data}} --with {GIVEN}": (
         r"\AUse with care: how exact p1, p4",
-        r"\A.*\n12 logs simulated with these values",
+        r"\A.*\n12 logs predicted from the initial angle",
     ),
 }
 """Patterns of what answers say."""
@@ -189,7 +189,7 @@ def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
     assert "residuals of" in out
     text = plot.read_text(encoding="utf-8")
     assert "Residual torque" in text
-    assert "Compares each log's free-run error" in text
+    assert "The errors of the free run" in text
 
 
 def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
