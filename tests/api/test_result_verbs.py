@@ -178,7 +178,7 @@ def test_given_parameters_are_judged_by_how_they_move(data, own):
 
 def test_a_gain_that_is_not_given_is_fitted_and_said(data, result):
     found = bf.predict(data.take([0, 5]), {"p1": result.parameters.p1, "p3": result.parameters.p3})
-    assert any(each.startswith("p4 was not given: 0.0") for each in found.summary)
+    assert any(each.startswith("p4 was not given; p4 = 0.0") for each in found.summary)
 
 
 def test_slips_in_given_parameters_are_named(data, quick):
