@@ -12,7 +12,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check wheel clean
+.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -97,6 +97,11 @@ record: $(VENV)/.development
 record-check: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.record write build/record-new.json $(RECORD_OPTIONS)
 	$(BIN)/python -m tests.record compare $(RECORD) build/record-new.json
+
+# Every text that a user can see, one per line: TEXTS='butterfly/cli --kind message' lists a part.
+TEXTS ?= butterfly
+texts: $(VENV)/.development
+	$(BIN)/python -m tests.texts $(TEXTS)
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

@@ -1,8 +1,6 @@
-"""Simulate, identify and control the first degree of freedom of the Butterfly robot.
+"""Identify and simulate a motor-driven joint from its logs.
 
-`import butterfly as bf`; then `bf.read`, `bf.identify`, `bf.simulate`, `bf.validate`, `bf.design`,
-`bf.compare`, `bf.predict`, `bf.draws`, `bf.changed` and `bf.load` do what their names say. What is
-used is loaded when it is used.
+`import butterfly as bf`, then `bf.identify("logs/")`. All names are imported on first use.
 """
 
 import lazy_loader

@@ -1,7 +1,6 @@
 """Every text that a user can see, listed from the code: `python -m tests.texts [PATH ...]`.
 
-Sentences of the program (messages, verdicts, help, labels) and public docstrings, one a line with its
-place, for a person to read.
+Messages, verdicts, help, labels and public docstrings, one per line with file and line, to be read.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ _FEWEST_WORDS = 3
 
 @dataclass(frozen=True)
 class Text:
-    """A text, its kind (``message``, ``docstring`` or ``template``) and where it stands."""
+    """A text, its kind (``message``, ``docstring`` or ``template``) and its place."""
 
     path: Path
     line: int
@@ -48,7 +47,7 @@ def texts_of(path: Path) -> Iterator[Text]:
 
 
 def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.Constant, bool]]:
-    """Yield each string that stands as a statement, and whether what it describes is public."""
+    """Yield each docstring, and whether its object is public."""
     for node in ast.walk(tree):
         private = (getattr(node, "name", "") or "").startswith("_")
         body = getattr(node, "body", None)
@@ -59,7 +58,7 @@ def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.Constant, bool]]:
 
 
 def _outermost(tree: ast.AST) -> Iterator[ast.Constant | ast.JoinedStr]:
-    """Yield strings, of formatted ones the whole alone."""
+    """Yield strings; a formatted string as a whole."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.JoinedStr) or (
             isinstance(node, ast.Constant) and isinstance(node.value, str)
@@ -70,7 +69,7 @@ def _outermost(tree: ast.AST) -> Iterator[ast.Constant | ast.JoinedStr]:
 
 
 def _plain(node: ast.Constant | ast.JoinedStr) -> str:
-    """Return a string as read, what is filled in as its expression in braces."""
+    """Return a string's text, with inserted expressions in braces."""
     if isinstance(node, ast.Constant):
         return str(node.value)
     parts = (

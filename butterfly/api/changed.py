@@ -1,4 +1,4 @@
-"""Has my robot changed? What a comparison of two identifications of it says."""
+"""Has the joint changed? The comparison of two identifications."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ _LISTED = 4  # parameters whose detectable change is named
 
 
 class Changed(Answer):
-    """Whether the parameters of a robot have changed, and by how much."""
+    """Whether the parameters of a joint have changed, and by how much."""
 
     kind: ClassVar[str] = "change"
     short: ClassVar[bool] = True
 
     @classmethod
     def of(cls, one: Identification, other: Identification) -> Changed:
-        """Compare two identifications; InputError if that cannot be."""
+        """Compare two identifications; raise InputError if they are not comparable."""
         for name in ("input", "joint"):
             first, second = (each.origin.get(name, JointKind.HINGE) for each in (one, other))
             if first != second:
-                raise InputError("changed", name, second, f"{first}, as the first has it")
+                raise InputError("changed", name, second, f"{first}, as in the first result")
         found = change(one.estimate, other.estimate)
         kind = InputKind(one.origin["input"])
         joint = JointKind(one.origin.get("joint", JointKind.HINGE))
@@ -86,7 +86,7 @@ class Changed(Answer):
         )
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return the table as a person reads it."""
+        """Return the rows formatted as text."""
         return [_shown(row) for row in self.rows()]
 
     def figures(self) -> dict[str, Figure]:
@@ -107,13 +107,13 @@ class Changed(Answer):
         )
         figure = Figure(drawn)
         figure.add_hline(y=0, line={"color": GREY, "width": 1, "dash": "dash"})
-        figure.update_yaxes(title="change in %, with 95 % intervals")
+        figure.update_yaxes(title="change in % (95 % interval)")
         figure.update_layout(height=380)
         return {"changes": figure}
 
 
 def _is_relative(row: Mapping[str, Any]) -> bool:
-    """Whether a row's parameter was known well enough for its change to be given in per cent."""
+    """Whether a row's change is given in per cent: its parameter is clearly not 0."""
     return row["change in %"] is not None and math.isfinite(row["change in %"])
 
 
@@ -130,42 +130,42 @@ def _shown(row: Mapping[str, Any]) -> dict[str, str]:
         "first": with_error(before, error),
         "second": with_error(after, error),
         "change, 95 %": f"{moved:+{digits}} ± {reach:{digits}}{unit}",
-        "by chance": f"{row['probability']:.2g}",
-        "seen from": _percent(seen / 100) if relative else f"{seen:.2g}",
+        "p-value": f"{row['probability']:.2g}",
+        "detectable": _percent(seen / 100) if relative else f"{seen:.2g}",
     }
 
 
 def _answer(found: Change, units: Mapping[str, str]) -> str:
-    """Say whether the robot has changed, and how sure that is."""
+    """State which parameters have changed."""
     if found.changed:
         moved = [_moved(each, units[each.name]) for each in found.changed]
         if len(found.changed) < len(found.parameters):
-            moved.append("No other parameter has changed beyond what the data can tell.")
+            moved.append("No other change is significant.")
         return " ".join(moved)
     if not found.jointly_changed:
-        return f"No change can be seen{_seen(found)}."
+        return f"No significant change.{_seen(found)}"
     together = (
-        "Something has changed: together the parameters differ by more than chance explains "
-        f"(probability {found.joint_probability:.1g}), though none does so alone."
+        "The joint has changed: the parameters together differ significantly (p = "
+        f"{found.joint_probability:.1g}), though no single one does."
     )
     if found.ratio is None or not math.isfinite(found.ratio.relative):
         return together
-    return f"{together} Clearest is the ratio {found.ratio.name}, which {_by(found.ratio)}."
+    return f"{together} The clearest change: the ratio {found.ratio.name} {_by(found.ratio)}."
 
 
 def _moved(each: ParameterChange, unit: str) -> str:
-    """Say which way a parameter has gone, and from where to where."""
+    """State the change of a parameter, and its values before and after."""
     name = _NAMES.get(each.name, each.name)
     one, other = (with_error(value, each.error) for value in (each.before, each.after))
     return f"{name[0].upper()}{name[1:]} {_by(each)} (from {one} to {other} {unit})."
 
 
 def _by(each: ParameterChange) -> str:
-    """Say by how much, of a size that is known."""
+    """State the change in per cent, if it is defined."""
     if not math.isfinite(each.relative):
         return "has changed"
     grown = each.difference * each.before > 0
-    return f"has {'grown' if grown else 'shrunk'} by {_percent(abs(each.relative))}"
+    return f"has {'increased' if grown else 'decreased'} by {_percent(abs(each.relative))}"
 
 
 def _percent(share: float) -> str:
@@ -173,7 +173,7 @@ def _percent(share: float) -> str:
 
 
 def _seen(found: Change) -> str:
-    """Say which changes would have been seen, the smallest first."""
+    """State the smallest detectable changes."""
     sizes = sorted(
         (each.detectable / abs(each.before), each.name)
         for each in found.parameters
@@ -181,61 +181,61 @@ def _seen(found: Change) -> str:
     )
     if not sizes:
         return ""
-    parts = [f"{_percent(size)} of {name}" for size, name in sizes[:_LISTED]]
-    return f"; one of more than {listed(parts)} would have been, four times in five"
+    parts = [f"{_percent(size)} in {name}" for size, name in sizes[:_LISTED]]
+    return f" Detectable with 80 % power: {listed(parts)}."
 
 
 def _untested(found: Change) -> list[str]:
-    """Say of which parameters there is no evidence."""
-    sentences = [f"Not compared: {name}, which {why}." for name, why in found.untested.items()]
+    """Name the parameters that were not compared, and why."""
+    sentences = [f"Not compared: {name} ({why})." for name, why in found.untested.items()]
     if math.isnan(found.joint_probability) and len(found.parameters) > 1:
         sentences.append(
-            "The parameters were compared one by one only: these logs are too few to tell how "
-            "their errors go together."
+            "No joint test of all parameters: too few logs to estimate the correlation of their "
+            "errors."
         )
     return sentences
 
 
 def _reserve(*both: Identification) -> str:
-    """Say which values are not to be used, before anything else; nothing if both may be."""
+    """Return a warning about results that must not be used; empty if there are none."""
     places = [
         place
         for place, each in zip(_PLACES, both, strict=True)
         if each.judged.level is Level.WARNING
     ]
-    return f"Not to be relied on, since {listed(places)} is not to be used: " if places else ""
+    return f"Do not rely on this: do not use {listed(places)} result. " if places else ""
 
 
 def _warnings(*both: Identification) -> list[str]:
-    """Say what else than the robot may make a difference."""
+    """Name other possible causes of a difference."""
     sentences = [
-        f"The verdict on {place}: {each.judged.lines[0]}"
+        f"Verdict on {place} result: {each.judged.lines[0]}"
         for place, each in zip(_PLACES, both, strict=True)
         if each.judged.level is not Level.GOOD
     ]
     one, other = (each.estimate for each in both)
     if both[0].estimator != both[1].estimator:
         sentences.append(
-            f"The first is by {both[0].estimator}, the second by {both[1].estimator}: a difference "
-            "may be theirs."
+            f"Different estimators ({both[0].estimator}, {both[1].estimator}) may cause a "
+            "difference."
         )
     terms = sorted(set(one.names) ^ set(other.names))
     if terms:
         sentences.append(
-            f"Only one of them fits {listed(terms)}: what it takes up there, the other has in its "
-            "other parameters."
+            f"Only one result fits {listed(terms)}; this may shift the other parameters. Identify "
+            "both with the same --terms."
         )
     in_both = one.fixed.keys() & other.fixed.keys()
     fixed = sorted(name for name in in_both if one.fixed[name] != other.fixed[name])
     if fixed:
         sentences.append(
-            f"They hold {listed(fixed)} at different values, on which the others rest."
+            f"Fixed at different values: {listed(fixed)}. This may shift the other parameters."
         )
     shared = _files(both[0]) & _files(both[1])
     if shared:
         sentences.append(
-            f"{len(shared)} of the logs are in both: the errors are taken to be independent, so "
-            "that a change is harder to see than it need be."
+            f"{len(shared)} logs are in both results. The test assumes independent logs, so it "
+            "detects fewer changes."
         )
     return sentences
 

@@ -1,4 +1,4 @@
-"""What comparisons return: simulators beside logs, estimators beside each other."""
+"""Results of comparisons: simulators with logs, and estimators with each other."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class Compared(Tabulated):
         residuals: Residuals,
         found: Estimate,
     ) -> Compared:
-        """Tabulate logs, each simulated twice with an estimate, and the residuals of all."""
+        """Tabulate logs, each simulated twice, and their residuals."""
         from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
         from butterfly.report.three_way_page import three_way_page  # noqa: PLC0415 - slow to import
 
         verdict, way = estimate_verdict(found), data.joint.way
         judged = {log.name: log for log in residuals.logs}
         result = cls(
-            title=f"MuJoCo and grey box beside {data.name!r}",
+            title=f"MuJoCo, grey-box model and logs of {data.name!r}",
             summary=(
                 *verdict.lines,
                 *_comparison_sentences(compared),
@@ -90,31 +90,31 @@ class Compared(Tabulated):
 
 
 def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
-    """Say how well the simulators follow the logs, and each other."""
+    """State the fit of both simulators, and the difference between them."""
     apart = max(each.difference for each in compared)
     way = compared[0].log.added_mass.joint.way
     fits = {key: np.array([each.fits[key] for each in compared]) for key in compared[0].fits}
     return [
-        f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
-        "same parameters and the recorded input.",
+        f"{len(compared)} {'log' if len(compared) == 1 else 'logs'}, simulated in MuJoCo and with "
+        "the grey-box model (same parameters, recorded input).",
         *(
-            f"{key[:1].upper()}{key[1:]} follows the logs with a median FIT of "
-            f"{np.median(fit):.2f} % (worst {fit.min():.2f} %)."
+            f"{key[:1].upper()}{key[1:]}: median FIT {np.median(fit):.2f} % (worst "
+            f"{fit.min():.2f} %)."
             for key, fit in fits.items()
         ),
-        f"The two simulators are nowhere more than {apart:.2g} {way} apart.",
+        f"Largest difference between the simulators: {apart:.2g} {way}.",
     ]
 
 
 class Leaderboard(Answer):
-    """Methods over data sets, the best of each first."""
+    """Ranking of methods on each data set."""
 
     kind: ClassVar[str] = "leaderboard"
     table: ClassVar[str] = "entries"
 
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> Leaderboard:
-        """Tabulate estimators over data sets, the best of each first."""
+        """Tabulate the ranked estimators of each data set."""
         from butterfly.report.ranking_pages import leaderboard_page  # noqa: PLC0415 - slow to import
 
         sets = list(dict.fromkeys(entry.data for entry in entries))
@@ -128,7 +128,7 @@ class Leaderboard(Answer):
             }
         )
         result = cls(
-            title="Estimators over data sets: " + ", ".join(sets),
+            title="Ranking of methods: " + ", ".join(sets),
             summary=(*verdict.lines, *map(_best_sentence, firsts)),
             judged=verdict,
             content={"entries": [_entry(entry) for entry in entries]},
@@ -138,12 +138,12 @@ class Leaderboard(Answer):
 
 
 def _best_sentence(best: Entry) -> str:
-    """Say which estimator predicts best what it has not seen of a data set."""
+    """Name the estimator with the best held-out FIT on a data set."""
     if best.held_out is None:
-        return f"{best.data}: no estimator could predict what was left out."
+        return f"{best.data}: no method could predict the held-out logs."
     return (
-        f"{best.data}: {best.method} predicts best what it has not seen ({best.left_out} at a "
-        f"time), with a median FIT{best.held_out.over} of {best.held_out.median:.1f} %."
+        f"{best.data}: {best.method} predicts held-out logs best, median FIT{best.held_out.over} "
+        f"{best.held_out.median:.1f} % ({best.left_out} at a time)."
     )
 
 

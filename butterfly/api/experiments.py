@@ -1,4 +1,4 @@
-"""Verbs of experiments: simulate their logs, or run them whole and keep what came of it."""
+"""Verbs of experiments: simulate, run."""
 
 from __future__ import annotations
 
@@ -44,66 +44,66 @@ _ORBIT_REPORT = "orbit.html"
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class _Done(Answer):
-    """What came of an experiment."""
+    """Results of an experiment."""
 
     sentences: tuple[str, ...] = ()
-    """What was found, in words."""
+    """Summary sentences."""
 
     reports: tuple[Path, ...] = ()
-    """The pages that were written."""
+    """The written reports."""
 
     def paragraphs(self) -> list[str]:
-        """Return what was found, the verdicts first."""
+        """Return the summary sentences, verdicts first."""
         return list(self.sentences)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Run(_Done):
-    """What an experiment gave: the logs' identifications beside the truth, and its orbit."""
+    """Results of one run: identifications with the true parameters, and its orbit."""
 
     kind: ClassVar[str] = "run"
     table: ClassVar[str] = "estimates"
 
     record: RunRecord
-    """What is kept of it."""
+    """The stored record."""
 
     identifications: Mapping[str, Identification]
-    """By estimator; those of a run that was found done as they were saved."""
+    """By estimator; loaded from the saved files if the run was already done."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sweep(_Done):
-    """What the runs of a sweep gave, and how many gave nothing."""
+    """Results of a sweep."""
 
     kind: ClassVar[str] = "sweep"
     table: ClassVar[str] = "recovery"
 
     unsuccessful: int
-    """Number of runs without a result."""
+    """Number of failed runs."""
 
 
 def simulate(
     experiment: Named | Experiment, *, out: Named | None = None, track: Track = untracked
 ) -> DataSet:
-    """Simulate an experiment, and return its logs.
+    """Simulate an experiment in MuJoCo, and return its logs.
 
     Parameters
     ----------
     experiment
-        A file, the name of a shipped one, or what `read_experiment` returned.
+        An experiment file, a shipped experiment's name, or `read_experiment`'s result.
     out
-        Folder to which the logs are written with their manifest, in the form of the real ones.
+        Folder for the logs and their manifest, in the format of real logs.
     track
-        Shows progress.
+        Progress callback.
 
     Raises
     ------
     InputError
-        If the experiment is not one, or a simulation diverges.
+        If the experiment is invalid, or the simulation diverges.
     """
     plan = read_experiment(experiment) if isinstance(experiment, str | PathLike) else experiment
     if not isinstance(plan, Experiment):
-        expected = "an experiment: its file, its name, or what read_experiment returned"
+        expected = "an experiment: a file, a name, or read_experiment's result"
         raise InputError("simulate", "experiment", type(plan).__name__, expected)
     logs = list(simulated_logs(plan, track=track))
     if out is not None:
@@ -123,45 +123,44 @@ def run(
     scheduler: str | None = None,
     track: Track = untracked,
 ) -> Run | Sweep:
-    """Simulate an experiment, identify the robot from its logs, hold its orbit, and report it all.
+    """Simulate an experiment or a sweep, identify the joint, and write a report.
 
-    An experiment with ``sweep`` is run for each of its variations. Results are kept by what they
-    depend on, the code of butterfly included: what is done is not done again.
+    Finished runs are reused as long as neither the experiment nor butterfly's code has changed.
 
     Parameters
     ----------
     experiment
-        A file, or the name of a shipped one.
+        An experiment file, or a shipped experiment's name.
     out
-        Folder for results and report; ``results/NAME`` if not given.
+        Folder for results and report. Default: ``results/NAME``.
     figures
-        Whether to write the reports' figures as PNG and SVG too.
+        Whether to write the report's figures as PNG and SVG too.
     jobs
-        Worker processes of a sweep, or threads of a single run; one per core if not given.
+        Worker processes of a sweep, or threads of a single run. Default: one per core.
     force
-        Whether to do runs again that are done.
+        Whether to repeat finished runs.
     only
-        Runs of a sweep to do, by number, as ``0,3,10-19``; all if not given.
+        Numbers of the runs to do, such as ``0,3,10-19``. Default: all.
     engine
-        Where the runs of a sweep are done: ``local``, or ``dask`` (needs the extra of that name).
+        ``local``, or ``dask`` (needs ``butterfly-testbed[dask]``).
     scheduler
-        Address of a Dask scheduler; a cluster on this machine if not given.
+        Address of a Dask scheduler. Default: a local cluster.
     track
-        Shows progress.
+        Progress callback.
 
     Raises
     ------
     InputError
-        If the experiment is not one, or a folder cannot be written.
+        If the experiment is invalid, or a folder cannot be written.
     IdentifiabilityError
-        If the logs of a single run cannot determine the parameters.
+        If the parameters of a single run are not identifiable.
     StoppedError
-        If a sweep is interrupted: what is done is kept.
+        If a sweep is interrupted. Finished runs are kept.
     """
     if engine not in {"local", "dask"}:
         raise InputError("run", "engine", engine, "local or dask")
     if scheduler is not None and engine != "dask":
-        raise InputError("run", "scheduler", scheduler, "the engine dask (--engine dask) beside it")
+        raise InputError("run", "scheduler", scheduler, "engine dask as well (--engine dask)")
     source = Source(locate(Path(experiment)))
     plan = plan_sweep(source, track=track)
     folder = Path("results") / plan.experiment.name if out is None else Path(out)
@@ -172,7 +171,7 @@ def run(
             raise ButterflyError(kept.reason)
         if kept is not None and kept.status == OK:
             found = _kept_run(folder, kept, plan.experiment.plant.robot.lumped, {})
-            again = "1 run: found done; --force does it again."
+            again = "This run was already done; --force repeats it."
             return replace(found, sentences=(*found.sentences, again))
         return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
@@ -182,8 +181,8 @@ def run(
     page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
     write_page(page, folder / "report.html", figures=figures)
     counts = (
-        f"{summary.runs} runs: {summary.done} done now, {summary.reused} found done, "
-        f"{summary.unsuccessful} without a result."
+        f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
+        f"{summary.unsuccessful} failed."
     )
     return Sweep.from_dict(
         page.numbers,
@@ -196,7 +195,7 @@ def run(
 def _run_once(
     plan: SweepPlan, source: Source, folder: Path, *, jobs: int | None, figures: bool, track: Track
 ) -> Run:
-    """Do an experiment's one run in this process, with all cores, and write all of it."""
+    """Do a single run in this process, on all cores, and write its results."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     kept = keep_experiment(source, folder)
     store.begin_sweep(sweep_record(plan))
@@ -255,7 +254,7 @@ def _run_once(
 def _kept_run(
     folder: Path, record: RunRecord, truth: LumpedParameters, made: Mapping[str, Identification]
 ) -> Run:
-    """Return a run as its file says, its identifications as they were made, or else saved."""
+    """Return a run from its file, with the identifications given or loaded."""
     content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
     names = [each.estimator for each in record.estimates if each.estimate is not None]
     saved = zip(names, map(Identification.from_dict, content["estimates"]), strict=True)
@@ -273,7 +272,7 @@ def _kept_run(
 
 
 def _of_record(record: RunRecord) -> list[str]:
-    """Say which estimators refused the logs, and how well logs are predicted that were left out."""
+    """Return the estimators' errors, and their FIT on held-out logs."""
     said = []
     for each in record.estimates:
         if each.error:
@@ -281,8 +280,8 @@ def _of_record(record: RunRecord) -> list[str]:
         if each.held_out is not None:
             fit = each.held_out
             said.append(
-                f"{each.estimator}: logs that were left out are followed with a median "
-                f"FIT{fit.over} of {fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
+                f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % "
+                f"(worst {fit_text(fit.worst)} %)."
             )
     return said
 

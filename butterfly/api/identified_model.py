@@ -1,4 +1,4 @@
-"""The identified robot as a control engineer uses it."""
+"""The identified model for control and export."""
 
 from __future__ import annotations
 
@@ -27,40 +27,40 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class IdentifiedModel:
-    """p1 thdd + p2 thd + p3 sin th = p4 u and the terms beside, with what the hand carries (78)."""
+    """The identified joint: p1 thdd + p2 thd + p3 sin th = p4 u and further terms."""
 
     parameters: LumpedParameters
-    """Of the bare hand, SI units."""
+    """Parameters of the bare joint in SI units."""
 
     joint: JointKind = JointKind.HINGE
-    """How it moves."""
+    """Hinge or slide."""
 
     identified: Callable[[AddedMass, float | None], Twin] | None = field(
         default=None, repr=False, compare=False
     )
-    """Returns its twin with a load and a mass, as the data say; None of bare parameters."""
+    """Makes the twin with an added mass and a body mass; None for plain parameters."""
 
     def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
-        """Return the parameters of the hand with an added mass (78)."""
+        """Return the parameters with an added mass (78)."""
         return self.parameters.with_added_mass(added_mass)
 
     def linearised(
         self, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0, pade_order: int = 4
     ) -> control.StateSpace:
-        """Return the linearisation about rest, from command to angle and velocity.
+        """Return the linearisation at rest, from command to angle and velocity.
 
-        The armature's lag is a state, the delay a Padé approximation; friction that holds the joint
-        at rest is left out (see `butterfly.model.control_bridge.linearised`).
+        Includes the armature's lag and a Padé approximation of the delay, without Coulomb friction
+        (see `butterfly.model.control_bridge.linearised`).
 
         Parameters
         ----------
         added_mass
-            What the hand carries.
+            Added mass.
         angle
-            Of rest, in rad.
+            Rest angle in rad.
         pade_order
-            Of the approximation; 0 leaves the delay out, as a negative estimate of it is: the
-            system is then named ``hand_without_delay``.
+            Order of the approximation. With 0 or a negative delay the delay is omitted and the
+            system is named ``hand_without_delay``.
         """
         from butterfly.model.control_bridge import linearised  # noqa: PLC0415 - slow to import
 
@@ -69,19 +69,18 @@ class IdentifiedModel:
     def discretised(
         self, step: float, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> control.StateSpace:
-        """Return the linearisation for commands that are held during steps, with the exact delay.
+        """Return the zero-order-hold discretisation, with the exact delay.
 
-        Earlier commands are states, no approximation of the delay is needed (see
-        `butterfly.model.control_bridge.discretised`).
+        Earlier commands are states (see `butterfly.model.control_bridge.discretised`).
 
         Parameters
         ----------
         step
-            In s, between two commands.
+            Sample time in s.
         added_mass
-            What the hand carries.
+            Added mass.
         angle
-            Of rest, in rad.
+            Rest angle in rad.
 
         Raises
         ------
@@ -93,7 +92,7 @@ class IdentifiedModel:
         return discretised(self.parameters, step, added_mass, angle=angle)
 
     def nonlinear(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.NonlinearIOSystem:
-        """Return the whole equation as python-control's object, the delay left out."""
+        """Return the nonlinear equation for python-control, without the delay."""
         from butterfly.model.control_bridge import nonlinear_system  # noqa: PLC0415 - slow to import
 
         return nonlinear_system(self.with_added_mass(added_mass))
@@ -105,20 +104,20 @@ class IdentifiedModel:
         return Linearisation.of(self.with_added_mass(added_mass)).response(omega)
 
     def resonance(self, added_mass: AddedMass = NO_ADDED_MASS) -> float:
-        """Return the frequency in rad/s at which the linearisation's gain peaks; 0 if nowhere."""
+        """Return the resonance frequency of the linearisation in rad/s; 0 without a peak."""
         return resonance_frequency(self.with_added_mass(added_mass))
 
     def simulate(self, log: Log, *, zero: float = 0.0, velocity: float | None = None) -> Log:
-        """Return a log with its angle simulated from the first sample on, with its own input.
+        """Simulate a log from its initial angle with its input (free run).
 
         Parameters
         ----------
         log
-            Of any input; its added mass is put on.
+            Log whose input, added mass and initial angle are used.
         zero
-            Reading of the encoder in rad where the hand hangs.
+            Encoder reading in rad with the joint hanging at rest.
         velocity
-            At the first sample, in rad/s; as the log's own first samples tell, if not given.
+            Initial velocity in rad/s. Default: from the log's first samples.
         """
         from butterfly.identification.free_run import FreeRun, Setting  # noqa: PLC0415 - slow to import
 
@@ -126,13 +125,15 @@ class IdentifiedModel:
         run = FreeRun.of(log, setting)
         return replace(log.moving_so(run.simulated), source="grey-box model")
 
-    def twin(self, added_mass: AddedMass = NO_ADDED_MASS, *, mass: float | None = None) -> Twin:
-        """Return the joint as it is exported, with the logs by which that is measured."""
+    def twin(
+        self, added_mass: AddedMass = NO_ADDED_MASS, *, hand_mass: float | None = None
+    ) -> Twin:
+        """Return the twin: the joint to export, with logs to check its accuracy."""
         from butterfly.twin.twin import Twin  # noqa: PLC0415 - slow to import
 
         if self.identified is not None:
-            return self.identified(added_mass, mass)
-        return Twin(parameters=self.parameters, added=added_mass, joint=self.joint, mass=mass)
+            return self.identified(added_mass, hand_mass)
+        return Twin(parameters=self.parameters, added=added_mass, joint=self.joint, mass=hand_mass)
 
     def export(
         self,
@@ -140,44 +141,44 @@ class IdentifiedModel:
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
         to: str = "mjcf",
-        mass: float | None = None,
+        hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
     ) -> Written:
-        """Write the joint as a file for another program, as ``butterfly export`` does.
+        """Export the joint (its twin), as ``butterfly export`` does.
 
-        What the form cannot hold is warned of, and written in the file.
+        Warns of everything that the format cannot represent; the file says so too.
 
         Parameters
         ----------
         path
-            The file.
+            File to write.
         added_mass
-            What the joint carries.
+            Added mass.
         to
-            One of `butterfly.twin.forms.FORMS`.
-        mass
-            Of what swings, in kg, on which the motion does not depend; a possible one if not given.
+            Format, one of `butterfly.twin.forms.FORMS`.
+        hand_mass
+            Mass of the moving body in kg; the motion does not depend on it. Default: chosen.
         timestep
-            Step in s of the simulator for which it is written.
+            Time step of your simulator in s.
         integrator
-            Of MuJoCo.
+            MuJoCo integrator.
 
         Returns
         -------
         Written
-            The text, what it leaves out, and how far its motion is from our own simulation.
+            The text, what the format cannot represent, and the error against our own simulation.
 
         Raises
         ------
         InputError
-            If no joint of that mass moves so, the form cannot hold it, or the file cannot be
-            written.
+            If ``hand_mass`` is impossible, the format does not fit this joint, or the file cannot
+            be written.
         """
         from butterfly.twin.forms import write_as  # noqa: PLC0415 - slow to import
 
         options = Options(timestep=timestep, integrator=integrator)
-        written = write_as(to, self.twin(added_mass, mass=mass), options)
+        written = write_as(to, self.twin(added_mass, hand_mass=hand_mass), options)
         write_file(Path(path), written.text)
         for sentence in written.left_out:
             warnings.warn(sentence, stacklevel=2)
@@ -187,19 +188,19 @@ class IdentifiedModel:
         self,
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
-        mass: float | None = None,
+        hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
     ) -> mujoco.MjSpec:
-        """Return the joint as an MjSpec, to attach to a robot of one's own.
+        """Return the joint as an MjSpec, to attach to your robot.
 
-        As in ``robot.attach(result.model.mjspec(), frame=frame, prefix="wrist_")``. It has body,
-        joint, actuators and sensors, no light, floor or camera.
+        Example: ``robot.attach(result.model.mjspec(), frame=frame, prefix="wrist_")``. Includes
+        body, joint, actuators and sensors, without light, floor and camera.
 
         Parameters
         ----------
-        added_mass, mass, timestep, integrator
-            As of `export`; step and integrator should be those of the robot that it is attached to.
+        added_mass, hand_mass, timestep, integrator
+            As in `export`. Use the robot's time step and integrator.
         """
         import mujoco  # noqa: PLC0415 - slow to import
 
@@ -207,5 +208,5 @@ class IdentifiedModel:
         from butterfly.twin.stand_alone import stand_alone  # noqa: PLC0415
 
         options = Options(timestep=timestep, integrator=integrator)
-        root = stand_alone(self.twin(added_mass, mass=mass), options).root
+        root = stand_alone(self.twin(added_mass, hand_mass=hand_mass), options).root
         return mujoco.MjSpec.from_string(text_of(root))

@@ -1,4 +1,4 @@
-"""`inspect` and what it returns: in which condition logs are, or what a robot is made of."""
+"""`inspect` and its results: the condition of logs, or a robot's parameters."""
 
 from __future__ import annotations
 
@@ -50,22 +50,22 @@ ARM = 0.104  # m
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Inspection(Answer):
-    """In which condition logs are, the worst first."""
+    """The condition of logs, worst first."""
 
     kind: ClassVar[str] = "inspection"
     table: ClassVar[str] = "logs"
 
     source: str
-    """The data, in words."""
+    """Name of the data."""
 
     logs: tuple[Inspected, ...]
-    """What was found of each."""
+    """The findings of each log."""
 
     @classmethod
     def of(
         cls, source: str, whole: Manifest, part: Manifest, seen: Sequence[Inspected]
     ) -> Inspection:
-        """Tabulate what was found of part of the logs of a manifest."""
+        """Tabulate the findings of some logs of a manifest."""
         logs = [each.log for each in seen if each.log is not None]
         states = [each.condition for each in seen]
         way = part.joint.way
@@ -100,22 +100,22 @@ class Inspection(Answer):
 
     @property
     def unusable(self) -> int:
-        """How many logs cannot be used."""
+        """Number of unusable logs."""
         return sum(each.condition is Level.WARNING for each in self.logs)
 
     def require_usable(self) -> None:
-        """Raise InputError if there are logs that cannot be used."""
+        """Raise InputError if some logs are unusable."""
         if self.unusable:
-            expected = "logs without such faults"
-            raise InputError(self.source, "logs", f"{self.unusable} that cannot be used", expected)
+            expected = "usable logs; repair or exclude these (see the findings)"
+            raise InputError(self.source, "logs", f"{self.unusable} unusable", expected)
 
     def plot(self, path: str | PathLike[str]) -> None:
-        """Draw the one log that was looked at to a page.
+        """Plot a single log to an HTML page.
 
         Raises
         ------
         InputError
-            If there are several, or the file cannot be written.
+            If there are several logs, or the file cannot be written.
         """
         (only,) = self.logs if len(self.logs) == 1 else (None,)
         if only is None or only.log is None or only.health is None:
@@ -141,7 +141,7 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
 
 
 def _table(source: str, manifest: Manifest, seen: Sequence[Inspected]) -> TextTable:
-    """Return all about the one log, or a line for each of several."""
+    """Return all details of one log, or one line for each of several."""
     if len(seen) == 1:
         log, health = seen[0].log, seen[0].health
         assert log is not None and health is not None  # noqa: S101, PT018 - it can be used
@@ -157,7 +157,7 @@ def _table(source: str, manifest: Manifest, seen: Sequence[Inspected]) -> TextTa
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotModel(Answer):
-    """The robot of an experiment, or the identified twin of data."""
+    """The robot of an experiment, or the twin identified from data."""
 
     kind: ClassVar[str] = "model"
 
@@ -173,7 +173,7 @@ class RobotModel(Answer):
         note: str = "",
         besides: Mapping[str, Any] = MappingProxyType({}),
     ) -> RobotModel:
-        """List a robot's parts and lumped parameters; ``besides`` is what data's estimate says."""
+        """List a robot's parts and lumped parameters; ``besides`` has an estimate's numbers."""
         (robot, carried), kind = twin.built, twin.kind
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
@@ -216,14 +216,14 @@ class RobotModel(Answer):
         )
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each lumped parameter, with what the robot carries."""
+        """Return a row for each lumped parameter, with the added mass."""
         loaded = self.content["loaded"]
         names = sorted(loaded, key=[*TERMS].index)
         return [{"parameter": name, **loaded[name]} for name in names]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot
-    """Name the numbers of one part that are not at their defaults, with their units."""
+    """Return a part's values that differ from the defaults, with units."""
     if part is None:
         return "rigid"
     named = (
@@ -243,27 +243,28 @@ def inspect(
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - what `read` takes
 ) -> Inspection | RobotModel:
-    """Look at logs, at the robot of an experiment, or at a saved identification.
+    """Check logs for faults, or return a robot's parameters.
 
     Parameters
     ----------
     source
-        A log, a folder of logs of any names, a manifest or a shipped data set: each log is checked;
-        an experiment, or a saved identification: its robot is described.
+        Logs to check: a log, a folder, a manifest or a shipped data set's name. Or an experiment or
+        a saved identification, for its robot.
     logs
-        Numbers of the logs to look at; all if not given.
-    hand_mass, added_mass
-        Mass in kg of an identified hand, on which its motion does not depend (a possible one is
-        taken if it is not given), and of what the robot carries.
+        Numbers of the logs. Default: all.
+    hand_mass
+        Mass of an identified moving body in kg; the motion does not depend on it. Default: chosen.
+    added_mass
+        Added mass of the robot in kg.
     track
-        Shows progress.
+        Progress callback.
     description
-        What is said of the data, as `read` takes it.
+        Fields of a manifest, as in `read`.
 
     Raises
     ------
     InputError
-        If it is none of these, cannot be read, or the one log that is looked at cannot be used.
+        If the source cannot be read, or a single log is unusable.
     """
     path = locate(Path(source))
     if names_result(path) or not is_data(path):
@@ -276,14 +277,14 @@ def inspect(
     seen = inspect_logs(part, track)
     if len(seen) == 1 and seen[0].log is None:
         ((_, recorded),) = read_pieces(part, part.logs[0])
-        examine(recorded, part.repair)  # which says why it cannot be used
+        examine(recorded, part.repair)  # raises with the reason
     return Inspection.of(str(source), manifest, part, seen)
 
 
 def robot_of(
     source: Named, *, hand_mass: float | None, added_mass: float, arm: float | None
 ) -> RobotModel:
-    """Return the robot of an experiment, or the twin that data or a saved result make."""
+    """Return the robot of an experiment, or the twin of data or a saved result."""
     path = locate(Path(source))
     carried = AddedMass(mass=added_mass, arm=ARM if arm is None else arm)
     if not is_data(path):
@@ -292,19 +293,20 @@ def robot_of(
     if result is None:
         result = identify(read(path, arm=arm), Suitable())
     verdict = require_possible(result.estimate)
-    twin = result.model.twin(carried, mass=hand_mass)
+    twin = result.model.twin(carried, hand_mass=hand_mass)
     note = ""
     if hand_mass is None and twin.built[0].hand.mass > HAND_MASS:
         note = (
-            f"The mass of {twin.built[0].hand.mass:.3g} kg (export --hand-mass) is a guess: "
-            f"{HAND_MASS:g} kg cannot have its p1 and p3, and the motion does not depend on it."
+            f"Mass set to {twin.built[0].hand.mass:.3g} kg (change: export --hand-mass). The "
+            f"motion does not depend on it; the default {HAND_MASS:g} kg is too small for p1 and "
+            "p3."
         )
     besides = {**result.basis(), **estimate_numbers(result.estimate)}
     return RobotModel.of(twin, verdict=verdict, note=note, besides=besides)
 
 
 def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:
-    """Return the twin of an experiment's robot, which its runs move."""
+    """Return the twin of an experiment's robot."""
     robot, path = plan.plant.robot, plan.plant.path
     through = {name: getattr(path, name) for name in ("delay", *DRIVE)}
     p = replace(robot.lumped, **through)

@@ -1,4 +1,4 @@
-"""What an identification says of other logs, and the parameters that it leaves open."""
+"""Results of `predict` and `draws`."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _DEFAULTS = {each.name: each.default for each in fields(LumpedParameters)}
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drawn(Answer):
-    """Sets of parameters of the bare joint in SI units, a row each, that count alike."""
+    """Parameter draws of the bare joint in SI units: one row each, with equal weights."""
 
     kind: ClassVar[str] = "draws"
 
     found: Identification | None = None
-    """What they are drawn from; None of draws that were loaded."""
+    """The identification; None for loaded draws."""
 
     @classmethod
     def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
@@ -63,7 +63,7 @@ class Drawn(Answer):
         units = {key: unit_of(key, kind, estimate.joint) for key in columns}
         return cls(
             found=found,
-            title=f"{len(draws.values)} draws of the parameters of {found.title}",
+            title=f"{len(draws.values)} parameter draws from {found.title}",
             summary=(*found.judged.lines, *more, *estimate_notes(estimate)),
             judged=found.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
@@ -74,7 +74,7 @@ class Drawn(Answer):
 
     @property
     def parameters(self) -> list[LumpedParameters]:
-        """Each draw as parameters of the bare hand."""
+        """Each draw as parameters of the bare joint."""
         return [
             LumpedParameters(**{key: value for key, value in row.items() if key in _DEFAULTS})
             for row in self.rows()
@@ -83,8 +83,7 @@ class Drawn(Answer):
     def write(self, path: str | PathLike[str]) -> None:
         """Write the draws as CSV, as Parquet (.parquet), or as a folder of MJCF (no ending).
 
-        Columns are named with their units: ``p1 [kg m²]``. The folder has a file for each draw,
-        0000.xml and so on.
+        Column names include units: ``p1 [kg m²]``. The MJCF files are 0000.xml, 0001.xml, ….
 
         Raises
         ------
@@ -114,21 +113,21 @@ class Drawn(Answer):
         self,
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
-        mass: float | None = None,
+        hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
     ) -> Iterator[str]:
-        """Yield an MJCF model of each draw, which plain MuJoCo loads, for domain randomisation.
+        """Yield an MJCF model of each draw for plain MuJoCo, for domain randomisation.
 
         Parameters
         ----------
-        added_mass, mass, timestep, integrator
-            As of `IdentifiedModel.export`.
+        added_mass, hand_mass, timestep, integrator
+            As in `IdentifiedModel.export`.
 
         Raises
         ------
         InputError
-            If no joint of that mass moves so.
+            If ``hand_mass`` is impossible for the draws.
         """
         from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415
         from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
@@ -136,7 +135,7 @@ class Drawn(Answer):
         drawn = self.parameters
         model = self.found.model if self.found else IdentifiedModel(drawn[0])
         options = Options(timestep=timestep, integrator=integrator)
-        return models(drawn, model.twin(added_mass, mass=mass), options)
+        return models(drawn, model.twin(added_mass, hand_mass=hand_mass), options)
 
     def linear_systems(
         self,
@@ -145,15 +144,14 @@ class Drawn(Answer):
         angle: float = 0.0,
         step: float | None = None,
     ) -> list[control.StateSpace]:
-        """Return the linearisation of each draw, for robust control: samples of its uncertainty.
+        """Return the linearisation of each draw, for robust control.
 
         Parameters
         ----------
         added_mass, angle
-            As of `IdentifiedModel.linearised`.
+            As in `IdentifiedModel.linearised`.
         step
-            Of a discrete-time system, in s (`IdentifiedModel.discretised`); in continuous time if
-            not given.
+            Step in s of discrete-time systems (`IdentifiedModel.discretised`). Default: continuous.
         """
         from butterfly.model.control_bridge import discretised, linearised  # noqa: PLC0415 - slow to import
 
@@ -162,9 +160,9 @@ class Drawn(Answer):
         return [discretised(each, step, added_mass, angle=angle) for each in self.parameters]
 
     def batch(self, added_mass: AddedMass = NO_ADDED_MASS, **how: Any) -> list[mujoco.MjModel]:  # noqa: ANN401 - see `models`
-        """Return `models` compiled: a batch for ``mujoco.rollout.rollout(batch, data, states)``.
+        """Return compiled `models` for ``mujoco.rollout.rollout(batch, data, states)``.
 
-        All have states of one size, whatever their delays. ``how`` is what `models` takes.
+        All have the same state size, whatever their delays. ``how``: options of `models`.
         """
         import mujoco  # noqa: PLC0415 - slow to import
 
@@ -173,18 +171,18 @@ class Drawn(Answer):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Predicted(Tabulated):
-    """Logs predicted, and how far that is known."""
+    """Predicted logs, with 95 % bands."""
 
     kind: ClassVar[str] = "prediction"
 
     predictions: tuple[Prediction, ...] = ()
-    """Free runs and bands; none of a loaded result."""
+    """Free runs and bands; empty for a loaded result."""
 
     drawn: Drawn | None = None
-    """Parameters of which the bands were made."""
+    """Parameter draws of the bands."""
 
     measured: bool = True
-    """Whether somebody recorded these logs."""
+    """Whether the logs are recorded; otherwise planned."""
 
     @classmethod
     def of(
@@ -197,7 +195,7 @@ class Predicted(Tabulated):
         drawn: Drawn | None,
         measured: bool,
     ) -> Predicted:
-        """Tabulate predictions with an estimate, judged by them; ``more`` goes to the summary."""
+        """Tabulate predictions; ``more`` goes to the summary."""
         verdict, log = estimate_verdict(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
@@ -219,7 +217,7 @@ class Predicted(Tabulated):
         )
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return the table as a person reads it, without what the logs' names say."""
+        """Return the rows formatted as text, without columns that repeat the logs' names."""
         rows = super().shown_rows()
         return [{k: text for k, text in row.items() if k not in _SAID_BY_NAME} for row in rows]
 
@@ -233,7 +231,7 @@ class Predicted(Tabulated):
         return {"inside": share_figure(self.predictions)} if banded else super().figures()
 
     def page(self) -> Page:
-        """Put together the page of `report`; only bands that were not loaded are drawn in time."""
+        """Return the page of `report`; bands in time only if they were not loaded."""
         from butterfly.report.log_figures import band_figure, drawn_predictions  # noqa: PLC0415 - slow to import
 
         plain = super().page()
@@ -241,12 +239,11 @@ class Predicted(Tabulated):
             return plain
         drawn = drawn_predictions(self.predictions)
         left_out = len(self.predictions) - len(drawn)
-        some = f"{len(drawn)} logs from all over the list. " if left_out else ""
+        some = f"{len(drawn)} of {len(self.predictions)} logs. " if left_out else ""
         courses = Section(
             title="In time",
-            text=f"{some}Blue: what a new log would show, at "
-            "each instant with 95 %; orange: what the model does with the parameters that the "
-            "estimate leaves open. Below, all less the free run.",
+            text=f"{some}95 % bands. Blue: a new log, with the model error. Orange: the model, "
+            "with the uncertainty of its parameters. Below: difference to the free run.",
             series={
                 "bands": Series.of_figures(
                     [band_figure(each, measured=self.measured) for each in drawn]
@@ -278,17 +275,16 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
 
 
 def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]:
-    """Say how well the logs are followed, and how many samples lie inside the bands."""
+    """State the fit of the logs, and the share of samples inside the bands."""
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
-        return [f"{count} that nobody has recorded, simulated with these values from rest."]
+        return [f"{count} simulated from rest; there is no measurement to compare with."]
     fits = np.array([each.run.fit for each in predictions])
     fit = FitSummary.of(fits, predictions[0].run.horizon)
-    start = "in segments, each from a start that was fitted to it" if fit.over else ""
+    start = "in segments, each from a fitted start" if fit.over else "from the initial angle"
     sentences = [
-        f"{count} simulated with these values {start or 'from the first sample on'}, median "
-        f"FIT{fit.over} "
-        f"{fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
+        f"{count} predicted {start}: median FIT{fit.over} {fit_text(fit.median)} % (mean "
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
     ]
     sizes = [each.samples.size for each in predictions]
     shares = {
@@ -298,12 +294,12 @@ def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]
     inside = {name: 100 * np.average(each, weights=sizes) for name, each in shares.items()}
     if OF_NEW_LOG in inside:
         sentences.append(
-            f"{inside[OF_NEW_LOG]:.1f} % of the measured samples lie inside the band of a new log, "
-            "which is to hold 95 %."
+            f"{inside[OF_NEW_LOG]:.1f} % of the measured samples are inside the band of a new log "
+            "(expected: 95 %)."
         )
     if OF_PARAMETERS in inside:
         sentences.append(
-            f"{inside[OF_PARAMETERS]:.1f} % lie inside the band of the parameters, which is to "
-            "hold the motion of the model, not what the model misses."
+            f"{inside[OF_PARAMETERS]:.1f} % are inside the parameter band, which does not include "
+            "the model error."
         )
     return sentences

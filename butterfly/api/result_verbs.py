@@ -34,7 +34,7 @@ from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
-_NO_ERRORS = "For the same reason there is no band of a new log, which needs their errors."
+_NO_ERRORS = "The band of a new log is missing too: it needs the errors of these logs."
 
 
 def predict(
@@ -46,37 +46,36 @@ def predict(
     seed: int = 0,
     track: Track = untracked,
 ) -> Predicted:
-    """Predict logs, or an experiment that nobody has done, with given parameters.
+    """Predict logs, or a new experiment, with known parameters.
 
-    Nothing is identified: the verdict says whether these parameters move like this robot.
+    The verdict says whether the parameters reproduce the logs.
 
     Parameters
     ----------
     data
-        What `read` takes or has read; or an experiment: its file, its name, or what
-        `read_experiment` returned, of which the inputs count.
+        Any argument of `read`, or its result; or an experiment (file, name or `read_experiment`'s
+        result), to simulate its inputs.
     result
-        An identification, or the file where it was saved; or parameters, such as
-        ``{"p1": 0.18, "p3": 3.7, "p4": 1.0}``: what is not given is 0, but for p4, of which the
-        best one is taken, and ``zero``, the encoder's reading in rad of the hanging joint, which is
-        taken from the logs.
+        An `Identification` or its saved file; or parameters, such as
+        ``{"p1": 0.18, "p3": 3.7, "p4": 1.0}``. Missing parameters are 0, except p4 (the
+        best-fitting one) and the encoder ``zero`` in rad (from the logs).
     bands
-        Whether to say how far the prediction is known; if not given, of every identification.
+        Whether to compute 95 % bands. Default: if ``result`` is an identification.
     draws
-        How many sets of parameters the bands are made of.
+        Number of parameter draws for the bands.
     seed
-        Fixes everything random.
+        Random seed.
     track
-        Shows progress.
+        Progress callback.
 
     Raises
     ------
     InputError
-        If data, experiment or result are none, or of other inputs than each other.
+        If data or result are unusable, or their kinds of input differ.
     IdentifiabilityError
-        If the estimate has no covariance, which bands need.
+        If bands are wanted and the estimate has no covariance.
     UnusableError
-        If no joint has the parameters of the estimate.
+        If the parameters are physically impossible.
     """
     source = _source(data)
     logs: Sequence[Log]
@@ -88,7 +87,7 @@ def predict(
         logs, whole = planned_logs(source), None
 
         def setting(number: int, estimate: Estimate) -> Setting:
-            """Begin at rest, angles counted from where the hand hangs."""
+            """Start at rest, with the encoder zero at the hanging position."""
             return Setting(parameters=estimate.applied(logs[number])[0], zero=0.0)
 
     else:
@@ -103,14 +102,16 @@ def predict(
             whole = whole.with_zero(Known(value=estimate.local[None]["zero"]))
             logs, setting = whole.logs, whole.simulations.setting
         if bands:
-            raise IdentifiabilityError("bands need an identification: parameters alone have none")
+            raise IdentifiabilityError(
+                "bands need an identification: plain parameters have no covariance"
+            )
         sentences = _of_gain(given, estimate, whole)
     else:
         found = _identified(result)
         require_possible(found.estimate)
         own = found.origin["input"]
         if source.input_kind not in {own, InputKind.NONE}:
-            expected = f"{own}, as the estimate was made with"
+            expected = f"{own}, the input kind of the identification"
             raise InputError("predict", "input", str(source.input_kind), expected)
         estimate = found.estimate
         if bands is not False:
@@ -135,52 +136,52 @@ def predict(
 def draws(
     result: Identification | Named, n: int = COUNT, seed: int = 0, *, track: Track = untracked
 ) -> Drawn:
-    """Draw parameters that an identification leaves open, as for domain randomisation.
+    """Draw parameters from the uncertainty of an identification, for domain randomisation.
 
-    Each draw is simulated on the logs, and counts by how well it follows them; so many that count
-    alike are then chosen of them.
+    Draws from the covariance are simulated on the logs, weighted by their fit, and resampled to
+    ``n`` draws of equal weight.
 
     Parameters
     ----------
     result
-        An identification, or the file where it was saved.
+        An `Identification` or its saved file.
     n
-        How many, 1 or more.
+        Number of draws.
     seed
-        Fixes the draws.
+        Random seed.
     track
-        Shows progress.
+        Progress callback.
 
     Raises
     ------
     InputError
-        If it is none, or ``n`` is too small.
+        If ``result`` is not an identification, or ``n`` is less than 1.
     IdentifiabilityError
         If the estimate has no covariance.
     UnusableError
-        If no joint has its parameters.
+        If the parameters are physically impossible.
     """
     found = _identified(result)
     require_possible(found.estimate)
     if n < 1:
-        raise InputError("draws", "count", n, "1 or more")
+        raise InputError("draws", "n", n, "1 or more")
     drawn, _, sentence = _left_open(found, (), max(n, COUNT), seed, track)
     return Drawn.of(drawn.resampled(n, seed), found, (sentence,))
 
 
 def changed(before: Identification | Named, after: Identification | Named) -> Changed:
-    """Tell whether a robot has changed between two identifications from independent logs.
+    """Test whether a joint has changed between two identifications from independent logs.
 
     Parameters
     ----------
     before, after
-        Identifications, or the files where they were saved.
+        Each an `Identification` or its saved file.
 
     Raises
     ------
     InputError
-        If one is none, their inputs are of different kinds, or they have no parameter in common of
-        which both know an error.
+        If one is not an identification, their kinds of input differ, or no parameter has a standard
+        error in both.
     """
     one, other = (_identified(each, "changed") for each in (before, after))
     return Changed.of(one, other)
@@ -196,15 +197,15 @@ def _left_open(
     except InputError as error:
         drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
         sentence = (
-            f"{count} sets of parameters were drawn, and not compared with the logs, which cannot "
-            f"be read ({error})."
+            f"{count} parameter draws, not weighted by their fit: the logs cannot be read "
+            f"({error})."
         )
         return drawn, None, sentence
     drawn = draw_parameters(found.estimate, count, masses=[*masses, *data.masses], seed=seed)
     drawn = weighed(drawn, data, bands=logs, track=track)
     sentence = (
         f"{len(drawn.values)} parameter draws (effective sample size {drawn.effective_size:.0f}): "
-        "draws that follow the logs worse than the linearised model predicts count less."
+        "draws that fit the logs worse than the linearised model predicts have a lower weight."
     )
     return drawn, data, sentence
 
@@ -212,11 +213,11 @@ def _left_open(
 def _of_gain(
     given: Mapping[str, object], estimate: Estimate, data: DataSet | None
 ) -> tuple[str, ...]:
-    """Say which p4 was taken where none was given."""
+    """State the best-fitting p4 if none was given."""
     known = {} if data is None else data.known.fixed
     gain = (known | dict(given)).get("p4", math.nan)
     if isinstance(gain, float) and math.isnan(gain):
-        return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)
+        return (f"p4 was not given; p4 = {estimate.parameters.p4:.4g} fits best.",)
     return ()
 
 
@@ -224,18 +225,18 @@ def _of_errors(errors: Sequence[ExpectedErrors]) -> str:
     unseen = sum(each.unseen for each in errors)
     if unseen == len(errors):
         return (
-            f"The band of a new log has the errors of {unseen} logs, each simulated without having "
-            "seen its added mass."
+            f"The band of a new log comes from the errors of {unseen} logs, each predicted with "
+            "its added mass held out."
         )
     return (
-        f"The band of a new log has the errors of {len(errors)} logs, of which "
-        f"{len(errors) - unseen} were seen with their added mass: no fit without it is known. It "
-        "may be too narrow for another mass."
+        f"The band of a new log comes from the errors of {len(errors)} logs. For "
+        f"{len(errors) - unseen} of them the added mass was not held out, so the band may be too "
+        "narrow for another mass."
     )
 
 
 def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
-    """Say which added masses lie beyond all that the estimate was made from."""
+    """Name the added masses outside the range of the identification."""
     least, largest = (limit(seen, key=lambda mass: mass.inertia) for limit in (min, max))
     beyond = {
         str(log.added_mass)
@@ -245,15 +246,15 @@ def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
     if not beyond:
         return []
     return [
-        f"{', '.join(sorted(beyond))}: beyond the added masses of the estimate ({least} to "
-        f"{largest}), where it could not be checked."
+        f"{', '.join(sorted(beyond))}: extrapolation beyond the added masses of the identification "
+        f"({least} to {largest})."
     ]
 
 
 def _identified(result: Identification | Named, verb: str = "predict") -> Identification:
     found = load(result) if isinstance(result, str | PathLike) else result
     if not isinstance(found, Identification):
-        expected = "an identification, or the file where it was saved"
+        expected = "an identification or its saved file"
         raise InputError(verb, "result", type(found).__name__, expected)
     return found
 

@@ -1,4 +1,4 @@
-"""What the verbs return that try an estimator or use an estimate: tables, and what they say."""
+"""Results of validate, design, select and residual."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
     from butterfly.report.ranking_pages import TablePlots
 
-_WELL = 90  # FIT in per cent above which a log that was left out is followed well
+_WELL = 90  # % FIT of a well-predicted log
 
 
 def about_log(log: Log) -> dict[str, Any]:
-    """Return the first cells of a log's row: its name and what was done in it."""
+    """Return the first cells of a log's row: name, added mass and frequency."""
     sine = log.excitation
     return {
         "log": log.name,
@@ -47,11 +47,11 @@ def about_log(log: Log) -> dict[str, Any]:
 
 
 class Tabulated(Answer):
-    """A table that has figures."""
+    """A table with figures."""
 
     @property
     def plot(self) -> TablePlots:
-        """Its figures, as plotly's."""
+        """The figures, as plotly figures."""
         from butterfly.report.ranking_pages import TablePlots  # noqa: PLC0415 - slow to import
 
         return TablePlots(self)
@@ -62,7 +62,7 @@ class Tabulated(Answer):
 
 
 class Validated(Tabulated):
-    """How well logs are followed that an estimator has seen, and that it has not."""
+    """FIT of an estimator on fitted and on held-out logs."""
 
     kind: ClassVar[str] = "validation"
 
@@ -75,7 +75,7 @@ class Validated(Tabulated):
         whole: Estimate,
         drawn: Bootstrap | None = None,
     ) -> Validated:
-        """Tabulate what was held out, beside an estimate from all logs, and a bootstrap of it."""
+        """Tabulate held-out predictions, the estimate from all logs, and its bootstrap."""
         seen, horizon = data.simulations.fits(whole), data.simulations.horizon(whole)
         within, without = FitSummary.of(seen, horizon), held.summary
         unused, verdict = held_out_fits(data, whole), estimate_verdict(whole)
@@ -93,9 +93,9 @@ class Validated(Tabulated):
             summary=(
                 *verdict.lines,
                 held.division.said,
-                f"What was left out is followed with a median FIT{without.over} of "
-                f"{fit_text(without.median)} % (mean {fit_text(without.mean)} %, worst "
-                f"{fit_text(without.worst)} %); those that were seen, {fit_text(within.median)} %.",
+                f"Held-out median FIT{without.over} {fit_text(without.median)} % (mean "
+                f"{fit_text(without.mean)} %, worst {fit_text(without.worst)} %); in-sample median "
+                f"FIT {fit_text(within.median)} %.",
                 *held_out_sentences(unused),
             ),
             judged=verdict,
@@ -147,7 +147,7 @@ def _estimates_table(data: DataSet, estimates: Mapping[str, Estimate]) -> TextTa
         )
         for name in names
     ]
-    return TextTable("Estimates, by what was left out", ("", *estimates, "unit"), rows)
+    return TextTable("Estimates by held-out part", ("", *estimates, "unit"), rows)
 
 
 def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> TextTable:
@@ -161,7 +161,7 @@ def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> TextTa
 
 
 class Designed(Tabulated):
-    """Next experiments, the most telling first."""
+    """Next experiments, the most informative first."""
 
     kind: ClassVar[str] = "design"
 
@@ -173,7 +173,7 @@ class Designed(Tabulated):
         found: Estimate,
         ranked: Sequence[Candidate],
     ) -> Designed:
-        """Tabulate candidates: standard errors after each, over those now."""
+        """Tabulate candidates with their standard errors relative to the present ones."""
         verdict = estimate_verdict(found)
         rows = [
             {
@@ -187,7 +187,7 @@ class Designed(Tabulated):
             for each in ranked
         ]
         return cls(
-            title=f"Next experiments after {data.name!r}: standard errors over those now",
+            title=f"Next experiments after {data.name!r}: new over present standard errors",
             summary=(*verdict.lines, best_experiment_text(ranked[0])),
             judged=verdict,
             content={**rests_on(data, found, estimator), "rows": rows},
@@ -207,7 +207,7 @@ class Designed(Tabulated):
 
 
 class Selection(Answer):
-    """Terms chosen by how well they predict what was left out."""
+    """Terms chosen by cross-validation."""
 
     kind: ClassVar[str] = "selection"
 
@@ -222,11 +222,11 @@ class Selection(Answer):
         found: Estimate,
         nested: CrossValidation | None = None,
     ) -> Selection:
-        """Tabulate the sets of terms passed through, of which the last is chosen."""
+        """Tabulate the sets of terms tried; the last one is chosen."""
         from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
 
         verdict, table = estimate_verdict(found), structures_table(passed)
-        title = f"{data.name}: FIT in %, in sample and left out"
+        title = f"{data.name}: FIT in %, in sample and held out"
         result = cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
             summary=(*verdict.lines, *selection_texts(passed, nested)),
@@ -256,13 +256,13 @@ class Selection(Answer):
         return result.drawn_as(selection_page(data, passed, result))
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return each set of terms with its median FIT in sample, and by what was left out."""
+        """Return each set of terms with its median FIT, in sample and held out."""
         return [
             {
                 "terms": ", ".join(row["terms"]) or "none",
                 "FIT in sample in %": fit_text(row["in_sample"]["median"]),
                 **{
-                    f"FIT by {split} left out in %": fit_text(fit["median"])
+                    f"held-out FIT by {split} in %": fit_text(fit["median"])
                     for split, fit in row["left_out"].items()
                 },
             }
@@ -272,7 +272,7 @@ class Selection(Answer):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Residual(Answer):
-    """The errors of the free runs, beside what sensors explain, and what they look like."""
+    """Free-run errors of an estimate, compared with the sensor noise."""
 
     kind: ClassVar[str] = "residual"
     table: ClassVar[str] = "logs"
@@ -280,13 +280,13 @@ class Residual(Answer):
     data: DataSet
     estimate: Estimate
     residuals: Residuals
-    chosen: tuple[int, ...]  # numbers of the logs that were asked for
+    chosen: tuple[int, ...]  # numbers of the logs to show
 
     @classmethod
     def of(
         cls, data: DataSet, estimator: Estimator | None, found: Estimate, chosen: Sequence[int]
     ) -> Residual:
-        """Judge the residuals of an estimate."""
+        """Analyse the residuals of an estimate."""
         from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
 
         verdict, residuals = estimate_verdict(found), residuals_of(data, found)
@@ -303,7 +303,7 @@ class Residual(Answer):
         )
 
     def tables(self) -> list[TextTable]:
-        """Return the errors of the logs that were asked for, and what their torques look like."""
+        """Return the errors of the chosen logs, and the shape of their residual torques."""
         from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
 
         rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
@@ -311,12 +311,12 @@ class Residual(Answer):
         return [TextTable(title, HEADERS, rows)]
 
     def torque(self, number: int) -> ResidualTorque:
-        """Return the residuals of a log, by its number, seen as torque."""
+        """Return the residual torque of a log, by its number."""
         setting = self.data.simulations.setting(number, self.estimate)
         return ResidualTorque.of(self.data.logs[number], setting.parameters, setting.zero)
 
     def plot(self, path: str | PathLike[str]) -> None:
-        """Draw the residual torque and error of the log with the largest error to a page.
+        """Plot residual torque and error of the log with the largest error to an HTML page.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Results that were saved, read again."""
+"""Load saved results."""
 
 from __future__ import annotations
 
@@ -25,26 +25,25 @@ _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 def load(
     path: str | PathLike[str], *, root: str | PathLike[str] | None = None
 ) -> Identification | Validated | Designed | Compared | Predicted | Drawn | Separated | Changed:
-    """Read a result that was saved.
+    """Load a saved result.
 
     Parameters
     ----------
     path
-        The file.
+        The saved file.
     root
-        Folder of the logs, if they were moved; a result that was saved above its logs finds them
-        wherever both are moved together.
+        Folder of the logs, if they were moved without the result.
 
     Raises
     ------
     InputError
-        If the file is no saved result, one of a newer butterfly, or damaged; it says what to do.
+        If the file is damaged, from a newer butterfly, or not a saved result.
     """
     file = Path(path)
     content = _content(file)
     schema = content.get("schema")
     if not isinstance(schema, str) or schema not in _KINDS:
-        expected = "a result written by its method save (a report's numbers are none)"
+        expected = "a saved result (--save, or its method save; the JSON of a report is not one)"
         raise InputError(file, "schema", schema, expected)
     kind = _KINDS[schema]
     number = content.get("schema_number")
@@ -52,8 +51,8 @@ def load(
         content = _upgraded(file, content)
     elif number != kind.schema_number:
         newer = isinstance(number, int) and number > kind.schema_number
-        remedy = "a newer butterfly" if newer else "the result saved again by this butterfly"
-        expected = f"{kind.schema_number}: this file needs {remedy}"
+        remedy = "update butterfly" if newer else "identify and save again with this butterfly"
+        expected = f"{kind.schema_number}: {remedy}"
         raise InputError(file, "schema_number", number, expected)
     try:
         manifest = content.get("data", {}).get("manifest")
@@ -66,16 +65,16 @@ def load(
             for each in result.estimate.findings:
                 finding_text(each, values_of(result.estimate))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        expected = "a result as its method save writes it"
+        expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result
 
 
-_BEFORE = 1  # the schema number before an estimate was told once
+_BEFORE = 1  # the schema number of butterfly 0.2.0
 
 
 def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """Return what butterfly 0.2.0 saved as it is saved now."""
+    """Convert a result of butterfly 0.2.0 to the present schema."""
     if content["schema"] != "butterfly.identification":
         return content
     try:
@@ -118,7 +117,7 @@ def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
             "residuals": {**content["misfit"], "findings": list(findings)},
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        expected = "a result as butterfly 0.2.0 saved it; identify its logs again"
+        expected = "an undamaged result of butterfly 0.2.0; identify its logs again"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
 
 
@@ -127,7 +126,7 @@ def _content(file: Path) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise InputError(file, "content", "no JSON", "a saved result") from None
+        raise InputError(file, "content", "not JSON", "a saved result") from None
     if not isinstance(content, dict):
         raise InputError(file, "content", type(content).__name__, "a saved result")
     return content

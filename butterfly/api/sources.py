@@ -64,42 +64,40 @@ def read(
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - fields of the manifest
 ) -> DataSet:
-    """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
+    """Read and check logs, repair their clocks, and fit the steady response of sines.
 
     Parameters
     ----------
     source
-        A manifest; a folder, with a manifest or of logs alone; a log file; a glob pattern; a saved
-        result; the name of a shipped data set; a `Log`, a `DataSet`, an `Identification`; a pandas
-        frame, a mapping of arrays, or an array with named columns or of the columns t, u, q[, dq];
-        or several of these.
+        A log file, a folder of logs, a manifest, a glob pattern, a saved result, or a shipped data
+        set's name; a `Log`, `DataSet` or `Identification`; a pandas frame, a mapping of arrays, or
+        an array with named columns or the columns t, u, q[, dq]; or a list of these.
     root
-        Folder of the logs, if not the one that the manifest names.
+        Folder of the logs, if not the manifest's.
     track
-        Shows progress.
+        Progress callback.
     description
-        Fields of a manifest, by name; a manifest may say some of them itself. None says nothing.
+        Fields of a manifest, named as the options of `butterfly identify`:
 
-        - ``name``: of the data set.
-        - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage``, ``torque``, ``current``,
-          ``duty``, ``setpoint`` of a servo, or ``none`` where nothing drives) and ``intersample``
-          (``zero_order_hold`` or ``first_order_hold``): where no manifest says it.
-        - ``columns``: what holds ``time``, ``input`` and ``angle``, by name or number;
-          ``joint`` (``hinge`` or ``slide``); ``gravity`` in m/s^2 across its axis; ``sign`` (-1
-          where a positive command turns towards negative angles); ``zero``, what the encoder reads
-          in rad where the hand hangs: in place of what manifests say.
-        - ``units`` of the columns, such as ``{"time": "ms", "angle": "deg"}``; ``known``, what is
-          known of the robot, such as ``{"p4": (1.0, 0.02)}`` (value and standard uncertainty);
-          ``loop``, a servo's law and gains, such as ``{"law": "dynamixel-x", "kp": 400}``;
-          ``repair`` (``backward``, ``non_finite``, ``unwrap``); ``holdout``, names or glob patterns
-          of logs that are only predicted: besides what manifests say.
-        - ``piece``: first and last instant in s, by its own clock, of what is meant of a log; None
-          for its ends. ``restarts``: whether a file whose clock falls back holds several logs.
+        - ``name``: name of the data set.
+        - If no manifest gives them: ``arm``, m from pivot to added mass; ``input``, one of
+          ``voltage``, ``torque``, ``current``, ``duty``, ``setpoint`` (a servo) and ``none``;
+          ``intersample``, ``zero_order_hold`` or ``first_order_hold``.
+        - Override a manifest: ``columns`` of ``time``, ``input`` and ``angle``, by name or number;
+          ``joint``, ``hinge`` or ``slide``; ``gravity`` normal to the joint axis in m/s^2;
+          ``sign``, -1 if a positive command turns towards negative angles; ``zero``, the encoder
+          reading in rad of the joint hanging at rest.
+        - Extend a manifest: ``units``, such as ``{"time": "ms", "angle": "deg"}``; ``known``
+          values and standard errors, such as ``{"p4": (1.0, 0.02)}``; ``loop`` of a servo, such as
+          ``{"law": "dynamixel-x", "kp": 400}``; ``repair``, of ``backward``, ``non_finite`` and
+          ``unwrap``; ``holdout``, names or glob patterns of held-out logs.
+        - ``piece``: start and end time in s of the section to use, such as ``(1.5, None)``.
+          ``restarts``: whether to split a file where its clock restarts.
 
     Raises
     ------
     InputError
-        Naming file, field, value and what was expected.
+        With file, field, value and expectation.
     """
     folder, given = None if root is None else Path(root), _given(description)
     holdout = given.pop("holdout", [])
@@ -110,7 +108,7 @@ def read(
     if all(isinstance(each, _READ) for each in sources):
         for name, value in {"root": folder, **given}.items():
             if value is not None and name not in _OF_READ_LOGS:
-                raise InputError("read", name, value, "none beside logs that are read already")
+                raise InputError("read", name, value, "no such option: these logs are already read")
     first, *others = parts = [_part(each, folder, given, track) for each in sources]
     if others or isinstance(first, Log):
         own = first.name if isinstance(first, Log) and not several else ""
@@ -118,7 +116,7 @@ def read(
     else:
         if isinstance(sources[0], _READ) and given.get("repair"):
             listed = ", ".join(sorted(given["repair"]))
-            raise InputError("read", "repair", listed, "none of a repaired data set")
+            raise InputError("read", "repair", listed, "no repair: these logs are already read")
         data = _more_known(replace(first, name=given.get("name", first.name)), given)
     return data.holding_out(holdout)
 
@@ -130,7 +128,7 @@ def manifest_of(
     massless: bool = False,
     **description: Any,  # noqa: ANN401 - as `read` takes it
 ) -> Manifest:
-    """Describe files, as `read` takes them, as one manifest; ``massless``: as `draft` takes it."""
+    """Return one manifest of all files that `read` would read; ``massless`` as in `draft`."""
     folder, given = None if root is None else Path(root), _given(description)
     sources = [source] if isinstance(source, str | PathLike) else source
     manifests = _manifests(sources, folder, given, massless=massless)
@@ -141,7 +139,7 @@ def manifest_of(
 
 
 def _given(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what keywords say, by the fields of a manifest, and ``begin`` and ``end``."""
+    """Return keywords as fields of a manifest, and ``begin`` and ``end``."""
     some = {name: value for name, value in description.items() if value is not None}
     if "input_kind" in some:
         some["input"] = some.pop("input_kind")
@@ -150,14 +148,14 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     if "piece" in some:
         piece = some.pop("piece")
         if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
-            expected = "first and last instant in s, such as (1.5, None)"
+            expected = "start and end time in s, such as (1.5, None)"
             raise InputError("data", "piece", piece, expected)
         some["begin"], some["end"] = piece
     return checked_options(some)
 
 
 def _part(source: One, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet | Log:
-    """Return what a source holds; what is given describes one that is not yet read."""
+    """Return the data of a source; ``given`` describes one that is not yet read."""
     if isinstance(source, DataSet | Log):
         return source
     if isinstance(source, Identification):
@@ -166,7 +164,7 @@ def _part(source: One, root: Path | None, given: Mapping[str, Any], track: Track
         return _of_files([source], root, given, track)
     if is_table(source):
         return _of_table(source, root, given)
-    expected = "a path, a name, logs, a table, or several of these"
+    expected = "a path, a name, logs, a table, or a list of these"
     raise InputError("read", "source", type(source).__name__, expected)
 
 
@@ -176,10 +174,10 @@ def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
 
 
 def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> DataSet:
-    """Return the data set of a table; what only files have is refused."""
+    """Return the data set of a table; options of files are refused."""
     for name, value in (("root", root), ("arm", given.get("arm"))):
         if value is not None:
-            expected = "none beside a table: bf.Log has the field added_mass"
+            expected = "no such option with a table; use bf.Log and its added_mass"
             raise InputError("read", name, value, expected)
     manifest = of_logs("logs", Path(), [LogEntry(file="table")], given)
     manifest = manifest.piece(given.get("begin"), given.get("end"))
@@ -196,7 +194,7 @@ def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> Data
 def _of_files(
     sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], track: Track
 ) -> DataSet:
-    """Return the data set of files, of one manifest if they have enough in common."""
+    """Return the data set of files, with one manifest if their manifests agree."""
     manifests = _manifests(sources, root, given)
     whole = _joined(manifests, given)
     if whole is not None:
@@ -206,7 +204,7 @@ def _of_files(
 
 
 def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
-    """Return the data set of all logs of several; every source's own repairs are made."""
+    """Return one data set of all logs, with every source's repairs."""
     logs: list[Log] = []
     test_logs: list[Log] = []
     known = NO_PRIOR
@@ -225,7 +223,7 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
 
 
 def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest | None:
-    """Return the manifest of the logs of several; None if these do not say the same of them."""
+    """Return one manifest of all logs; None if the manifests disagree."""
     first = manifests[0]
     if len(manifests) == 1:
         return first
@@ -245,11 +243,11 @@ def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest
 
 
 def _paths(sources: Sequence[Named]) -> list[Path]:
-    """Return the paths that a user named, glob patterns expanded."""
+    """Return the given paths, with glob patterns expanded."""
     found: list[Path] = []
     for each in sources:
         if not str(each):
-            raise InputError("read", "source", "an empty text", "a path or a name")
+            raise InputError("read", "source", "empty", "a path or a name")
         path = Path(each)
         if path.exists() or not _PATTERN & set(str(each)):
             found.append(locate(path))
@@ -257,7 +255,7 @@ def _paths(sources: Sequence[Named]) -> list[Path]:
         base = Path(path.anchor) if path.is_absolute() else Path()
         matching = sorted(base.glob(str(path.relative_to(base))))
         if not matching:
-            raise InputError("read", "source", each, "a pattern of files that there are")
+            raise InputError("read", "source", each, "a pattern that matches at least one file")
         found += matching
     if not found:
         raise InputError("read", "source", "none", "at least one path")
@@ -267,7 +265,7 @@ def _paths(sources: Sequence[Named]) -> list[Path]:
 def _manifests(
     sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], *, massless: bool = False
 ) -> list[Manifest]:
-    """Return the manifests of data, or drafts, with what is given besides."""
+    """Return the manifests of data, or drafts of them, with the given fields."""
     try:
         manifests = [_described(path, root, given, massless=massless) for path in _paths(sources)]
     except OSError as error:  # of a folder that may not be looked into
@@ -299,14 +297,14 @@ def _described(
         keys = load_yaml(path).content.keys()
         if "logs" in keys or not keys & _OF_EXPERIMENTS:
             raise
-        expected = f"data, as `butterfly run {path.name}` makes them in results/"
+        expected = f"logs; `butterfly run {path.name}` makes some in results/"
         raise InputError(path, "data", "an experiment", expected) from None
 
 
 def _entry_of(
     path: Path, beside: Path, root: Path | None, given: Mapping[str, Any]
 ) -> Manifest | None:
-    """Return the part of a manifest that describes one of its files, if it does."""
+    """Return the manifest reduced to one of its files; None if it does not list that file."""
     manifest = read_manifest(beside, root, given)
     folder, wanted = Path(manifest.root), path.resolve()
     own = [entry for entry in manifest.logs if (folder / entry.file).resolve() == wanted]
@@ -320,38 +318,43 @@ def _refuse_sweep(folder: Path) -> None:
 
     if (folder / SWEEP).exists():
         logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
-        which = f"the logs of one run, as {logs[0]}" if logs else "results with keep_signals: true"
+        which = f"one run's logs, such as {logs[0]}" if logs else "results with keep_signals: true"
         raise InputError(folder, "data", "the results of a sweep", which)
 
 
 def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> Manifest:
-    """Return what a saved identification knows of its data."""
-    expected = "an identification that butterfly saved"
+    """Return the manifest in a saved identification."""
+    expected = "a saved identification"
     try:
         found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
         own = found and found["root"]
         manifest = found and described({**found, "root": own or "."}, given, source=path)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise InputError(path, "data.manifest", "none that can be used", expected) from None
+        raise InputError(path, "data.manifest", "missing or damaged", expected) from None
     if manifest is None:
-        expected = "one whose logs came from one source of files, to be read again"
-        raise InputError(path, "data.manifest", "none", expected)
+        expected = "a result identified from files of one manifest, to read its logs again"
+        raise InputError(path, "data.manifest", "missing", expected)
     if own is None and root is None:
-        expected = "--root, the folder of the logs: this result does not say where they lie"
-        raise InputError(path, "data.manifest.root", "nothing", expected)
+        expected = "--root FOLDER, where the logs are"
+        raise InputError(path, "data.manifest.root", "missing", expected)
     folder = root_of(path, manifest.root, root)
     if not folder.is_dir():
-        raise InputError(path, "data.manifest.root", folder, "the folder of the logs, or --root")
+        raise InputError(
+            path,
+            "data.manifest.root",
+            folder,
+            "an existing folder of logs; if they moved, --root FOLDER",
+        )
     return manifest.model_copy(update={"root": str(folder)})
 
 
 def root_of(path: Path, own: str, root: Path | None = None) -> Path:
-    """Return the folder that a result in a file calls ``own``; ``root`` if they were moved."""
+    """Return a saved result's folder of logs; ``root`` if they were moved."""
     return (path.parent / own).resolve() if root is None else root.absolute()
 
 
 def names_result(source: object) -> TypeGuard[Named]:
-    """Whether something is the path of a saved result: of JSON that is no log's."""
+    """Whether something is the path of a saved result: JSON that is not a log."""
     if not isinstance(source, str | PathLike) or Path(source).suffix.lower() != RESULT_ENDING:
         return False
     try:
@@ -362,7 +365,7 @@ def names_result(source: object) -> TypeGuard[Named]:
 
 
 def is_data(path: Path) -> bool:
-    """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
+    """Whether a path holds logs or a saved result; a file that is not YAML is not data."""
     if path.is_dir() or path.suffix.lower() in FORMATS or names_result(path):
         return True
     try:
@@ -372,7 +375,7 @@ def is_data(path: Path) -> bool:
 
 
 def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts
-    """Return a member of an enumeration of texts, that a field of a verb holds, or InputError."""
+    """Return the member of an enumeration with this value, or raise InputError."""
     try:
         return kind(value)
     except ValueError:

@@ -47,33 +47,33 @@ def identify(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Identification:
-    """Identify the robot that made the logs.
+    """Identify the joint from logs.
 
     Parameters
     ----------
     data
-        What `read` takes, or has read.
+        Any argument of `read`, or its result.
     method
         ``harmonic-balance``, ``output-error``, ``weak-form``, ``linear``, ``thesis``, an
-        estimator, or ``auto``: harmonic balance where all logs are sines, else output error.
+        `Estimator`, or ``auto``: harmonic balance if all logs are sines, otherwise output error.
     against
-        Other parameters to simulate the logs with, by name; without p4 the best one is used.
+        Other parameters to simulate the same logs with, by name. Without p4 the best-fitting p4.
     holdout
-        Names or glob patterns of logs that are not used for the fit, only predicted by it.
+        Names or glob patterns of held-out logs: predicted, never fitted.
     track
-        Shows progress.
+        Progress callback.
     options
-        Of the method, as `butterfly identify --help-all` names them: ``terms=("drag",)``, ...
+        Options of the method, named as in `butterfly identify --help-all`: ``terms=("drag",)``.
 
     Raises
     ------
     InputError
-        If the logs cannot be used, or an option is not the method's.
+        If the logs are unusable, or the method has no such option.
     IdentifiabilityError
-        If they cannot determine the parameters.
+        If the parameters are not identifiable from these logs.
     """
     if not isinstance(against, Mapping | None):
-        raise InputError("identify", "against", against, "parameters by a name for them")
+        raise InputError("identify", "against", against, "a mapping of names to parameters")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = _prepared(data, method, options, holdout)
     return identify_data(logs, estimator, against=others, track=track)
@@ -89,28 +89,26 @@ def select(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Selection:
-    """Choose friction terms by how well they predict what was left out: added masses, or logs.
+    """Choose friction terms by cross-validation over added masses, or over logs.
 
-    Terms are added one by one, the most helpful first, until none helps by more than the standard
-    error of its gain. The verdict is on the
-    estimate with the terms that were chosen.
+    Adds the most helpful term, and repeats until the gain is within its standard error. The verdict
+    is on the model with the chosen terms.
 
     Parameters
     ----------
     data, method, holdout, track, options
-        As `identify` takes them; the terms are not among the options.
+        As in `identify`, without ``terms``.
     candidates
         Terms to choose from.
     nested
-        Choose anew without each of the parts that are left out, too: what that predicts is no
-        better for having been chosen by it.
+        Nested cross-validation: repeats the choice without each held-out part, for an unbiased FIT.
 
     Raises
     ------
     InputError
-        If the logs cannot be used, or an option or a term is not the method's.
+        If the logs are unusable, or the method has no such option or term.
     IdentifiabilityError
-        If they cannot determine the parameters, or nothing can be left out.
+        If the parameters are not identifiable, or nothing can be held out.
     """
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
@@ -139,27 +137,26 @@ def validate(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Validated | Leaderboard:
-    """Predict logs that an estimator has not seen, and compare with those it has.
+    """Cross-validate an estimator on held-out logs, or rank several.
 
     Parameters
     ----------
     data, method, holdout, track, options
-        As `identify` takes them; of several methods in a list the best comes first, each with its
-        own defaults.
+        As in `identify`. A list of methods is ranked, each with its defaults.
     split
-        What is left out together: ``mass``, ``frequency``, ``log``, ``time``, or ``auto``: the
-        first of these that suits the logs.
+        What to hold out at a time: ``mass``, ``frequency``, ``log``, ``time``, or ``auto``: the
+        first of these that the logs allow.
     folds
-        How many parts, of frequency, log and time.
+        Number of parts for frequency, log and time.
     bootstrap
-        How often to estimate from logs drawn with replacement besides, for intervals.
+        Number of bootstrap samples of the logs, for intervals.
 
     Raises
     ------
     InputError
-        If the logs cannot be used, or an option is not the method's.
+        If the logs are unusable, or the method has no such option.
     IdentifiabilityError
-        If nothing can be left out, or a part cannot determine the parameters.
+        If nothing can be held out, or the parameters are not identifiable without a part.
     """
     how = choice(Split, "validate", "split", split)
     _require_count("folds", folds, 2)
@@ -167,7 +164,7 @@ def validate(
     if not isinstance(method, str | Estimator):
         for name, value in {"folds": folds, "bootstrap": bootstrap or None, **options}.items():
             if value is not None:
-                raise InputError("validate", name, value, "none beside several methods")
+                raise InputError("validate", name, value, "no such option with several methods")
         return rank([data], method, split=how, holdout=holdout, track=track)
     logs, estimator = _prepared(data, method, options, holdout)
     held = cross_validate(logs, estimator, how, folds=folds, track=track)
@@ -185,7 +182,7 @@ def rank(
     holdout: Sequence[str],
     track: Track,
 ) -> Leaderboard:
-    """Rank methods by how well they predict what they have not seen, each data set by itself."""
+    """Rank methods by their FIT on held-out logs of each data set."""
     from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
 
     how = choice(Split, "validate", "split", split)
@@ -206,23 +203,21 @@ def residual(
     holdout: Sequence[str] = (),
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Residual:
-    """Show the residuals of the identified model: errors of free runs, and what explains them.
-
-    Errors stand beside what encoder and noise explain, with the terms that the model lacks.
+    """Compare free-run errors with the sensor noise, and find the missing terms.
 
     Parameters
     ----------
     data, method, holdout, options
-        As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
+        As in `identify`; or an `Identification`, or its saved file, to use its estimate.
     logs
-        Numbers of the logs that are shown; all if not given.
+        Numbers of the logs to show. Default: all.
 
     Raises
     ------
     InputError
-        If the logs cannot be used, or an option is not the method's.
+        If the logs are unusable, or the method has no such option.
     IdentifiabilityError
-        If they cannot determine the parameters.
+        If the parameters are not identifiable from these logs.
     """
     whole, estimator, found = _estimated(data, method, options, holdout)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
@@ -234,40 +229,39 @@ def compare(
     method: Method | None = None,
     *,
     logs: Sequence[int] | None = None,
-    mass: float | None = None,
+    hand_mass: float | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Compared:
-    """Simulate logs in MuJoCo and by the grey-box model, with the parameters identified from them.
+    """Simulate logs in MuJoCo and with the grey-box model, both with the identified parameters.
 
     Parameters
     ----------
     data, method, holdout, track, options
-        As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
+        As in `identify`; or an `Identification`, or its saved file, to use its estimate.
     logs
-        Numbers of the logs; all if not given.
-    mass
-        Of the hand in kg, for MuJoCo; the motion does not depend on it, and a possible one is taken
-        if it is not given.
+        Numbers of the logs. Default: all.
+    hand_mass
+        Mass of the moving body in MuJoCo, in kg; the motion does not depend on it. Default: chosen.
 
     Raises
     ------
     InputError
-        If the logs cannot be used, an option is not the method's, or no hand moves so.
+        If the logs are unusable, the method has no such option, or ``hand_mass`` is impossible.
     IdentifiabilityError
-        If they cannot determine the parameters.
+        If the parameters are not identifiable from these logs.
     UnusableError
-        If no joint has those that were found.
+        If the identified parameters are physically impossible.
     """
     from butterfly.comparison.three_way import compare_three  # noqa: PLC0415 - slow to import
 
-    if not isinstance(mass, Real | None):
-        raise InputError("compare", "mass", mass, "a number of kg")
+    if not isinstance(hand_mass, Real | None):
+        raise InputError("compare", "hand_mass", hand_mass, "a number in kg")
     whole, estimator, found = _estimated(data, method, options, holdout)
     require_possible(found)
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
-    compared = compare_three(whole, found, numbers, mass=mass, track=track)
+    compared = compare_three(whole, found, numbers, mass=hand_mass, track=track)
     return Compared.of(whole, estimator, compared, residuals_of(whole, found), found)
 
 
@@ -280,24 +274,24 @@ def design(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Designed:
-    """Rank candidate next experiments by how much they would tell.
+    """Rank next experiments by how much they would shrink the standard errors.
 
     Parameters
     ----------
     data, method, holdout, track, options
-        As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
+        As in `identify`; or an `Identification`, or its saved file, to use its estimate.
     swing
-        Largest swing allowed, in rad (1 if not given), or on a slide in m (what its logs have
-        shown if not given, as those of a servo, whose runs are set-points).
+        Largest allowed swing in rad (m on a slide). Default: 1 rad; for a slide or a servo, the
+        largest in the logs.
 
     Raises
     ------
     InputError
-        If the logs cannot be used, or an option is not the method's.
+        If the logs are unusable, or the method has no such option.
     IdentifiabilityError
-        If they cannot determine the parameters, or give no covariance.
+        If the parameters are not identifiable, or have no covariance.
     UnusableError
-        If no joint has the parameters that were found.
+        If the identified parameters are physically impossible.
     """
     logs, estimator, found = _estimated(data, method, options, holdout)
     require_possible(found)
@@ -306,14 +300,14 @@ def design(
 
 
 def saved_identification(data: Data) -> Identification | None:
-    """Return the result that a file holds, or that data are already; None for other data."""
+    """Return data that are an identification, or its saved file; None for other data."""
     if isinstance(data, Identification):
         return data
     if names_result(data):
         found = load(data)
         if isinstance(found, Identification):
             return found
-        raise InputError(data, "schema", found.kind, "an identification that butterfly saved")
+        raise InputError(data, "schema", found.kind, "a saved identification")
     return None
 
 
@@ -328,13 +322,13 @@ def _prepared(
 def _estimated(
     data: Data, method: Method | None, options: Mapping[str, Any], holdout: Sequence[str]
 ) -> tuple[DataSet, Estimator | None, Estimate]:
-    """Return logs, an estimator, and its judged estimate; a result, saved or not, has them."""
+    """Return logs, estimator and estimate: of a result, or identified now."""
     found = saved_identification(data)
     if found is not None:
         if method is not None or options or holdout:
             names = [*options, *(["holdout"] if holdout else [])]
             given = ", ".join(names) if method is None else str(method)
-            expected = "none beside a result, which has its estimate"
+            expected = "no such option with a saved result, which already has an estimate"
             raise InputError("butterfly", "method", given, expected)
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
@@ -345,7 +339,7 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if isinstance(given, Identification | LumpedParameters):
         return given if isinstance(given, LumpedParameters) else given.parameters
     if not isinstance(given, Mapping):
-        expected = "parameters by their names, such as {'p1': 0.003, ...}"
+        expected = "parameters by name, such as {'p1': 0.003, ...}"
         raise InputError("against", name, given, expected)
     return read_parameters(given, f"against {name}")
 
@@ -354,17 +348,17 @@ def _require_count(name: str, value: object, least: int) -> None:
     if value is None:
         return
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise InputError("validate", name, value, f"an integer, at least {least}")
+        raise InputError("validate", name, value, f"an integer of {least} or more")
 
 
 def numbers_of_logs(verb: str, logs: Sequence[int] | None, count: int) -> list[int]:
-    """Return the numbers of the logs that are meant; all if none are given."""
+    """Return the checked numbers of logs; all if ``logs`` is None."""
     if logs is None:
         return list(range(count))
     try:
         numbers = [index(number) for number in logs]
     except TypeError:
-        raise InputError(verb, "logs", logs, "numbers of logs") from None
+        raise InputError(verb, "logs", logs, "log numbers (integers)") from None
     for number in numbers:
         if not 0 <= number < count:
             raise InputError(verb, "logs", number, f"numbers from 0 to {count - 1}")

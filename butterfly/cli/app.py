@@ -34,7 +34,7 @@ from butterfly.errors import (
 
 
 class Command(NamedTuple):
-    """Under what it is listed, where it is in `butterfly.cli`, and the kind of its answer."""
+    """The group that lists it in the help, its place in `butterfly.cli`, and its kind of answer."""
 
     panel: str
     path: str
@@ -50,22 +50,22 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "inspect": Command("Look at logs", "logs:inspect", "inspection"),
-    "manifest": Command("Look at logs", "logs:manifest"),
-    "fetch": Command("Look at logs", "logs:fetch"),
+    "inspect": Command("Logs", "logs:inspect", "inspection"),
+    "manifest": Command("Logs", "logs:manifest"),
+    "fetch": Command("Logs", "logs:fetch"),
     "identify": Command("Identify", "estimate:identify", "identification"),
     "select": Command("Identify", "estimate:select", "selection"),
-    "validate": Command("Judge", "estimate:validate", "validation"),
-    "residual": Command("Judge", "estimate:residual", "residual"),
-    "predict": Command("Judge", "experiments:predict", "prediction"),
-    "compare": Command("Judge", "estimate:compare", "comparison"),
-    "design": Command("Plan", "estimate:design", "design"),
-    "run": Command("Experiments", "experiments:run", "run"),
-    "simulate": Command("Experiments", "experiments:simulate"),
-    "show": Command("Experiments", "robot:show"),
-    "export": Command("Experiments", "robot:export"),
-    "reproduce": Command("Experiments", "experiments:reproduce", "reproduction"),
-    "schema": Command("Experiments", "experiments:schema"),
+    "design": Command("Identify", "estimate:design", "design"),
+    "validate": Command("Check a result", "estimate:validate", "validation"),
+    "residual": Command("Check a result", "estimate:residual", "residual"),
+    "predict": Command("Check a result", "experiments:predict", "prediction"),
+    "compare": Command("Check a result", "estimate:compare", "comparison"),
+    "export": Command("Use a result", "robot:export"),
+    "show": Command("Use a result", "robot:show"),
+    "run": Command("Simulated experiments", "experiments:run", "run"),
+    "simulate": Command("Simulated experiments", "experiments:simulate"),
+    "schema": Command("Simulated experiments", "experiments:schema"),
+    "reproduce": Command("Simulated experiments", "experiments:reproduce", "reproduction"),
     "results list": Command("Commands", "results:list_sweeps", "results"),
     "results show": Command("Commands", "results:show_run", "run-record"),
     "results table": Command("Commands", "results:table", "table"),
@@ -98,24 +98,25 @@ FORMER_OPTIONS_OF_COMPARE = dict.fromkeys(
 )
 _DATA = ("root", "arm", "input", "intersample", "columns", "units", "repair", "known", "zero")
 OF_DATA = {f"--{name}" for name in (*_DATA, "joint", "gravity", "from", "to", "restarts")}
-"""Options that only commands take that read data of which no manifest tells."""
+"""Options of the commands that read logs without a manifest."""
 
-_SEARCHING = {"Identify", "Judge", "Plan"}
-"""Panels of the commands that search, for a minute at most unless more is asked for."""
+_SEARCHING = {"Identify", "Check a result"}
+"""Groups of the commands that search: for 60 s, unless --budget says otherwise."""
 
 _EVERYWHERE = Group("Any command", sort_key=9)
 
 
 def program(called: Sequence[str] = ()) -> App:
-    """Return the program; of the command that is called, its docstring tells all in its help."""
+    """Return the program; only the called command's help comes from its whole docstring."""
     call = _name_of(called)
     plain = Parameter(negative=(), show_default=_worth_showing)
     app = App(
         name="butterfly",
         version=f"butterfly {__version__}",
-        help="Simulate and identify the Butterfly robot's hand: MuJoCo, grey-box model, real logs.",
+        help="Identify and simulate a motor-driven joint from its logs.",
         help_format="markdown",
-        help_epilogue="Start with: butterfly run quickstart" if not call else "",
+        help_epilogue="Start: butterfly run quickstart. Help: butterfly COMMAND --help."
+        * (not call),
         default_parameter=plain,
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
@@ -124,7 +125,7 @@ def program(called: Sequence[str] = ()) -> App:
         suppress_keyboard_interrupt=False,
         result_action="return_value",
     )
-    results = App(name="results", help="List, show, tabulate and clean the results of sweeps.")
+    results = App(name="results", help="List, show, export and clean up the results of sweeps.")
     results.group = Group("Results", sort_key=8)
     panels = dict.fromkeys(command.panel for command in COMMANDS.values())
     groups = {panel: Group(panel, sort_key=number) for number, panel in enumerate(panels)}
@@ -138,7 +139,7 @@ def program(called: Sequence[str] = ()) -> App:
             help=None if words == call else summary,
         )
     app.command(results)
-    app.register_install_completion_command(help="Have the shell complete commands and options.")
+    app.register_install_completion_command(help="Install shell completion.")
     app.meta.default(_launch(app))
     return app
 
@@ -165,19 +166,19 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         Parameters
         ----------
         quiet
-            Print the verdict alone, if there is one, and no progress.
+            Print only the verdict, and no progress.
         json
-            Write the answer as JSON to this file; - prints it alone.
+            Write the answer as JSON to this file; - prints only the JSON.
         budget
-            Seconds of searching: 60, but in `run` no end, if not given.
+            Time limit of the search. Default: 60; no limit for `run`.
         help_all
-            Show all options of a command.
+            Show all options of a command, including the rare ones.
         """
         if help_all:
             tokens = (*tokens, "--help")
         name = _name_of(tokens)
         if json is not None and not (name in COMMANDS and COMMANDS[name].answer):
-            raise InputError("butterfly", "--json", name, "a command that has an answer")
+            raise InputError("butterfly", "--json", name, "a command with a JSON answer")
         searches = name in COMMANDS and COMMANDS[name].panel in _SEARCHING
         if budget is not None and not (searches or name == "run"):
             raise InputError("butterfly", "--budget", name, "a command that searches")
@@ -200,7 +201,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
             verdict = Verdict(Level.WARNING, refused.reasons)
-            kind, title = COMMANDS[name].answer, "Nothing is made of values that no joint has"
+            kind, title = COMMANDS[name].answer, "No answer: the values are physically impossible"
             write_json(document(kind, title, {}, verdict=verdict, summary=verdict.lines))
             raise
         except ButterflyError:
@@ -219,7 +220,7 @@ def _name_of(tokens: Sequence[str]) -> str:
 
 
 def main() -> None:
-    """Run the command line; bad input ends in one line on stderr (see `ExitCode`)."""
+    """Run the command line; bad input gives one line on stderr (see `ExitCode`)."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # asked to end, as by Ctrl-C
     for stream in (sys.stdout, sys.stderr):
@@ -243,7 +244,7 @@ def main() -> None:
         unusable = isinstance(error, UnusableError)
         _end(str(error), ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
     except MemoryError:
-        _end(f"more memory is needed than there is ({size_text(memory())})", ExitCode.BAD_INPUT)
+        _end(f"not enough memory ({size_text(memory())} available)", ExitCode.BAD_INPUT)
     except BrokenPipeError:
         _leave_stdout()
         sys.exit(ExitCode.UNREAD)
@@ -255,11 +256,11 @@ def main() -> None:
 
 
 def _refuse_former(tokens: Sequence[str]) -> None:
-    """Raise InputError, naming the present one, if a command is called by a former name."""
+    """Raise InputError with the new name if a command is called by a former name."""
     words = [token for token in tokens if not token.startswith("-")]
     for name in (" ".join(words[:2]), *words[:1]):
         if name in FORMER_COMMANDS:
-            raise InputError("butterfly", name, "its former name", FORMER_COMMANDS[name])
+            raise InputError("butterfly", name, "a former name", FORMER_COMMANDS[name])
 
 
 def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
@@ -269,13 +270,13 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
         name = _name_of(tokens)
         if option in OF_DATA:
             expected = (
-                "it said to `butterfly manifest` or `butterfly identify --save`, and what they "
-                "write in place of the data"
+                "a manifest or a saved result in place of the logs; give this option to "
+                "`butterfly manifest` or `butterfly identify --save`, which write them"
             )
-            return str(InputError(f"butterfly {name}", option, "an option of data", expected))
+            return str(InputError(f"butterfly {name}", option, "not an option here", expected))
         former = FORMER_OPTIONS | (FORMER_OPTIONS_OF_COMPARE if name == "compare" else {})
         if option in former:
-            return str(InputError("butterfly", option, "its former name", former[option]))
+            return str(InputError("butterfly", option, "a former name", former[option]))
     if isinstance(error, UnknownCommandError) and error.unused_tokens:
         # its own message lists all commands after the one that is meant
         return str(error).partition(" Available commands")[0]
@@ -289,6 +290,6 @@ def _end(why: str, code: ExitCode) -> NoReturn:
 
 
 def _leave_stdout() -> None:
-    """Write no more where nothing can be written, or nobody reads: the end would try again."""
+    """Discard further output: closing a broken standard output would raise again."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

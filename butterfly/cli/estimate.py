@@ -44,23 +44,22 @@ def identify(
     save: Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE")] = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Identify the robot from a data set.
+    """Identify the joint from logs.
 
-    Prints the verdict, how well a free-run simulation follows the logs (FIT), and the parameters
-    with standard errors and intervals. A folder without manifest.yaml needs --arm, and files named
-    like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015).
+    Prints the verdict, and the parameters with 95 % intervals.
 
-    Example: butterfly identify real-logs --report report.html
+    Examples: butterfly identify real-logs --report report.html --save result.json; butterfly
+    identify a.csv b.csv --columns time=t,input=tau,angle=q --input torque
 
     Parameters
     ----------
     data
-        A manifest, a folder of logs, logs, a saved result or a shipped data set's name.
+        Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name.
     against
-        Other parameters to simulate the same logs with: p1=…,p2=…,p3=…; without p4 the best. May be
-        repeated.
+        Other parameters to compare with: p1=0.0033,p2=0.0014,p3=0.05. Without p4 the best-fitting
+        p4. Repeatable.
     save
-        Save the identification (.json) for other commands.
+        Save the result (.json) for other commands.
     """
     others = {text: parse_pairs(text, "--against") for text in against}
     source = [data, *more] if more else data
@@ -84,21 +83,21 @@ def select(
     holdout: Holdout = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Choose friction terms by how well they predict what was left out.
+    """Choose friction terms by cross-validation.
 
-    Left out are added masses, or logs. Terms are added one by one, the most helpful first, until
-    none helps by more than the standard error of its gain. The verdict is on the estimate
-    with the terms chosen.
+    Holds out one added mass (or some logs) at a time. Adds the most helpful term, and repeats until
+    the gain is within its standard error. The verdict is on the model with the chosen terms.
+
+    Example: butterfly select real-logs --candidates coulomb,drag,stribeck
 
     Parameters
     ----------
     data
-        A manifest, a folder of logs, a saved result or a shipped data set's name.
+        A manifest, a folder of logs, a saved result, or a shipped data set's name.
     candidates
-        Terms to choose from, by commas.
+        Terms to choose from.
     nested
-        Choose anew without each part too, which tells what choosing predicts; takes as long again
-        for each part.
+        Nested cross-validation: repeats the choice without each held-out part (slow).
     """
     found = bf.select(
         data,
@@ -122,25 +121,24 @@ def validate(
     bootstrap: Annotated[int, Parameter(metavar="N")] = 0,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Predict logs that an estimator has not seen; of several estimators, rank them.
+    """Cross-validate an estimator on held-out logs, or rank several.
 
-    Of several (-m harmonic-balance,output-error), and of several data sets, the estimator comes
-    first that predicts best what it has not seen.
+    With several methods or data sets, ranks the methods by their median FIT on held-out logs.
 
-    Example: butterfly validate results/quickstart --method output-error
+    Examples: butterfly validate real-logs --split mass; butterfly validate real-logs
+    --method harmonic-balance,output-error
 
     Parameters
     ----------
     data
-        Manifests, folders of logs, saved results or shipped data sets' names.
+        Manifests, folders of logs, saved results, or shipped data sets' names.
     split
-        What is left out together: one added mass (mass), some of the sines' frequencies
-        (frequency), some logs (log), a stretch of every log (time), or the first of these that
-        suits.
+        What to hold out at a time: an added mass (mass), sine frequencies (frequency), logs (log),
+        a section of every log (time), or the first of these that the data allow (auto).
     folds
-        Parts, of frequency, log and time; 5 if not given, or as many as can be.
+        Number of parts for frequency, log and time. Default: 5, or fewer if the data require it.
     bootstrap
-        Also estimate so often from logs drawn with replacement.
+        Number of bootstrap samples of the logs for 95 % intervals.
     """
     methods, left_out = parse_names(fit.method), parse_names(holdout)
     if len(methods) == 1 and not more:
@@ -158,7 +156,7 @@ def validate(
             kind_of(method, written=lambda name: f"--{name}")
         for name, value in {"folds": folds, "bootstrap": bootstrap or None, **fit.given}.items():
             if value is not None:
-                expected = "none beside several methods or data sets"
+                expected = "no such option with several methods or data sets"
                 raise InputError("butterfly validate", f"--{name}", value, expected)
         found = rank([data, *more], methods, split=split, holdout=left_out, track=show_progress)
     return show(found, report=page.report, figures=page.figures)
@@ -173,21 +171,19 @@ def residual(
     holdout: Holdout = None,
     plot: Page = None,
 ) -> ExitCode:
-    """Show the residuals of the identified model, and the terms that it lacks.
+    """Analyse the residuals, and name the terms that the model is missing.
 
-    Errors of the free runs, beside what encoder and noise explain; whether their correlations stay
-    inside the bands that such sensors allow; which terms the model lacks. With --log only of those
-    logs; --plot draws the residual torque of the one that is followed worst.
+    Compares each log's free-run error with the sensor noise, and tests its correlations.
 
-    Example: butterfly residual results/quickstart --log 2 --plot residual.html
+    Example: butterfly residual result.json --log 2 --plot residual.html
 
     Parameters
     ----------
     data
-        A manifest, a folder of logs, a saved result (whose estimate it is) or a shipped data set's
-        name.
+        A saved result; or a manifest, a folder of logs or a shipped data set's name, to identify
+        first.
     plot
-        Draw the log with the largest error to this file (HTML).
+        Plot the residual torque of the log with the largest error (HTML).
     """
     found = bf.residual(
         data, _method(data, fit), logs=parse_numbers(log), holdout=parse_names(holdout)
@@ -209,25 +205,21 @@ def compare(
     holdout: Holdout = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Compare MuJoCo, grey-box model and logs; or two saved results.
+    """Compare two saved results; or MuJoCo, the model and the logs.
 
-    The robot is identified from the data set; both simulators get its parameters and each log's
-    input. Prints FIT, amplitude and phase error of each, and the residuals.
+    Two saved results: tests which parameters have changed (5 % significance, all tests together).
+    One data set: simulates every log in MuJoCo and with the model, and prints FIT, amplitude and
+    phase errors. Two runs of a sweep: lists their settings and estimates.
 
-    Of two saved identifications it tells whether the robot has changed: each parameter is tested,
-    and all of them together; at most one comparison in twenty of a robot that has not changed says
-    that it has. Of two runs of a sweep: what they set, and what they found.
-
-    Examples: butterfly compare real-logs --report compare.html; butterfly compare spring.json
-    autumn.json; butterfly compare results/large-sweep/0 results/large-sweep/1
+    Examples: butterfly compare spring.json autumn.json; butterfly compare real-logs --report
+    compare.html; butterfly compare results/large-sweep/0 results/large-sweep/1
 
     Parameters
     ----------
     data
-        A manifest, a folder of logs, a saved result (whose estimate it is) or a shipped data set's
-        name; or the first of two results.
+        The earlier saved result; a run of a sweep, such as results/NAME/0; or one data set.
     other
-        A later saved identification; or another run of a sweep, as results/NAME/NUMBER.
+        The later saved result, or the other run.
     """
     if other is None:
         found: bf.Result = bf.compare(
@@ -243,10 +235,11 @@ def compare(
     of_logs = {"--log": log, "--holdout": holdout, "--method": fit.given}
     for option, value in of_logs.items():
         if value:
-            raise InputError("butterfly compare", option, value, "none beside two results")
+            raise InputError("butterfly compare", option, value, "no such option with two results")
     if is_run(data) and is_run(other):
         if page.report is not None:
-            raise InputError("butterfly compare", "--report", page.report, "none of two runs")
+            expected = "no report: two runs of sweeps have none"
+            raise InputError("butterfly compare", "--report", page.report, expected)
         return compare_runs(data, other)
     for path in (data, other):
         if not names_result(path):
@@ -266,22 +259,22 @@ def design(
     holdout: Holdout = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Rank candidate next experiments by how much they would tell.
+    """Rank next experiments by how much they would shrink the standard errors.
 
-    Sines, multisines and free decays with each added mass of the data set and with none, of a servo
-    as set-points in its loop; each is simulated with the estimate, of which the verdict stands
-    first. Values that no joint has are refused.
+    Candidates: sines, multisines and free decays, with each added mass and without. Each one is
+    simulated with the identified parameters.
+
+    Example: butterfly design result.json --swing 0.5
 
     Parameters
     ----------
     data
-        A manifest, a folder of logs, a saved result (whose estimate it is) or a shipped data set's
-        name.
+        A saved result; or a manifest, a folder of logs or a shipped data set's name, to identify
+        first.
     swing
-        Largest swing allowed (on a slide in m); 1, or what logs of a slide or servo have shown, if
-        not given.
+        Largest allowed swing (m on a slide). Default: 1; on a slide or servo, the logs' largest.
     limit
-        Candidates to print, at most.
+        Number of candidates to print.
     """
     found = bf.design(
         data, _method(data, fit), swing=swing, holdout=parse_names(holdout), track=show_progress
@@ -290,5 +283,5 @@ def design(
 
 
 def _method(data: Path, fit: Fit) -> bf.Estimator | None:
-    """Return the estimator; None for a saved result, if nothing was said of any."""
+    """Return the estimator; None for a saved result without options of a fit."""
     return fit.unless_default() if names_result(data) else fit.estimator()

@@ -1,4 +1,4 @@
-"""The estimators' own options on the command line: exactly those that each has."""
+"""The estimators' options on the command line."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
-    """How to estimate: a method, and the options that were given."""
+    """A method and its options."""
 
     method: str = DEFAULT_METHOD
 
     @property
     def given(self) -> dict[str, Any]:
-        """The options that were given, names by commas apart."""
+        """The given options, with lists of names split at commas."""
         values = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
         return {
             name: parse_names(value.replace(" ", "")) if _WORDS.get(name) == "NAMES" else value
@@ -46,21 +46,21 @@ class FitOptions:
         }
 
     def estimator(self) -> Estimator:
-        """Return the estimator; an option that it has not is an InputError that names its own."""
+        """Return the estimator; an unknown option raises InputError, which lists the known ones."""
         kind_of(self.method, self.given, written=lambda name: f"--{name.replace('_', '-')}")
         return make_estimator(self.method, self.given)
 
     def unless_default(self) -> Estimator | None:
-        """Return the estimator if anything was said of it: a saved result has one already."""
+        """Return the estimator if any option was given: a saved result already has one."""
         return self.estimator() if self.method != DEFAULT_METHOD or self.given else None
 
 
 def _made(
     name: str, *, default: str = DEFAULT_METHOD, leave_out: tuple[str, ...] = (), many: bool = False
 ) -> type[FitOptions]:
-    """Return options with a field for every option that some estimator has."""
+    """Return a dataclass with every option of every estimator."""
     listing = "; ".join(f"{method}: {each.summary}" for method, each in ESTIMATORS.items())
-    several = "Several by commas are ranked, each with its defaults. " if many else ""
+    several = "To rank several, separate them by commas. " if many else ""
     names = Parameter(
         name=("--method", "-m"),
         group=THE_FIT,
@@ -92,9 +92,9 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
     text, _, _ = " ".join((described.description or "").split()).partition(". ")
     text = text.rstrip(".") + "."
     if len(owners) <= _FEW:
-        text += f" Of {' and '.join(owners)}."
+        text += f" Only {' and '.join(owners)}."
     if name == "terms":
-        text += f" By commas, an empty text for none: {_offers(owners)}."
+        text += f" Separated by commas, '' for none: {_offers(owners)}."
     else:
         text += f" Default: {_default_text(name, owners)}."
     declared = Parameter(
@@ -113,7 +113,7 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
 
 
 def _offers(methods: list[str]) -> str:
-    """List the terms that all methods with terms offer, and count those of some of them."""
+    """List the terms that all methods offer, and count the others."""
     told = [set(offered(method)) for method in methods if offered(method)]
     shared, some = set.intersection(*told), set.union(*told)
     names = [name for name in offered(methods[0]) if name in shared]
@@ -121,7 +121,7 @@ def _offers(methods: list[str]) -> str:
 
 
 def _default_text(name: str, owners: list[str]) -> str:
-    """Say what holds if the option is not given, where estimators differ for each."""
+    """Return the default, of each estimator if they differ."""
     defaults = {}
     for method in owners:
         value = getattr(ESTIMATORS[method], name)  # a field's default stands on the class

@@ -31,37 +31,29 @@ def run(
     engine: Literal["local", "dask"] = "local",
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
 ) -> ExitCode:
-    """Simulate an experiment, identify the robot from its logs, and write a report.
+    """Simulate an experiment or a sweep, identify the joint, and write a report.
 
-    Prints the true parameters beside the estimated ones, for each estimator. An experiment with
-    `control:` holds its orbit, re-calibrates the model next to it, and holds it better.
-
-    An experiment with `sweep:` is run for each of its variations. Results are kept by what they
-    depend on, the code of butterfly included: run again after a kill, Ctrl-C, or after the sweep
-    has grown, and only what is missing is done. It has no end but that of its runs, and tells about
-    how long they take; --budget ends the search of each run, and a larger one, or none, goes on
-    with those that it stopped. Exit code 1 says that some runs gave no result; the report
-    says which, and why. Of an experiment without `sweep:`, exit code 3 says that an estimate is not
-    to be used.
+    Prints true and estimated parameters. An interrupted or extended sweep resumes where it stopped.
+    Exit code 1: some runs of a sweep failed. Exit code 3: do not use the estimate.
 
     Example: butterfly run experiments/quickstart.yaml
 
     Parameters
     ----------
     out
-        Folder for results and report; results/NAME if not given.
+        Folder for results and report. Default: results/NAME.
     figures
-        Write the reports' figures as PNG and SVG too.
+        Write the report's figures as PNG and SVG too.
     jobs
-        Worker processes of a sweep, or threads of a single run; one per core if not given.
+        Worker processes of a sweep, or threads of a single run. Default: one per core.
     force
-        Do runs again that are done.
+        Repeat finished runs.
     only
-        Runs of a sweep to do, by number: 0,3,10-19; all if not given.
+        Numbers of the runs to do: 0,3,10-19. Default: all.
     engine
-        Where a sweep runs; dask needs the extra of that name.
+        Where a sweep runs; dask needs butterfly-testbed[dask].
     scheduler
-        Address of a Dask scheduler, as tcp://HOST:8786; a cluster on this machine if not given.
+        Address of a Dask scheduler, such as tcp://HOST:8786. Default: a local cluster.
     """
     _warn_of_wide_swings(experiment)
     found = bf.run(
@@ -86,10 +78,11 @@ def run(
 def simulate(
     experiment: Experiment, /, *, out: Annotated[Path, Parameter(name=("--out", "-o"))]
 ) -> None:
-    """Simulate an experiment in MuJoCo and write its logs.
+    """Simulate an experiment in MuJoCo, and write only its logs.
 
-    The logs have the form of the real ones (.mat with a matrix D of columns t, u, q, dq), so that
-    `butterfly identify OUT` treats them alike.
+    The format is that of real logs, so `butterfly identify OUT` reads them.
+
+    Example: butterfly simulate quickstart --out logs
 
     Parameters
     ----------
@@ -115,34 +108,29 @@ def predict(
     out: Out = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Predict logs, or an experiment that nobody has done, with given parameters.
+    """Predict logs, or a new experiment, with known parameters.
 
-    Identifies nothing: simulates each log from its first sample and its input alone, and says
-    whether these parameters move like this robot. With --bands it says of each instant where the
-    angle is with 95 %: of the model, with whatever parameters the estimate leaves open; and of a
-    new log, with what the model misses besides, as seen on the logs that the estimate was made
-    from.
+    Simulates each log from its initial angle with the recorded input alone. --bands adds two 95 %
+    bands: one for the uncertainty of the parameters, one for a new log (with the model error).
 
-    Examples: butterfly predict quickstart --with result.json --bands --report prediction.html;
+    Examples: butterfly predict new-logs --with result.json --bands --report prediction.html;
     butterfly predict results/quickstart --with p1=0.0033,p2=0.0014,p3=0.05
 
     Parameters
     ----------
     data
-        What is predicted: a manifest, a folder of logs, a log, a saved result or a shipped data
-        set's name; or an experiment, of which the inputs count.
+        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
     given
-        An identification that was saved (butterfly identify --save FILE); or parameters, p1=…,p3=…
-        and whatever else is not 0 (p2, p4, coulomb, delay, …) and not known of the data; without p4
-        the best one is taken, without zero=… the encoder's is read off the logs.
+        A saved result, or parameters: p1=…,p3=…,coulomb=…. Others are 0. Without p4 the
+        best-fitting p4; without zero the logs' own encoder zero.
     bands
-        Say how far the prediction is known; a report always does.
+        Compute 95 % bands (always in a report).
     draws
-        Sets of parameters drawn, for bands and --out.
+        Number of parameter draws for the bands and --out.
     seed
-        Fixes everything random.
+        Random seed.
     out
-        Write the parameter draws, for domain randomisation: .csv, .parquet, or a folder of MJCF.
+        Write the parameter draws: .csv, .parquet, or a folder of MJCF.
     """
     pairs = "=" in given and not Path(given).exists()
     result = parse_pairs(given, "--with") if pairs else Path(given)
@@ -171,16 +159,16 @@ def reproduce(
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     out: Out = None,
 ) -> None:
-    """Print the thesis's figures beside those obtained the same way, and the right ones.
+    """Reproduce the thesis's numbers, with its mistakes and corrected.
 
     Example: butterfly reproduce thesis --out figures
 
     Parameters
     ----------
     what
-        What to reproduce: thesis.
+        What to reproduce.
     root
-        Folder of the 41 real logs, if not fetched.
+        Folder of the 41 real logs. Default: where `butterfly fetch` puts them.
     out
         Write the data of Figures 3-12 to this folder.
     """
@@ -191,8 +179,8 @@ def reproduce(
     synthetic = thesis_robot()
     rows = reproduce(synthetic, root)
     show_table(
-        "The thesis, published against obtained",
-        ("figures", "published", "obtained", "same", "right"),
+        "The thesis: published and reproduced values",
+        ("figures", "published", "reproduced", "same", "corrected"),
         [
             (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
             for row in rows
@@ -202,7 +190,7 @@ def reproduce(
         if row.note:
             say(f"{row.what}: {row.note}")
     if not has_real_logs(root):
-        say("Tables 4 and 5 need the real logs: run `butterfly fetch`, or give --root.")
+        say("Tables 4 and 5 need the real logs: run `butterfly fetch` or pass --root FOLDER.")
     if out is not None:
         for path in write_figure_data(out, synthetic, root):
             say(f"Figure data: {path}")
@@ -210,15 +198,15 @@ def reproduce(
     write_json(
         document(
             "reproduction",
-            "The thesis, published against obtained",
+            "The thesis: published and reproduced values",
             {"rows": [{**asdict(row), "same": row.agrees} for row in rows]},
-            summary=(f"{alike} of {len(rows)} are the same.",),
+            summary=(f"{alike} of {len(rows)} published values are reproduced.",),
         )
     )
 
 
 def thesis_robot() -> Synthetic:
-    """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
+    """Return the simulated robot and experiment of Tables 1 and 2 and Figures 3 to 8."""
     from butterfly.experiment.source import read_experiment  # noqa: PLC0415
     from butterfly.thesis.tables import Synthetic  # noqa: PLC0415
 
@@ -237,17 +225,19 @@ def schema(
     *,
     out: Out = None,
 ) -> None:
-    """Print the JSON Schema of experiment or manifest files, for editors.
+    """Print the JSON Schema of experiment or manifest files.
 
-    With `# yaml-language-server: $schema=experiment.schema.json` as the first line of a YAML file,
-    editors complete its keys and mark slips.
+    Editors then complete the keys of a YAML file that starts with
+    `# yaml-language-server: $schema=experiment.schema.json`.
+
+    Example: butterfly schema experiment --out experiment.schema.json
 
     Parameters
     ----------
     what
-        Which file.
+        Kind of file.
     out
-        Write it to this file; it is printed if not given.
+        File to write. Default: print it.
     """
     from butterfly.experiment.schema import Experiment as ExperimentFile  # noqa: PLC0415 - slow
     from butterfly.logs.manifest import Manifest  # noqa: PLC0415
@@ -265,6 +255,6 @@ def schema(
 def _warn_of_wide_swings(experiment: Path) -> None:
     for added, sine, swing in bf.read_experiment(experiment).wide_swings():
         warn(
-            f"{added}, {sine.omega:g} rad/s: predicted to swing {swing:.2g} rad; "
-            "a smaller amplitude keeps to small angles"
+            f"{added}, {sine.omega:g} rad/s: predicted swing {swing:.2g} rad; "
+            "reduce the amplitude to stay at small angles"
         )

@@ -30,24 +30,22 @@ def inspect(
     added_mass: Annotated[float, Parameter(metavar="kg")] = 0.0,
     options: DataOptions = SILENT,
 ) -> ExitCode:
-    """Check logs, or tell the robot of an experiment or a saved result.
+    """Check logs for faults, or print a robot's parameters.
 
-    Clock, gaps, saturation, clipping, turns, and the dominant frequency: one log is told in full,
-    several in a line each, the worst first; of several, --log N tells and draws one. A folder needs
-    no manifest. Of an experiment, and of a saved identification, it prints the robot's physical and
-    lumped parameters.
+    Checks clock, gaps, saturation and clipping. Several logs: one line each, worst first. An
+    experiment or a saved result: prints the robot's parameters instead.
 
-    Example: butterfly inspect Data_52__8__002.mat --plot log.html
+    Examples: butterfly inspect logs/ --units time=ms; butterfly inspect Data_52__8__002.mat --plot
+    log.html
 
     Parameters
     ----------
     data
-        A log, a folder of logs, a manifest, a saved result or a shipped data set's name; or an
-        experiment.
+        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
     plot
-        Draw the log to this file (HTML).
+        Plot the log to this file (HTML).
     added_mass
-        Of the robot of an experiment or a saved result, at --arm (0.104 m if that is not given).
+        Added mass of the robot of an experiment or saved result, at --arm (default 0.104 m).
     """
     found = bf.inspect(
         data,
@@ -75,10 +73,10 @@ def manifest(
     out: Out = None,
     options: DataOptions = SILENT,
 ) -> None:
-    """Draft a data-set manifest of the logs in a folder, to edit and keep.
+    """Write a draft manifest for the logs in a folder.
 
-    File names like Data_52__8__002.mat tell added mass, frequency and amplitude. What no file
-    tells stands in the draft as a question, "To settle", above the value that was taken for it.
+    Open questions are comments in the draft ("To settle"), each above its assumed value. Names like
+    Data_52__8__002.mat give added mass, frequency and amplitude.
 
     Example: butterfly manifest logs --units time=ms,angle=deg
 
@@ -87,7 +85,7 @@ def manifest(
     folder
         Folder of logs.
     out
-        Manifest to write; FOLDER/manifest.yaml if not given.
+        Manifest to write. Default: FOLDER/manifest.yaml.
     """
     from butterfly.files import write_file  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.logs import manifest_draft as drafts  # noqa: PLC0415
@@ -95,10 +93,10 @@ def manifest(
 
     path = out or folder / MANIFEST_NAME
     if out is None and path.exists():
-        raise InputError(path, "path", "a manifest that is there", "--out with another file")
+        raise InputError(path, "path", "an existing manifest", "another file with --out")
     named = drafts.has_thesis_names(folder)
     if named and options.arm is None:
-        raise InputError(folder, "--arm", "nothing", "the arm in m, of the masses in the names")
+        raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
     drafted = drafts.with_columns(drafts.draft(folder, checked_options(options.description())))
     drafted = drafted.piece(options.begin, options.end)
     root = options.root or ("." if out is None else None)
@@ -108,10 +106,10 @@ def manifest(
     write_file(path, drafts.draft_text(drafted, asked))
     say(f"Manifest of {len(drafted.logs)} logs: {path}")
     if asked:
-        say("Settle in it, before it is used:")
+        say("Answer these in the manifest before you use it:")
     for key, question in asked.items():
         taken = getattr(drafted, key)
-        say(f"- {key}: {question}" + (f" Taken for {taken}." if isinstance(taken, str) else ""))
+        say(f"- {key}: {question}" + (f" Assumed: {taken}." if isinstance(taken, str) else ""))
 
 
 def fetch(
@@ -119,24 +117,23 @@ def fetch(
     source: Annotated[str | None, Parameter(name="--from", metavar="DIR_OR_URL")] = None,
     out: Out = None,
 ) -> None:
-    """Fetch the thesis's 41 public logs, 40 MB, and check each by its SHA-256.
+    """Download the 41 public logs of the thesis (40 MB).
 
-    Afterwards `butterfly identify real-logs` finds them. Logs that are there already are not
-    fetched again.
+    Each file is checked by its SHA-256; existing files are skipped. Then: butterfly identify
+    real-logs
 
     Parameters
     ----------
     source
-        Folder, or beginning of an address, that holds 52gmat, 120_5gmat and 154gmat; the repository
-        of the thesis if not given.
+        Folder or base URL of 52gmat, 120_5gmat and 154gmat. Default: the thesis's repository.
     out
-        Folder to fetch them to; one in which real-logs looks for them if not given.
+        Destination folder. Default: the folder where `real-logs` looks for them.
     """
     from butterfly.logs import thesis_logs  # noqa: PLC0415 - slow to import
 
     folder = out or thesis_logs.own_folder()
     fetched = thesis_logs.fetch(folder, source or thesis_logs.PUBLISHED, show_progress)
-    say(f"{len(thesis_logs.pins())} logs, {fetched} of them fetched: {folder}")
+    say(f"{len(thesis_logs.pins())} logs, {fetched} downloaded: {folder}")
     found = thesis_logs.found_folder()
     same = found is not None and found.resolve() == folder.resolve()
     root = "" if same else f' --root "{folder}"'

@@ -17,18 +17,18 @@ THE_FIT = Group("The fit", sort_key=2)
 FIT_IN_DETAIL = Group("The fit in detail", sort_key=3, show=_ALL)
 THE_DATA = Group("The data", sort_key=4)
 DATA_IN_DETAIL = Group("The data in detail", sort_key=5, show=_ALL)
-WRITTEN = Group("What is written", sort_key=6)
+WRITTEN = Group("Output", sort_key=6)
 
 Data = Annotated[Path, Parameter(name="DATA")]
 """A manifest, a folder of logs, a log, a saved result or a shipped data set's name."""
 
-_EXPERIMENT = "An experiment file (YAML), or a shipped one's name."
+_EXPERIMENT = "An experiment file (YAML), or a shipped experiment's name."
 Experiment = Annotated[Path, Parameter(name="EXPERIMENT", help=_EXPERIMENT)]
 
 Out = Annotated[Path | None, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")]
-_LOG = "Numbers of the logs, from 0 on, by commas; all if not given."
-_HOLDOUT = "Logs that no fit sees: names or glob patterns, by commas."
-_HAND_MASS = "Mass of an identified hand; its motion does not depend on it. Chosen if not given."
+_LOG = "Log numbers from 0, separated by commas. Default: all."
+_HOLDOUT = "Held-out logs, never fitted: names or glob patterns, separated by commas."
+_HAND_MASS = "Mass to write for the moving body; the motion does not depend on it. Default: chosen."
 LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", help=_LOG)]
 Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
 HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
@@ -40,14 +40,14 @@ Split = Literal["auto", "mass", "frequency", "log", "time"]
 @Parameter(name="*", group=WRITTEN)
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """The page of an answer.
+    """The HTML report of a result.
 
     Parameters
     ----------
     report
         Write an HTML report to this file.
     figures
-        Write its figures as PNG and SVG too, beside it.
+        Write the report's figures as PNG and SVG too.
     """
 
     report: Annotated[Path | None, Parameter(name=("--report", "-r"), metavar="FILE")] = None
@@ -55,9 +55,9 @@ class Report:
 
     def __post_init__(self) -> None:
         if self.figures and self.report is None:
-            raise InputError("butterfly", "--figures", "no report", "--report FILE beside it")
+            raise InputError("butterfly", "--figures", "without --report", "--report FILE as well")
         if self.report is not None and self.report.is_dir():
-            expected = "a file, as report.html in it"
+            expected = f"a file, such as {self.report / 'report.html'}"
             raise InputError(self.report, "--report", "a folder", expected)
 
 
@@ -71,43 +71,41 @@ _Detail = Parameter(group=DATA_IN_DETAIL)
 @Parameter(name="*", group=THE_DATA)
 @dataclass(frozen=True, kw_only=True)
 class DataOptions:
-    """What is said of data, in place of a manifest or beside it.
+    """Facts about the logs, in place of a manifest or overriding it.
 
     Parameters
     ----------
     columns
-        What holds time, input and angle (time=X, input=Y, angle=Z): columns or variables, by name
-        or number.
+        Columns of time, input and angle, by name or number: time=t,input=tau,angle=q.
     units
-        Units (time=ms, angle=deg): also counts/4096, or a factor; a minus turns the sign. Of arm,
-        mass and omega, too.
+        Units of columns, arm, mass or omega: time=ms,angle=deg. Also counts/4096, a factor, or a
+        minus sign.
     input
-        What the logs' input commands; voltage if nothing says.
+        Kind of input. Default: voltage.
     loop
-        Its loop if that is a setpoint: law=dynamixel-x,kp=400.
+        Control loop of a servo, with --input setpoint: law=dynamixel-x,kp=400.
     arm
-        Pivot to added mass.
+        Distance from pivot to added mass.
     known
-        What is known of robot, motor or hand: p4=1, p3=0.05+-0.001 (a standard uncertainty),
-        resistance=2 and others.
+        Known values, +- standard error: p4=1,p3=0.05+-0.001,resistance=2.
     zero
-        What the encoder reads where the hand hangs: 0.1, or 0.1+-0.01.
+        Encoder reading with the joint hanging at rest: 0.1 or 0.1+-0.01.
     root
         Folder of the logs, if not the manifest's.
     intersample
-        How the input goes between samples; zero_order_hold if nothing says.
+        Input between samples. Default: zero_order_hold.
     repair
-        Fault to repair; may be repeated.
+        Fault to repair. Repeatable.
     joint
-        How the joint moves (a slide's angle is a way in m, its p1 a mass); hinge if nothing says.
+        Joint type; a slide's angle is in m, its p1 in kg. Default: hinge.
     gravity
-        Across the joint's axis: 0 for one that turns about the vertical; 9.81 if nothing says.
+        Gravity normal to the joint axis; 0 for a vertical axis. Default: 9.81.
     begin
-        First instant of the piece that is meant of a log, by its own clock.
+        Use each log from this time, by its own clock.
     end
-        Last instant of that piece.
+        Use each log up to this time.
     restarts
-        Take a file whose clock falls back for several logs.
+        Split a file where its clock restarts.
     """
 
     columns: Pairs = None
@@ -131,7 +129,7 @@ class DataOptions:
     restarts: Annotated[bool, _Detail] = False
 
     def description(self) -> dict[str, Any]:
-        """Return what was said, by the fields of a manifest."""
+        """Return the given options as fields of a manifest."""
         said = {each.name: getattr(self, each.name) for each in fields(self)}
         said |= {
             name: parse_pairs(said[name], f"--{name}")
@@ -148,12 +146,12 @@ SILENT = DataOptions()
 
 
 def parse_numbers(text: str | None) -> list[int] | None:
-    """Read the numbers of logs, from 0 on, by commas; None stays None."""
+    """Read log numbers separated by commas; None stays None."""
     if text is None:
         return None
     parts = [part.strip() for part in text.split(",")]
     if not all(part.removeprefix("-").isdigit() for part in parts):
-        raise InputError("--log", "number", text, "numbers from 0 on, separated by commas")
+        raise InputError("--log", "number", text, "numbers from 0, separated by commas")
     return [int(part) for part in parts]
 
 

@@ -1,4 +1,4 @@
-"""`butterfly results`: what sweeps have left, as options name it and as it is printed."""
+"""`butterfly results`: list, show, tabulate and clean up results of sweeps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from butterfly.report.parameter_table import parameter_texts
 from butterfly.report.records import record_document, rows_document, runs_document
 from butterfly.result import document
 
-Folder = Annotated[Path, Option(name="FOLDER", help="A sweep's results, as results/NAME.")]
+Folder = Annotated[Path, Option(name="FOLDER", help="A sweep's results, such as results/NAME.")]
 
 _NAMES = ("number", "estimator", "parameter")
 """Columns that name a row."""
@@ -39,18 +39,18 @@ _ASKED = (
     *("key", "seed", "repetition", "findings", "condition", "standard_error"),
     *("least_left_out", "largest_left_out", "fit_mean", "held_out_worst", "holdout_worst"),
 )
-"""Columns that are shown where they are asked for, so that the others can be read."""
+"""Columns shown only on request, to keep tables readable."""
 
 _NOTHING = {"", "–"}
 
 
 def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results"), /) -> None:
-    """List the sweeps whose results lie in a folder, and how many of their runs are done.
+    """List sweeps, and how many of their runs are done.
 
     Parameters
     ----------
     folder
-        Where to look for results.
+        Folder with results.
     """
     said: list[dict[str, Any]] = []
     rows: list[tuple[str, ...]] = []
@@ -59,7 +59,7 @@ def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results")
         try:
             sweep = store.sweep()
         except InputError:
-            rows.append((str(path.parent), "–", "–", "–", "of another version"))
+            rows.append((str(path.parent), "–", "–", "–", "another version's"))
             said.append({"sweep": path.parent.name, "runs": None})
             continue
         records = (store.read(run.key) for run in show_progress(sweep.runs, "Reading"))
@@ -72,17 +72,19 @@ def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results")
     if rows:
         show_table(f"Results in {folder}", ("sweep", "runs", "done", "failed", "varied"), rows)
     else:
-        say(f"No results in {folder}: butterfly run EXPERIMENT makes some.")
+        say(f"No results in {folder}. To make some: butterfly run EXPERIMENT.")
     write_json(document("results", "Results", {"count": len(said), "rows": said}))
 
 
 def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None:
-    """Show one run: what it set, what it found, how long it took, and with which versions.
+    """Show one run: settings, estimates, times and versions.
+
+    Example: butterfly results show results/large-sweep 0
 
     Parameters
     ----------
     run
-        A run: its number, or the start of its key.
+        The run's number, or the start of its key.
     """
     record = run_record(folder, run)
     for each in record.estimates:
@@ -108,7 +110,7 @@ def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None
                 ],
             )
         if each.ending is not Ending.CONVERGED:
-            say(f"ending: {each.ending}")
+            say(f"Solver: {each.ending}.")
         if each.error:
             say(each.error)
     logs = ResultStore(folder).files_path(record.key)
@@ -127,24 +129,23 @@ def table(
     limit: Limit = 50,
     out: Out = None,
 ) -> None:
-    """Print rows of a table, or write them.
+    """Print a sweep's table, or export it.
 
-    With --out all rows go to a CSV or Parquet file, of the estimates if no table is named. In CSV,
-    texts that a spreadsheet would take for a formula (they begin with =, +, - or @) begin with an
-    apostrophe.
+    In CSV, text that starts with =, +, - or @ gets a leading apostrophe, to keep spreadsheets from
+    running it as a formula.
 
     Example: butterfly results table results/large-sweep --table estimates --filter parameter=p1
 
     Parameters
     ----------
     table
-        Which table; runs if not given.
+        Which table. Default: runs; estimates with --out.
     where
-        Rows to keep: COLUMN=VALUE, by commas; numbers within 1e-9.
+        Keep rows with COLUMN=VALUE, separated by commas.
     columns
-        Columns of the table, by commas; all if not given.
+        Columns, separated by commas. Default: the most useful; all with --out.
     limit
-        Rows to print, at most.
+        Maximum number of rows to print.
     out
         Write all rows to this file: .csv or .parquet.
     """
@@ -154,7 +155,7 @@ def table(
     found = chosen_rows(ResultStore(folder).table(name), where, columns)
     if out is None:
         if found.num_rows > limit:
-            say(f"{limit} of {found.num_rows} rows; --limit shows more, --out FILE writes all.")
+            say(f"{limit} of {found.num_rows} rows. --limit N prints more; --out FILE writes all.")
         show_rows(f"{folder}: {name}", found, limit, asked=columns is not None)
     else:
         with replacing(out) as draft:
@@ -169,16 +170,16 @@ def table(
 
 
 def clean(folder: Folder, /, *, failed: bool = False) -> None:
-    """Remove records that the sweep no longer has, and files that were never finished.
+    """Remove outdated records and unfinished files.
 
     Parameters
     ----------
     failed
-        Also runs without a result, to do them again.
+        Remove failed runs too, to repeat them.
     """
     removed = ResultStore(folder).clean(failed=failed)
     for path in removed:
-        say(f"removed {path}")
+        say(f"Removed {path}")
     say(f"{len(removed)} removed.")
 
 
@@ -205,14 +206,14 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
         if cells[name][0] not in _NOTHING
     ]
     if told:
-        say(f"The same in all rows: {', '.join(told)}.")
+        say(f"Same in all rows: {', '.join(told)}.")
     if not asked:
         left = [
             name
             for name in table.column_names
             if name in _ASKED and table[name].null_count < table.num_rows
         ]
-        say(f"Not shown: {', '.join(left)}; --columns NAME,… shows what it names.")
+        say(f"Not shown: {', '.join(left)}. To show columns: --columns NAME,NAME.")
     columns = [*named, *others]
     show_table(
         title,
@@ -223,7 +224,7 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
 
 
 def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
-    """Write a cell of a table; what is not known is a dash."""
+    """Format a cell; a missing value is a dash."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -232,7 +233,7 @@ def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
 
 
 def chosen_rows(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
-    """Return rows (``where`` COLUMN=VALUE, by commas) and columns (names, by commas) of a table."""
+    """Return the rows ``where`` COLUMN=VALUE holds and the named columns of a table."""
     for name, text in (parse_pairs(where, "--filter") if where else {}).items():
         column = table[_known(name, table.column_names, "--filter")]
         if pa.types.is_integer(column.type) and text.isdigit():
@@ -261,14 +262,14 @@ def _known(name: str, names: Sequence[str], option: str) -> str:
 
 
 def matching(name: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that a user may mean: by name, its last part, or a header's words."""
+    """Return the columns that match a name, its last part, or a printed header."""
     if name in names:
         return [name]
     return [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
-    """Return a table none of whose texts a spreadsheet takes for a formula."""
+    """Return a table with an apostrophe before each text that looks like a formula."""
     for k, field in enumerate(table.schema):
         if not pa.types.is_string(field.type):
             continue
@@ -292,16 +293,16 @@ def run_record(folder: Path, run: str) -> RunRecord:
         each.key for each in runs if each.key.startswith(run)
     ]
     if len(set(keys)) != 1:
-        expected = f"a number from 0 to {len(runs) - 1}, or a key's beginning that is one run's"
+        expected = f"a number from 0 to {len(runs) - 1}, or the start of exactly one run's key"
         raise InputError(store.folder, "run", run, expected)
     record = store.read(keys[0])
     if record is None:
-        raise InputError(store.folder, "run", run, "one that was done (butterfly run does it)")
+        raise InputError(store.folder, "run", run, "a finished run (start it with butterfly run)")
     return record
 
 
 def compare_runs(one: Path, other: Path) -> ExitCode:
-    """Print what two runs of sweeps set and found otherwise."""
+    """Print the differences between the settings and estimates of two runs."""
     runs = [run_record(path.parent, path.name) for path in (one, other)]
     names = [path.name if one.parent == other.parent else str(path) for path in (one, other)]
     others = {each.estimator: each for each in runs[1].estimates}
@@ -317,16 +318,16 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
         if pair[0] != pair[1]
     ]
     if unlike:
-        show_table("What was set", ("", *names), unlike)
+        show_table("Settings that differ", ("", *names), unlike)
     else:
-        say("Nothing was set otherwise.")
+        say("The settings are the same.")
     for each in runs[0].estimates:
         if each.estimator not in others:
             continue
         twins = {row.name: row for row in others[each.estimator].parameters}
         show_table(
             each.estimator,
-            ("parameter", *names, "difference", "in std. errors"),
+            ("parameter", *names, "difference", "standard errors"),
             [
                 (row.name, *_difference(row, twins[row.name]))
                 for row in each.parameters

@@ -1,4 +1,4 @@
-"""Commands that show and export the robot of an experiment, or the twin of data."""
+"""Commands that show and export a robot: show, export."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Source = Annotated[Path, Parameter(name="SOURCE")]
 AddedMass = Annotated[float, Parameter(metavar="kg")]
 Arm = Annotated[
-    float | None, Parameter(metavar="m", help="Pivot to added mass; 0.104 if not given.")
+    float | None, Parameter(metavar="m", help="Distance from pivot to added mass. Default: 0.104.")
 ]
 _FILMS = (".gif", ".mp4", ".webp")
 
@@ -41,11 +41,10 @@ def show(
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Watch a run in a window or a browser, or draw it.
+    """Watch a run, or save it as a film or picture.
 
-    Commands, clock and simulator are those of the log that `butterfly simulate` writes. With --out
-    a film of the run is drawn; or, for .png and .jpg, of a saved result or other data, and with
-    --angle, a picture of the robot. Drawing needs no display where EGL is installed.
+    Opens a window, or with --web a browser page. --out saves a film of an experiment's run, or a
+    picture. Films and pictures need no display if EGL is installed.
 
     Examples: butterfly show quickstart --web; butterfly show quickstart --run 5 --out hand.mp4;
     butterfly show result.json --added-mass 0.05 --out hand.png
@@ -53,27 +52,26 @@ def show(
     Parameters
     ----------
     source
-        An experiment file (YAML) or a shipped one's name; of a picture also a saved result, a
-        manifest or a folder of logs.
+        An experiment file or name. For a picture also a saved result, a manifest or logs.
     run
-        Which run of the experiment: added masses times inputs, from 0 on.
+        Number of the experiment's run, from 0.
     web
-        Serve the viewer to a browser on this machine only.
+        Watch in a browser on this machine.
     port
-        Of the browser's viewer; 0 picks a free one.
+        Port for --web; 0 picks a free one.
     out
-        Draw to this file: .mp4 (extra video), .gif or .webp for a film, .png, .jpg or .webp for a
-        picture.
+        File to write. Film: .mp4 (needs butterfly-testbed[video]), .gif, .webp. Picture: .png,
+        .jpg, .webp.
     angle
-        Draw a picture of the hand at this angle; 0.5 if not given.
+        Draw a picture at this angle. Default: 0.5.
     seconds
-        Length of a film; no longer than the experiment's runs.
+        Length of the film; at most the run's.
     fps
-        Frames per second of a film.
+        Frames per second of the film.
     size
-        Width and height in pixels, even for .mp4.
+        Width and height in pixels; even for .mp4.
     added_mass
-        What the hand of a picture carries, at --arm.
+        Added mass in a picture, at --arm.
     """
     from butterfly.api.sources import is_data  # noqa: PLC0415 - slow to import
     from butterfly.files import locate  # noqa: PLC0415
@@ -81,7 +79,8 @@ def show(
     data = is_data(locate(source))
     if out is None:
         if data:
-            raise InputError(source, "--out", "nothing", "a picture: only experiments have a run")
+            expected = "a picture file with --out (only an experiment has runs to watch)"
+            raise InputError(source, "--out", "missing", expected)
         from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
 
         plan = _with_run(source, run)
@@ -144,10 +143,10 @@ def export(
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Write the joint as a file for another program.
+    """Export the identified joint (its twin) to MuJoCo, URDF, C and others.
 
-    Says what the form cannot hold, and how far its motion is from our own simulation of the same
-    logs at the step that is asked for.
+    Also prints what the format cannot represent, and how far the twin's motion is from our own
+    simulation at the given time step.
 
     Examples: butterfly export result.json --out twin.xml --timestep 0.002; butterfly export
     servo.json --to bam --out servo-bam.json
@@ -155,29 +154,27 @@ def export(
     Parameters
     ----------
     source
-        An experiment file or a shipped one's name; a saved result, whose values are taken; or other
-        data, which are identified.
+        A saved result; an experiment file or name; or logs, to identify first.
     out
         File to write.
     to
-        Form: a whole MuJoCo model (mjcf), lines for your own MJCF (snippet), URDF (urdf), fields of
-        mjlab's and Isaac Lab's actuators (actuator), one C99 header (c), or the JSON of
-        Rhoban's BAM (bam).
+        Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
+        settings for mjlab and Isaac Lab (actuator), a C99 header (c), or JSON for BAM (bam).
     timestep
-        Step in s of the simulator for which the file is written.
+        Time step of your simulator.
     integrator
-        Of MuJoCo. RK4 is the more exact; implicitfast is what learning frameworks use.
+        MuJoCo integrator: RK4 is more accurate, implicitfast is common in learning frameworks.
     actuator
-        Which of BAM's servos it is, as xl330; that of the servo's law if not given.
+        BAM's name of the servo, such as xl330. Default: from the servo's law.
     added_mass
-        What the joint carries, at --arm.
+        Added mass, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.files import write_file  # noqa: PLC0415
     from butterfly.twin.forms import write_as  # noqa: PLC0415
 
     if actuator and to != "bam":
-        raise InputError("export", "--actuator", actuator, "--to bam beside it")
+        raise InputError("export", "--actuator", actuator, "--to bam as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
@@ -185,7 +182,7 @@ def export(
     made = write_as(to, named.twin, asked)
     write_file(out, made.text)
     say(f"Model: {out}, {made.about}.")
-    for sentence in (*made.left_out, *(made.accuracy.lines if made.accuracy else ())):
+    for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)

@@ -107,8 +107,8 @@ def change(before: Estimate, after: Estimate) -> Change:
         raise InputError(
             "changed",
             "estimates",
-            "no parameter in common that was estimated with an uncertainty",
-            "two identifications by methods that state one",
+            "no common parameter with a standard error",
+            "two identifications by methods that give one",
         )
     sides = [_Side.of(estimate, names) for estimate in (before, after)]
     difference = sides[1].values - sides[0].values
@@ -178,13 +178,13 @@ def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
         fixed = [name in each.fixed or name in each.known.fixed for each in both]
         fitted = [name in each.names for each in both]
         if all(known):
-            why[name] = "was known in both, so that these logs are no evidence of it"
+            why[name] = "given in both"
         elif any(fixed):
-            why[name] = f"was held in {'both' if all(fixed) else _which(fixed)}"
+            why[name] = f"fixed in {'both' if all(fixed) else _which(fixed)}"
         elif not all(fitted):
-            why[name] = f"was fitted in {_which(fitted)} only"
+            why[name] = f"fitted only in {_which(fitted)}"
         elif not all(_uncertain(each, name) for each in both):
-            why[name] = "has no standard error"
+            why[name] = "without standard error"
     return why
 
 

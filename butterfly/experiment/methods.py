@@ -40,9 +40,7 @@ def kind_of(
     for name in map(written, options):
         if name not in own:
             expected = nearest(name, own) if own else "no option"
-            raise InputError(
-                f"{written('method')} {method}", name, "an option it has not", expected
-            )
+            raise InputError(f"{written('method')} {method}", name, "an unknown option", expected)
     return kind
 
 
@@ -73,7 +71,7 @@ def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estim
     """Return the estimator of a method with its options, or InputError; an estimator as it is."""
     if isinstance(method, Estimator):
         if options:
-            expected = "none beside an estimator, whose fields they are"
+            expected = "no options with an Estimator; set its fields instead"
             raise InputError(method.method, "options", ", ".join(options), expected)
         return method
     if not isinstance(method, str):

@@ -61,7 +61,7 @@ def execute(task: Task, tables: Mapping[str, Table], seconds: float = math.inf) 
     try:
         experiment = Experiment.model_validate(filled(task.content, tables))
     except ValueError as error:
-        return task.failed(f"not planned by this version: {error}")
+        return task.failed(f"the experiment is invalid in this version: {error}")
     with budget(seconds):
         return outcome_of(task, experiment, perform(experiment, threads=1))
 
@@ -211,7 +211,7 @@ class RunResult:
                 held = cross_validate(data, plain, how.split, folds=how.folds, track=track)
                 record = replace(record, held_out=held.summary)
             except ButterflyError as error:
-                record = replace(record, error=f"nothing could be left out: {error}")
+                record = replace(record, error=f"no cross-validation: {error}")
         self._estimates.append(record)
 
     def _threaded(self, spec: Estimator) -> Estimator:

@@ -268,7 +268,7 @@ def origin_of(text: str) -> str:
         return "no record"
     if schema in {SCHEMA, _BEFORE}:
         return "a damaged record"
-    return f"records of schema {schema}, written by butterfly {version}"
+    return f"schema {schema} of butterfly {version}"
 
 
 _BEFORE = 3  # the schema before estimates were kept whole

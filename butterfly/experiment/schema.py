@@ -136,25 +136,31 @@ class PlantSpec(StrictModel):
     def _possible(self) -> PlantSpec:
         physical = {"hand", "drive", "friction", "clutch", "base"} & self.model_fields_set
         if self.lumped is None and (self.hand is None or self.drive is None):
-            raise ValueError("hand and drive, or lumped")
+            raise ValueError("needs hand and drive, or lumped")
         if self.lumped is not None and physical:
-            raise ValueError("either lumped, or hand, drive, friction, clutch and base")
+            raise ValueError(
+                "use either lumped or hand, drive, friction, clutch and base, not both"
+            )
         elsewhere = vars(IDEAL) | vars(LoopTerms()) | {"delay": 0.0}
         if any(getattr(self.lumped, each, value) != value for each, value in elsewhere.items()):
-            raise ValueError("delay, dead_zone and compression under path, gains under loop")
+            raise ValueError(
+                "put delay, dead_zone and compression under path, and gains under loop"
+            )
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
         if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
-            raise ValueError("no clutch: MuJoCo alone has play")
+            raise ValueError("a clutch needs MuJoCo: the grey-box simulator has no play")
         voltage = self.robot.input_kind is InputKind.VOLTAGE
         if voltage and self.input_kind is not InputKind.VOLTAGE:
             assert self.servo is not None  # noqa: S101 - or the kinds would be the same
-            expected = "one of voltage, or of duty and with a supply, as the drive is of voltage"
+            expected = (
+                "a law with voltage output, or duty output and a supply, for this voltage drive"
+            )
             raise InputError("plant", "loop.law", self.servo.law, expected)
         if self.supply and (self.servo is None or self.servo.rule.output is not Output.DUTY):
-            expected = "none, but for a plant with a loop of duty"
+            expected = "no supply: only a plant with a loop of duty output has one"
             raise InputError("plant", "supply", "a table", expected)
         if self.torque_off and (self.servo is None or any(a >= b for a, b in self.torque_off)):
-            expected = "pairs of instants in s, the first before the second, of a plant with a loop"
+            expected = "pairs of start and end time in s, start first, for a plant with a loop"
             raise InputError("plant", "torque_off", self.torque_off, expected)
         return self
 
@@ -296,16 +302,16 @@ class Experiment(StrictModel):
     @classmethod
     def _of_a_folder(cls, name: str) -> str:
         if not is_name(name):
-            raise ValueError(f"a name that a folder can have, of up to {LONGEST_NAME} characters")
+            raise ValueError(f"expected a valid folder name of up to {LONGEST_NAME} characters")
         return name
 
     @model_validator(mode="after")
     def _possible(self) -> Experiment:
         believed = self.control is not None and self.control.believed is not None
         if not (self.excitations or self.signals or believed):
-            raise ValueError("at least one of the keys excitations, signals and control.believed")
+            raise ValueError("needs at least one of excitations, signals and control.believed")
         if self.control is not None and self.plant.loop is not None:
-            raise ValueError("control, which commands the drive, without plant.loop")
+            raise ValueError("control commands the drive directly: remove plant.loop")
         Prior.of(self.known)
         self.plant.clock.count(self.duration)
         for number, added in enumerate(self.added_masses):
@@ -313,21 +319,21 @@ class Experiment(StrictModel):
             if added.mass and not added.arm:
                 name = f"added_masses.{number}.arm"
                 raise InputError(
-                    "experiment", name, 0, f"more than 0 m, where {added.mass:g} kg are"
+                    "experiment", name, 0, f"more than 0 m for an added mass of {added.mass:g} kg"
                 )
         shortest = min([self.duration, *([self.control.duration] if self.control else [])])
         if self.plant.clock.step * MIN_SAMPLES > shortest:
-            expected = f"up to {shortest / MIN_SAMPLES:g} s, {MIN_SAMPLES} cycles in the duration"
+            expected = f"at most {shortest / MIN_SAMPLES:g} s ({MIN_SAMPLES} samples per run)"
             raise InputError("experiment", "plant.clock.step", self.plant.clock.step, expected)
         return self
 
     @model_validator(mode="after")
     def _one_way_to_name_estimators(self) -> Experiment:
         if self.estimators and {"method", "terms"} & self.model_fields_set:
-            raise ValueError("either estimators, or method and terms")
+            raise ValueError("use either estimators, or method and terms, not both")
         labels = [each.label for each in self.all_estimators]  # which refuse terms of others
         if len(set(labels)) < len(labels):
-            raise ValueError("estimators that differ: the results of each go by its name")
+            raise ValueError("two estimators have the same name; each needs its own")
         return self
 
     @property

@@ -30,8 +30,8 @@ _OF_SIGNALS = re.compile(r"\bfile\.(choice\.)?path\.")  # in the place of a path
 _STORED = "sha256:"
 
 _HEAD = """\
-# What was asked for these results: the experiment file with all that it extends.
-# `butterfly run` of this file does it again.
+# The experiment of these results, with all files that it extends.
+# To repeat it: `butterfly run` this file.
 """
 
 
@@ -82,7 +82,7 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
         On the first field that does not follow the schema, with file and line.
     """
     if not str(path):
-        raise InputError("read_experiment", "path", "an empty text", "a path or a name")
+        raise InputError("read_experiment", "path", "empty", "a path or a name")
     return Source(locate(Path(path))).experiment()
 
 
@@ -104,8 +104,8 @@ def keep_experiment(source: Source, folder: Path) -> list[str]:
         if place.resolve() in read and place.read_bytes() == content:
             continue
         if place.resolve() in read:
-            expected = "a folder for results that is not the experiment's own (--out)"
-            raise InputError(place, "path", "the file of the experiment", expected)
+            expected = "another folder for results (--out)"
+            raise InputError(place, "path", "the experiment file itself", expected)
         write_file(place, content)
     return list(contents)
 
@@ -149,7 +149,7 @@ def _inside(folder: Path, named: Path, source: Path) -> Path:
     require_path(str(named), source, "path")
     path = (folder / named).resolve()
     if not path.is_relative_to(folder.resolve()):
-        raise InputError(source, "path", named, f"a path below {folder.resolve()}")
+        raise InputError(source, "path", named, f"a path inside {folder.resolve()}")
     return path
 
 
@@ -163,7 +163,9 @@ def _chain(path: Path) -> list[Document]:
             raise InputError(document.path, "extends", named, "the path of an experiment file")
         base = _base(document.path, named)
         if base in [each.path.resolve() for each in documents] or len(documents) == _DEEPEST:
-            raise InputError(document.path, "extends", named, "a file that does not lead back here")
+            raise InputError(
+                document.path, "extends", named, "a file that does not extend this one"
+            )
         documents.append(load_yaml(base))
     return documents
 
@@ -215,7 +217,9 @@ def _base(path: Path, named: str) -> Path:
             return beside.resolve()
         return _inside(path.parent, Path(named), path)
     if Path(named).is_absolute() or ".." in Path(named).parts:
-        raise InputError(path, "extends", named, "a file beside this one, or a shipped experiment")
+        raise InputError(
+            path, "extends", named, "a file in the same folder, or a shipped experiment"
+        )
     return locate(Path(named)).resolve()
 
 

@@ -119,7 +119,7 @@ class ResultStore:
         text = read_file(path, "a folder of results").decode(errors="replace")
         sweep = SweepRecord.from_json(text)
         if sweep is None:
-            expected = f"those of schema {SCHEMA} (butterfly run does the sweep anew)"
+            expected = f"schema {SCHEMA}; repeat the sweep with butterfly run"
             raise InputError(path, "content", origin_of(text), expected)
         return sweep
 
@@ -149,8 +149,8 @@ class ResultStore:
             if digest_of(content) == self.sweep().tables.get(path.name):
                 return parquet.read_table(pa.BufferReader(content))
             time.sleep(_MOMENT)  # another process may be about to write the other of the two
-        expected = f"the table that belongs to {SWEEP} (butterfly run puts it together anew)"
-        raise InputError(path, "content", "something else", expected)
+        expected = f"the table that matches {SWEEP}; rebuild it with butterfly run"
+        raise InputError(path, "content", "another table", expected)
 
     def _is_linked(self, path: Path) -> bool:
         """Whether a path leads to its place through a link."""

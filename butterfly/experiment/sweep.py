@@ -139,7 +139,7 @@ def run_sweep(
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
-    looked = () if force else track(unique.values(), "Looking for what is done")
+    looked = () if force else track(unique.values(), "Checking finished runs")
     kept = {task.key: kept_status(store, task) for task in looked}
     statuses = {key: status for key, status in kept.items() if status is not None}
     pending = [task for task in unique.values() if task.key not in statuses]
@@ -153,8 +153,8 @@ def run_sweep(
                 statuses[outcome.record.key] = outcome.record.status
     except KeyboardInterrupt:
         raise StoppedError(
-            f"stopped: {len(statuses)} of {len(unique)} runs are done; the same command goes on "
-            "with the others"
+            f"stopped: {len(statuses)} of {len(unique)} runs are done; run the same command to "
+            "continue"
         ) from None
     store.end_sweep(sweep, track=track)
     return SweepSummary(
@@ -194,7 +194,7 @@ def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:
     for part in only.split(","):
         first, _, last = part.partition("-")
         if not (first.isdigit() and (last or first).isdigit()):
-            raise InputError("butterfly run", "--only", part, "a number, or two as 10-19")
+            raise InputError("butterfly run", "--only", part, "a number or a range such as 10-19")
         numbers |= set(range(int(first), int(last or first) + 1))
     chosen = [task for task in tasks if task.number in numbers]
     if not chosen:

@@ -23,7 +23,7 @@ SEEDS = 2**63
 
 _BYTES_PER_RUN = 2000  # of a plan
 _RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
-_SET_ONCE = "each field in one of grid, list, random and latin_hypercube only"
+_SET_ONCE = "each field in only one of grid, list, random and latin_hypercube"
 
 
 class Distribution(OneOf):
@@ -39,11 +39,13 @@ class Distribution(OneOf):
         for name in ("uniform", "log_uniform"):
             limits = getattr(self, name)
             if limits is not None and not limits[0] < limits[1]:
-                raise ValueError(f"{name}: [lower, upper], lower first")
+                raise ValueError(f"{name}: expected [lower, upper] with lower < upper")
         if self.log_uniform is not None and not self.log_uniform[0] > 0:
-            raise ValueError("log_uniform: positive limits")
+            raise ValueError("log_uniform: limits must be positive")
         if self.normal is not None and not self.normal[1] > 0:
-            raise ValueError("normal: [mean, standard deviation], the latter positive")
+            raise ValueError(
+                "normal: expected [mean, standard deviation] with a positive standard deviation"
+            )
         return self
 
     def quantile(self, share: float) -> Any:  # noqa: ANN401 - whatever may be chosen
@@ -96,7 +98,7 @@ class SweepSpec(StrictModel):
                 for position, path in enumerate(together):
                     for before in (*earlier, *together[:position]):
                         if f"{before}.".startswith(f"{path}."):
-                            raise InputError("sweep", path, f"{before} set before", _SET_ONCE)
+                            raise InputError("sweep", path, f"already set by {before}", _SET_ONCE)
             earlier += {path for together in alternatives for path in together}
         return self
 
@@ -150,7 +152,7 @@ def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> d
         elif isinstance(place, dict):
             place[last] = value
         else:
-            raise InputError(source, f"sweep: {path}", place, "a path to a field")
+            raise InputError(source, f"sweep: {path}", place, "the path of a field")
     return changed
 
 
@@ -160,7 +162,7 @@ def _entered(place: Any, part: str, path: str, source: object) -> Any:  # noqa: 
     if isinstance(place, list):
         where = _index(place, part, path, source)
     elif not isinstance(place, dict):
-        raise InputError(source, f"sweep: {path}", place, f"something with a part {part!r}")
+        raise InputError(source, f"sweep: {path}", place, f"a mapping with the key {part!r}")
     below = place[where] if isinstance(place, list) or where in place else {}
     place[where] = below.copy() if isinstance(below, dict | list) else below
     return place[where]

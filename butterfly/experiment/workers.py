@@ -28,7 +28,7 @@ _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they tak
 _ANSWER = "20s"  # in which a scheduler has to answer
 _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
 _DIED = f"the worker died {_ATTEMPTS} times"
-_GONE = "the scheduler is gone: what is done is kept, and the same command goes on with another"
+_GONE = "lost the scheduler; finished runs are kept, run the same command to continue"
 _NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
 """Modules that workers need, read once for all of them."""
 
@@ -55,7 +55,7 @@ class LocalEngine:
                 yield from self._pooled(work, pending, attempts, dict(tables))
                 stuck = stuck + 1 if len(pending) == before else 0
                 if stuck == _ATTEMPTS:
-                    raise ButterflyError("the worker processes end before they have begun")
+                    raise ButterflyError("the worker processes exit at start")
 
     def _pooled(
         self, work: Work, pending: deque[Task], attempts: Counter[str], tables: dict[str, Table]
@@ -155,7 +155,7 @@ class DaskEngine:
                 try:
                     client = Client(target, timeout=_ANSWER)
                 except (OSError, ValueError) as error:
-                    expected = f"one that answers ({error})"
+                    expected = f"the address of a running scheduler ({error})"
                     raise InputError("butterfly run", "--scheduler", target, expected) from None
                 with client:
                     try:

@@ -150,18 +150,18 @@ def calibrate(
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
     rounds: list[Round] = []
-    ending = f"{schedule.rounds} rounds were made"
+    ending = f"all {schedule.rounds} rounds are done"
     for _ in track(range(schedule.rounds), "Calibrating"):
         last = _round(rig, loaded, zero, schedule, options, rng=rng)
         rounds.append(last)
         before, found = last.believed, last.recalibration
         loaded = {mass: found.loaded(mass, before.p1) for mass in schedule.added_masses}
         if abs(last.amplitude_error) <= schedule.amplitude_tolerance:
-            ending = "the amplitude is within its bound"
+            ending = "the amplitude error is within its bound"
             break
         change = _largest_change(before, loaded[schedule.added_masses[0]])
         if change <= schedule.parameter_tolerance:
-            ending = "the parameters no longer change"
+            ending = "the parameters have converged"
             break
     return Calibration(rounds=tuple(rounds), ending=ending)
 

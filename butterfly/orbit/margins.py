@@ -68,7 +68,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
             "loop_margins",
             "loop",
             f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag",
-            "a loop that holds an orbit: with less lag, or another gamma",
+            "a stable orbit; reduce the lag or change gamma",
         )
     factors = np.geomspace(_RATIO, _LARGEST, round(math.log(_LARGEST, _RATIO)))
     delays = orbit.period * np.arange(1, _PARTS + 1) / _PARTS

@@ -112,7 +112,7 @@ class OnlineRecalibration:
         if len(self._rows) <= 2 * SEGMENT:
             moving = len(self._rows) * SPACING * self._options.half_width
             raise IdentifiabilityError(
-                f"{moving:.3g} s of motion are too little to tell how far to trust an estimate"
+                f"{moving:.3g} s of motion are too short for standard errors"
             )
         regression = self._regression()
         run = np.zeros(len(self._rows), dtype=np.intp)

@@ -70,7 +70,7 @@ class RecalibrationOptions:
             if name not in CANDIDATES:
                 raise InputError("recalibration", "candidates", name, nearest(name, CANDIDATES))
         if "cogging" in self.candidates and self.cogging_periods == 1:
-            expected = "2 or more: one period a turn cannot be told from p3"
+            expected = "2 or more (one period per turn is not distinguishable from p3)"
             raise InputError("recalibration", "cogging_periods", 1, expected)
         require_number("recalibration", positive=True, half_width=self.half_width)
         require_number("recalibration", delay=self.delay)
@@ -108,7 +108,7 @@ class Recalibration:
             return bare.with_added_mass(added)
         if added != self.carried:
             raise IdentifiabilityError(
-                f"ratios p_i/p1 with {self.carried} say nothing of the hand with {added}: "
+                f"ratios p_i/p1 identified with {self.carried} do not give those with {added}; "
                 "re-calibrate with both"
             )
         return from_ratios(values, inertia, self.cogging_periods)
@@ -139,15 +139,15 @@ def recalibrate(
     if np.unique(regression.cluster).size <= 2 * FOLDS:
         moving = run.size * options.half_width / 2
         raise IdentifiabilityError(
-            f"{moving:.3g} s of motion are too little to re-calibrate: record longer runs"
+            f"{moving:.3g} s of motion are too short to re-calibrate; record longer runs"
         )
     names = chosen_terms(CellEquations.of(regression, solution), base)
     solution, regression, run = loop.fit(names)
     conditioning = Conditioning.of(regression.rows, names)
     if conditioning.number > SINGULAR_CONDITION:
         raise IdentifiabilityError(
-            f"these runs do not tell {' and '.join(conditioning.weakest)} apart (condition number "
-            f"{conditioning.number:.1e}): perturb the start, hold several orbits, or add dither"
+            f"these runs do not separate {' and '.join(conditioning.weakest)} (condition number "
+            f"{conditioning.number:.1e}); perturb the start, use several orbits, or add dither"
         )
     scale = FindingKind.ABSOLUTE if "p1" in names else FindingKind.RATIOS
     estimate = estimate_of(regression, run, solution, options.balance.value, scale)

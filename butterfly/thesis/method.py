@@ -54,7 +54,7 @@ class Thesis(Estimator):
     method: Literal["thesis"] = "thesis"
     decimation: int = DECIMATION
 
-    summary: ClassVar[str] = "the thesis's own fit of resonances, its slips included"
+    summary: ClassVar[str] = "the thesis's fit of resonances, including its mistakes"
 
     def __post_init__(self) -> None:
         if self.decimation < 1:
@@ -83,14 +83,16 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
     step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
     """
     if log.excitation is None:
-        raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
+        raise InputError(log.source, "excitation", "none", "a sine, with omega and amplitude")
     grid = uniform_grid(log.time)
     step = grid[1] - grid[0]
     angle = resample(log.time, log.angle, grid)[::decimation]
     count = math.floor(_WINDOW / (decimation * step))
     steady = angle[-count:]
     if steady.size < 2 * decimation:
-        raise InputError(log.source, "time", f"{log.time[-1]:.3g} s", f"about {_WINDOW:g} s")
+        raise InputError(
+            log.source, "time", f"{log.time[-1]:.3g} s", f"about {_WINDOW:g} s or more"
+        )
     omega, power = periodogram(steady, decimation * step)
     omega = omega * steady.size / (steady.size - 1)
     centred = steady - (steady.max() + steady.min()) / 2
@@ -152,7 +154,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     resonances = {}
     for mass in sorted(groups):
         if len(groups[mass]) < 2:  # noqa: PLR2004 - (100) takes the two largest gains
-            raise InputError(groups[mass][0].source, "logs", f"one with {mass}", "two or more")
+            raise InputError(groups[mass][0].source, "logs", f"only one with {mass}", "two or more")
         points = [scripted_amplitude(log, decimation) for log in groups[mass]]
         second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
         resonances[mass] = scripted_resonance(first, second)

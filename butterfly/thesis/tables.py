@@ -210,7 +210,7 @@ def _table_1_rows(
             published=_TABLE_1_PRINTED[1],
             obtained=_digits(scripted.values()),
             corrected=_digits(right.values()),
-            note="wrong sign, gains in dB, index slip; right: complex fit of the same data",
+            note="mistakes: sign, gains in dB, index; corrected: complex fit of the same data",
         ),
     ]
 
@@ -227,7 +227,7 @@ def _table_2_rows(scripted: dict[AddedMass, float], right: dict[AddedMass, float
                 published=printed,
                 obtained=_digits(found[kept]),
                 corrected=_digits(better[kept]),
-                note="true: 0.0033 0.0010 0.0491; right: from the complex fit's resonances",
+                note="true: 0.0033 0.0010 0.0491; corrected: from the complex fit's resonances",
             )
         )
     return rows
@@ -244,15 +244,15 @@ def _real_rows(root: Path | None) -> list[Row]:
             published="4.1915 5.7650 6.2847",
             obtained=_digits(coarse.resonances.values()),
             corrected=_digits(resonances),
-            note="right: of the linearisation, by harmonic balance of the same logs",
+            note="corrected: linearisation by harmonic balance of the same logs",
         ),
         Row(
             what="Table 5, p1 p2 p3: (102)",
             published="0.0028 0.0188 0.0583",
             obtained=_digits(fine.values[:3]),
             corrected=_digits([right.p1, right.p2, right.p3]),
-            note="printed: where the optimiser stopped; obtained: the minimum, from step-5 data; "
-            "right: harmonic balance",
+            note="published: where the optimiser stopped; reproduced: the minimum, from step-5 "
+            "data; corrected: harmonic balance",
         ),
     ]
 

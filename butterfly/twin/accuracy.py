@@ -98,7 +98,7 @@ class Yardstick:
         recorded = twin.recorded() or [_minute(twin)]
         cases: list[_Case] = []
         for log, setting in recorded:
-            if cases and out_of_time("the comparison of some logs"):
+            if cases and out_of_time("the comparison with some logs"):
                 break
             cases.append(_Case.of(twin, log, setting, step))
         besides = len(recorded) - len(cases)

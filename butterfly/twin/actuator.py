@@ -79,7 +79,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
         isaaclab |= {"min_delay": steps, "max_delay": steps}
     loop = bool(drive.stiffness or drive.damping) and twin.servo is not None
     error = None if loop else accuracy(twin, options)
-    measured = ["Driven by efforts in MuJoCo, as mjlab builds it:", *error.lines] if error else []
+    measured = ["In MuJoCo, driven by efforts as in mjlab:", *error.lines] if error else []
     own = "DcMotorActuatorCfg" if is_motor else "IdealPdActuatorCfg"
     content = {
         "name": twin.name,
@@ -128,17 +128,17 @@ def _armature(twin: Twin) -> float | None:
 
 
 def _notes(twin: Twin, options: Options) -> Iterator[str]:
-    """Say how the numbers are meant, and what they leave out."""
+    """Explain the numbers, and what they do not include."""
     p, servo, steps = twin.loaded, twin.servo, late_steps(twin, options)
     if servo is None:
         yield effort_text(twin)
     elif _worth(twin) is None:
         yield (
-            f"Stiffness and damping are missing: the loop ({servo.law}) needs its supply in V "
+            f"No stiffness and damping: the loop ({servo.law}) needs its supply in V "
             "(loop: {supply: ...})."
         )
     elif not servo.kp.value:
-        yield f"Stiffness and damping are missing: kp of the loop ({servo.law}) is not known."
+        yield f"No stiffness and damping: kp of the loop ({servo.law}) is unknown."
     else:
         rest = [
             f"{each.name} {value.value if isinstance(value, Known) else value}"
@@ -147,17 +147,17 @@ def _notes(twin: Twin, options: Options) -> Iterator[str]:
         ]
         yield f"Targets are the set-points of the servo's loop ({servo.law})."
         if rest:
-            yield f"Of that loop, {', '.join(rest)} is left out."
-        yield "How far a joint in this loop moves from ours is not measured."
+            yield f"Not included from that loop: {', '.join(rest)}."
+        yield "The error against our own simulation is not measured for this loop."
     if p.delay > 0:
         yield f"The delay of {1e3 * p.delay:.3g} ms is written as {steps_text(twin, options)}."
     if steps and math.isfinite(_drive(twin).speed):
         yield "Isaac Lab's DCMotorCfg has no delay."
     if _armature(twin) is None:
         yield (
-            f"armature is not known: it is p1 ({p.p1:.6g}) less the inertia about the axis of your "
-            "body without the motor."
+            f"Set armature yourself: p1 ({p.p1:.6g}) minus the inertia of your body, without the "
+            "motor, about the axis."
         )
     if p.coulomb or p.stribeck:
-        yield "Isaac Lab's friction is a torque from Isaac Sim 5.0 on, before that a coefficient."
+        yield "Isaac Lab's friction is a torque since Isaac Sim 5.0, a coefficient before."
     yield from left_out(twin, "An actuator")

@@ -80,16 +80,16 @@ def bam_model(
     parameters.require_gain("export")
     units = [name for name in ("p1", "p4") if known.fixed.get(name) == 1.0]
     if ratios or units:
-        found = "ratios to p1" if ratios else f"in units in which {units[0]} is 1"
-        expected = "N m, by an added mass or a parameter that was measured (known: {p3: 0.3})"
+        found = "ratios to p1" if ratios else f"relative to {units[0]} = 1"
+        expected = "N m; add a known mass or give a measured value (known: {p3: 0.3})"
         raise InputError("export", "parameters", found, expected)
     if kind is not InputKind.VOLTAGE:
-        expected = "a voltage, or a servo's set-points and supply: BAM's motors have kt and R"
+        expected = "voltage, or set-points of a servo with its supply (BAM's motors have kt and R)"
         raise InputError("export", "input", kind, expected)
     name = actuator or _OF_LAWS.get("" if servo is None else servo.law)
     if name not in ACTUATORS:
-        expected = f"one of {', '.join(ACTUATORS)}, which of BAM's servos it is"
-        raise InputError("export", "--actuator", name or "nothing", expected)
+        expected = f"BAM's name of the servo: {', '.join(ACTUATORS)}"
+        raise InputError("export", "--actuator", name or "missing", expected)
     p = replace(parameters, coulomb=parameters.coulomb + parameters.load * added.weight)
     model = _least(p)
     damping, source = _back_emf(p, known)
@@ -131,21 +131,21 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
     told = {name: each.value for name, each in known.physical.items()}
     ratio = told.get("gear_ratio", 1.0)
     if p.back_emf:
-        return min(p.back_emf, p.p2), "as the back EMF in the logs says"
+        return min(p.back_emf, p.p2), "from the back EMF identified from the logs"
     for name, damping in (
         ("torque_constant", abs(p.p4) * ratio * told.get("torque_constant", 0.0)),
         ("back_emf_constant", abs(p.p4) * ratio * told.get("back_emf_constant", 0.0)),
         ("resistance", p.p4**2 * told.get("resistance", 0.0)),
     ):
         if name in told and damping < p.p2:
-            return damping, f"as the known {name} and p4 say"
+            return damping, f"from the known {name} and p4"
     if not p.p2 > 0:
-        raise InputError("export", "p2", p.p2, "more than 0, by which kt and R are told")
+        raise InputError("export", "p2", p.p2, "more than 0, to compute kt and R")
     if told.keys() & {"torque_constant", "back_emf_constant", "resistance"}:
-        return p.p2, "as if all of p2 were back EMF; what is known of the motor would have more"
+        return p.p2, "all of p2 taken as back EMF; the known motor values would give even more"
     return p.p2, (
-        "as if all of p2 were back EMF, which nothing here tells from viscous friction: falls with "
-        "the torque off, or known: {resistance: ...}, would"
+        "all of p2 taken as back EMF, not distinguishable from viscous friction in these data; to "
+        "separate them, record free decays with the torque off or give known: {resistance: ...}"
     )
 
 
@@ -170,49 +170,49 @@ def _stribeck_and_gear(p: LumpedParameters, model: str) -> dict[str, float]:
 
 
 def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
-    """Say what BAM's form does not hold of a joint, or reads otherwise."""
+    """Name what BAM's format cannot represent of a joint, or interprets differently."""
     told = {"loop_kp", "load"} if added.mass else {"loop_kp"}
     if rest := beyond(p, _HELD | told):
-        yield f"BAM's form has no place for {listed(p, rest, InputKind.VOLTAGE.unit)}."
+        yield f"Not representable in BAM: {listed(p, rest, InputKind.VOLTAGE.unit)}."
     if any(row.offered and row.name != "latency" for row in rest):
         held = [name for name in ("stribeck", *GEAR, "back_emf") if getattr(p, name)]
         yield (
-            "BAM's servo follows worse than ours without these: for values that make up for them, "
-            f'identify with --terms "{",".join(held)}".'
+            "BAM's servo fits worse without these. To refit the others, identify with --terms "
+            f'"{",".join(held)}".'
         )
     if p.compression:
-        yield f"At V volts BAM's motor is 1 + {p.compression:.4g} |V| times as strong as ours."
+        yield f"BAM has no compression: its motor is 1 + {p.compression:.4g} |V| times stronger."
     if model == "m6":
         yield (
-            "In BAM the larger torque of motor and load tells who drives, here the direction of "
-            "motion: both differ while a load is slowed down."
+            "In BAM the larger torque decides whether motor or load drives, here the direction of "
+            "motion; they differ while a load is braked."
         )
     if p.geared and not p.back_emf:
         yield (
-            "BAM's friction grows with the motor's torque less its back EMF, here with p4 u, since "
-            "no back EMF was identified."
+            "BAM's friction grows with the motor torque minus back EMF, here with p4 u: no back "
+            "EMF was identified."
         )
     if p.p3:
         yield (
-            f"p3 {p.p3:.4g} N m is the joint's own. In a log of BAM it is an arm_mass of "
-            f"{2 * p.p3 / _GRAVITY:.4g} kg m over the log's length, whose inertia, arm_mass "
-            "length²/3, is in armature already: take it off there."
+            f"p3 = {p.p3:.4g} N m belongs to the bare joint. In a BAM log, set arm_mass = "
+            f"{2 * p.p3 / _GRAVITY:.4g} kg m / length, and subtract arm_mass length²/3 from "
+            "armature, which already includes it."
         )
     if not math.isclose(added.gravity, _GRAVITY, rel_tol=_SAME):
-        yield f"BAM takes {_GRAVITY} m/s² for gravity; the logs here had {added.gravity:g}."
+        yield f"BAM's gravity is {_GRAVITY} m/s²; here it is {added.gravity:g}."
     yield (
-        "BAM's logs say mass and length of what is carried, kp and vin; q_offset 0 means angles "
-        "from where the arm hangs."
+        "Give mass, length, kp and vin in BAM's logs. q_offset 0: angles start at the hanging "
+        "position."
     )
 
 
 def _of_loop(p: LumpedParameters, actuator: str, servo: ServoLoop | None) -> Iterator[str]:
-    """Say what BAM's form does not hold of a servo's loop, or reads otherwise."""
+    """Name what BAM's format cannot represent of a servo's loop, or interprets differently."""
     if p.loop_kp != 1 and actuator != "sts3215":
-        yield f"The P gain is {p.loop_kp:.4g} times what was told: multiply kp in BAM's logs by it."
+        yield f"The identified P gain is {p.loop_kp:.4g} times kp: multiply kp in BAM's logs by it."
     if servo is None or _OF_LAWS.get(servo.law) != actuator:
-        law = "nothing was told of the loop" if servo is None else f"the law was {servo.law}"
-        yield f"BAM's {actuator} follows its set-point by a law of its own; here {law}."
+        law = "no loop was given" if servo is None else f"the law is {servo.law}"
+        yield f"BAM's {actuator} has its own control law; here {law}."
         return
     held = {*_OF_LOGS, "speed_limit"} if actuator == "sts3215" else {*_OF_LOGS}
     rest = [
@@ -221,4 +221,4 @@ def _of_loop(p: LumpedParameters, actuator: str, servo: ServoLoop | None) -> Ite
         if each.name not in held and (value := getattr(servo, each.name)) != each.default
     ]
     if rest:
-        yield f"BAM's {actuator} has a P gain alone, without {', '.join(rest)}."
+        yield f"BAM's {actuator} has only a P gain; not included: {', '.join(rest)}."

@@ -41,10 +41,10 @@ _OTHERS = {"viscous": "p2", "lag": "time_constant", "give": "base_compliance"}
 _MORE = {
     "swing": ("s^2", "of the base: 1/w^2 of its natural frequency w in rad/s"),
     "slow": ("s", "of the base: 2 z/w of its damping ratio z"),
-    "moment": ("kg m", "first moment of what swings, on the line to its centre of mass"),
-    "moment_offset": ("kg m", "its first moment beside that line"),
-    "limit": ("unit", "largest command, either way"),
-    "resolution": ("unit", "to multiples of which the command is rounded"),
+    "moment": ("kg m", "first moment of the moving body, towards its centre of mass at angle 0"),
+    "moment_offset": ("kg m", "first moment to the side"),
+    "limit": ("unit", "largest command in both directions"),
+    "resolution": ("unit", "step of the command, which is rounded to its multiples"),
 }
 """and those that are none."""
 

@@ -62,17 +62,17 @@ def effort_unit(twin: Twin) -> str:
 def effort_text(twin: Twin) -> str:
     """Say what a command is worth."""
     if not twin.parameters.p4:
-        return f"No log tells p4, since nothing drives the joint: effort is in {effort_unit(twin)}."
+        return f"p4 is unknown: nothing drives the joint. Effort is in {effort_unit(twin)}."
     worth = f"{twin.parameters.p4:.6g} {effort_unit(twin)}"
-    return f"Effort is the command times {worth} per {twin.kind.unit}: multiply it yourself."
+    return f"Compute the effort yourself: command times {worth} per {twin.kind.unit} (p4)."
 
 
 def left_out(twin: Twin, form: str) -> Iterator[str]:
     """Say what the joint has beyond this."""
     p = twin.loaded
     if rest := beyond(p, {*_HELD, *LOOP_TERMS, "back_emf"}):
-        yield f"{form} has no place for {listed(p, rest, twin.kind.unit)}."
+        yield f"{form} cannot represent {listed(p, rest, twin.kind.unit)}."
     if twin.resolution:
-        yield f"{form} does not round commands, here to multiples of {twin.resolution:g}."
+        yield f"{form} does not round commands: round to multiples of {twin.resolution:g} yourself."
     if twin.built[0].clutch:
-        yield f"{form} has no place for the play of the clutch."
+        yield f"{form} cannot represent the play of the clutch."

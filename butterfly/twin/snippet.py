@@ -21,7 +21,7 @@ def as_snippet(twin: Twin, options: Options) -> Written:
     left_out = [*made.left_out]
     if aside := [name for name in ("base", "clutch") if getattr(robot, name)]:
         left_out.append(
-            f"Not in these lines: the {' and the '.join(aside)}. Take the whole model (--to mjcf)."
+            f"Not in these lines: the {' and the '.join(aside)}. Use the whole model (--to mjcf)."
         )
     accuracy = None if aside else made.accuracy
     joint = named(made.root, "slide" if robot.shape is Shape.SLIDE else "hinge")
@@ -59,61 +59,61 @@ def inertial(twin: Twin) -> str:
 def _head(twin: Twin, options: Options) -> Iterator[str]:
     yield f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}."
     yield (
-        f'Holds at <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
+        f'Only for <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
         "export again for another step."
     )
 
 
 def _on_joint(twin: Twin) -> Iterator[str]:
     slides = twin.built[0].shape is Shape.SLIDE
-    yield "1. In your body, in place of its joint. Put your own name, axis, pos and range."
+    yield "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range."
     if not slides:
         yield (
-            "Angle 0 is where the joint hangs, axis horizontal. If yours is 0 elsewhere, set ref, "
-            "springref and the phase of cogging to match."
+            "Angle 0 is the hanging position, axis horizontal. If your zero differs, adapt ref, "
+            "springref and the phase of cogging."
         )
     yield (
-        "damping: viscous friction, then drag. frictionloss: the torque that holds it at rest. "
-        "solreffriction and solimpfriction: how fast that grips, for this step."
+        "damping: viscous friction, then drag. frictionloss: friction at rest. solreffriction and "
+        "solimpfriction: its stiffness, for this step."
     )
 
 
 def _on_body(twin: Twin) -> Iterator[str]:
     p = twin.loaded
     if twin.built[0].shape is Shape.SLIDE:
-        yield f"2. Its body. p1 = {p.p1:.6g} kg is the mass of all that moves, motor included."
-        yield f"a) Your body has the mass m without the motor: armature = {p.p1:.6g} - m."
+        yield f"2. Body. p1 = {p.p1:.6g} kg is the total moving mass, motor included."
+        yield f"a) If your body has the mass m without the motor: armature = {p.p1:.6g} - m."
     else:
         yield (
-            f"2. Its body. p1 = {p.p1:.6g} kg m² is the inertia about the axis of all that turns, "
-            f"motor included; p3 = {p.p3:.6g} N m is its gravity moment m g l."
+            f"2. Body. p1 = {p.p1:.6g} kg m² is the total inertia about the axis, motor included; "
+            f"p3 = {p.p3:.6g} N m is the gravity moment m g l."
         )
         yield (
-            "a) Your body has the inertia I about the axis without the motor: armature = "
-            f"{p.p1:.6g} - I. Its m g l has to be p3."
+            "a) If your body has the inertia I about the axis without the motor: armature = "
+            f"{p.p1:.6g} - I. Its m g l must equal p3."
         )
         if p.p3_offset or p.tilt:
             yield (
-                f"Its centre of mass is {twin.body.beside:.4g} m beside the line; the axis is "
-                f"{p.tilt:.4g} rad out of the horizontal."
+                f"Its centre of mass is offset {twin.body.beside:.4g} m to the side; the axis is "
+                f"tilted {p.tilt:.4g} rad from horizontal."
             )
     yield (
-        'b) Your body has no mass yet: armature="0" and the next line in it, in a frame where the '
-        "axis is as above and gravity points along -z at angle 0."
+        'b) If your body has no mass yet: armature="0", and add the next line to it, in a frame '
+        "with the axis as above and gravity along -z at angle 0."
     )
 
 
 def _on_actuators(twin: Twin) -> Iterator[str]:
     p, worth = twin.parameters, f"{twin.built[0].drive.gain:.6g} {effort_unit(twin)}"
     yield (
-        f"3. The drive. ctrl of {twin.identifier}_motor is the command, {worth} per "
-        f"{twin.kind.unit} at standstill; give each step the mean of it over that step."
+        f"3. Drive. ctrl of {twin.identifier}_motor is the command: {worth} per {twin.kind.unit} "
+        "at standstill. Set it to the command's mean over each step."
     )
     others = {
-        "slip: what Stribeck friction loses once the joint slides": p.stribeck,
+        "slip: the drop of Stribeck friction with velocity": p.stribeck,
         "bias: a constant torque": p.bias,
         "cogging: a torque that repeats over a turn": p.cogging or p.cogging_cosine,
-        "bristles: friction that bends before it slides": p.bristle_stiffness,
+        "bristles: friction that is elastic before it slides": p.bristle_stiffness,
     }
     if said := [text for text, there in others.items() if there]:
-        yield f"The others take no command: leave their ctrl at 0. {'; '.join(said)}."
+        yield f"Leave ctrl of the other actuators at 0. {'; '.join(said)}."

@@ -64,10 +64,10 @@ class StandAlone:
 def as_mjcf(twin: Twin, options: Options) -> Written:
     """Return a twin as a file for plain MuJoCo."""
     made = stand_alone(twin, options, scene=True)
-    name = "the butterfly's hand" if twin.shape is Shape.BUTTERFLY else f"joint {twin.identifier!r}"
+    name = "the Butterfly's hand" if twin.shape is Shape.BUTTERFLY else f"joint {twin.identifier!r}"
     first = (
-        f"{twin.name}: moves by itself in plain MuJoCo, driven by ctrl[0] (motor); leave other "
-        "commands at 0. Each step takes the mean of the command over that step."
+        f"{twin.name}: a complete model for plain MuJoCo. ctrl[0] (motor) is the command, as its "
+        "mean over each step; leave other ctrl at 0."
     )
     for k, sentence in enumerate([first, *made.left_out, *made.accuracy.lines]):
         comment = ElementTree.Comment(f" {sentence.replace('--', '- -')} ")
@@ -167,29 +167,29 @@ def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTr
 
 
 def _left_out(twin: Twin, form: Form) -> Iterator[str]:
-    """Say what the file does not hold, and what makes up for it."""
+    """Name what the file cannot represent, and the remedies."""
     p = twin.loaded
     if beyond := [name for name in BEYOND_MUJOCO if getattr(p, name)]:
         yield (
-            "MuJoCo has no friction that depends on torque or angle: set dof_frictionloss yourself "
-            f"in each step, for {', '.join(beyond)}."
+            f"Not included: {', '.join(beyond)} (friction that depends on torque or angle). Set "
+            "dof_frictionloss yourself in each step."
         )
     for flaw, remedy in (
         (twin.resolution, "does not round commands: set ctrl to multiples of {:g}"),
-        (p.dead_zone, "has no dead zone of a command: move ctrl by up to {:g} towards 0"),
-        (p.compression, "has no gain that falls with the command: set ctrl to u/(1 + {:g} |u|)"),
+        (p.dead_zone, "has no dead zone: move ctrl by up to {:g} towards 0"),
+        (p.compression, "has no gain compression: set ctrl to u/(1 + {:g} |u|)"),
     ):
         if flaw > 0:
             yield f"MuJoCo {remedy.format(flaw)} yourself."
     if not p.p4:
         yield (
-            "No log tells p4, since nothing drives the joint there: 1 N m per unit of ctrl is a "
+            "p4 is unknown: nothing drives the joint in the logs. ctrl has 1 N m per unit, a "
             "default."
         )
     if form.delay == "none" and p.delay > NO_DELAY:
         yield (
-            f"The delay of {1e3 * p.delay:.3g} ms is left out: it is less than a step, and the "
-            "motion is nearer without it than with a whole step."
+            f"The delay of {1e3 * p.delay:.3g} ms is not included: it is shorter than a step, and "
+            "no delay is more accurate than a whole step."
         )
     yield from unheard(twin)
 

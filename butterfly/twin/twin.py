@@ -152,26 +152,26 @@ class Twin:
 
 
 def unheard(twin: Twin) -> Iterator[str]:
-    """Say what a form that takes the drive's own command leaves out of how it comes about."""
+    """Name what a format that takes the drive's command does not include."""
     p = twin.loaded
     if twin.servo is not None:
         yield (
-            f"The servo's loop ({twin.servo.law}) is left out: the command is the drive's own, as "
-            "the firmware sets it, not a set-point."
+            f"The servo's loop ({twin.servo.law}) is not included: the command is the drive's (as "
+            "set by the firmware), not a set-point."
         )
         if p.back_emf:
-            yield "The back EMF brakes here even while the torque is off."
+            yield "The back EMF brakes even with the torque off."
     if p.slow_delay:
         yield (
-            f"The delay is that of the fast sampling regime. While the clock is slow it is "
-            f"{1e3 * (p.delay + p.slow_delay):.3g} ms in place of {1e3 * p.delay:.3g} ms."
+            f"The delay is {1e3 * p.delay:.3g} ms, that of fast sampling; in slow sampling it is "
+            f"{1e3 * (p.delay + p.slow_delay):.3g} ms."
         )
     if p.delay < -NO_DELAY:
-        yield f"The delay of {1e3 * p.delay:.3g} ms is left out: no joint moves before its command."
+        yield f"The delay of {1e3 * p.delay:.3g} ms is not included: a delay is not negative."
 
 
 def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
-    """Return the terms that act in a joint and are not among those that a form holds."""
+    """Return the active terms of a joint that a format cannot represent."""
     rows = (TERMS[each.name] for each in fields(p) if each.name in TERMS.keys() - held)
     idle = {each.name: each.default for each in fields(p)}
     return [
@@ -183,56 +183,56 @@ def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
 
 
 def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
-    """Return terms with their values; the unit is the command's."""
+    """Return terms with their values; ``unit`` is the command's."""
     units = {"–": ""}
     said = (
-        f"{row.symbol} {getattr(p, row.name):.4g} {units.get(row.unit, row.unit)}" for row in rows
+        f"{row.name} {getattr(p, row.name):.4g} {units.get(row.unit, row.unit)}" for row in rows
     )
     return ", ".join(each.strip().replace("unit", unit) for each in said)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """How far a twin strays from our own simulation of the same inputs, from log to log."""
+    """Error of a twin against our own simulation of the same inputs."""
 
     errors: dict[str, float]
-    """Largest difference over each log in rad, or in m of a slide, by the log's name."""
+    """Largest error in each log, in rad (m for a slide), by the log's name."""
     unit: str
-    """Of the errors."""
+    """Unit of the errors."""
     besides: int = 0
-    """Logs that were not compared, for want of time."""
+    """Number of logs not compared, for lack of time."""
 
     @property
     def worst(self) -> float:
-        """The largest."""
+        """The largest error."""
         return max(self.errors.values())
 
     @property
     def sentence(self) -> str:
-        """It in a sentence."""
+        """One sentence for people."""
         errors = [*self.errors.values()]
         text = f"Largest error against our own simulation: {self.worst:.2g} {self.unit}"
         if len(errors) > 1:
-            text += f" over {len(errors)} logs, {np.median(errors):.2g} in the median log"
-        more = f" ({self.besides} more were not compared)" if self.besides else ""
+            text += f" in {len(errors)} logs (median {np.median(errors):.2g} {self.unit})"
+        more = f"; {self.besides} more logs not compared" if self.besides else ""
         return f"{text}{more}."
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """It in lines of a file: the sentence, and each log."""
+        """Lines for a file: the sentence, and each log."""
         each = (f"{name}: {error:.2g} {self.unit}" for name, error in self.errors.items())
         return self.sentence, *(each if len(self.errors) > 1 else ())
 
 
 @dataclass(frozen=True, kw_only=True)
 class Written:
-    """A twin in one form."""
+    """A twin in one format."""
 
     text: str
-    """The file."""
+    """The file's text."""
     about: str
-    """What it is, in a few words that follow its path."""
+    """A short description."""
     left_out: tuple[str, ...] = ()
-    """What the form cannot hold, in sentences; the file says them too."""
+    """Sentences on what the format cannot represent; the file contains them too."""
     accuracy: Accuracy | None = None
-    """How far it moves as our own simulation does; None of a form without a motion."""
+    """Error against our own simulation; None for a format without simulation."""

@@ -21,7 +21,7 @@ def as_urdf(twin: Twin, options: Options) -> Written:
     """Return a twin as URDF, with what URDF cannot say in comments."""
     error = accuracy(twin, options)
     missing = tuple(_missing(twin, options))
-    notes = (f"{twin.name}, as identified.", *missing, "In MuJoCo, so driven:", *error.lines)
+    notes = (f"{twin.name}, as identified.", *missing, "In MuJoCo, driven this way:", *error.lines)
     comments = "\n  ".join(map(xml_comment, notes))
     slides, p, name = twin.built[0].shape is Shape.SLIDE, twin.loaded, twin.identifier
     kind, own, axis = (
@@ -53,14 +53,14 @@ def as_urdf(twin: Twin, options: Options) -> Written:
 
 
 def _missing(twin: Twin, options: Options) -> Iterator[str]:
-    """Say what URDF cannot."""
+    """Name what URDF cannot represent."""
     yield effort_text(twin)
     if late_steps(twin, options):
         late = steps_text(twin, options)
         delay = f"{1e3 * twin.parameters.delay:.3g} ms"
-        yield f"Send each effort {late} late yourself: the delay is {delay}."
+        yield f"Delay each effort yourself by {late} (delay {delay})."
     if twin.servo is not None:
-        yield f"The servo's loop ({twin.servo.law}) is left out: the command is its drive's."
+        yield f"The servo's loop ({twin.servo.law}) is not included: the command is its drive's."
     yield from left_out(twin, "URDF")
 
 

@@ -32,32 +32,36 @@ def identified(factors=1.0, covariance=None, **properties):
 
 def test_the_answer_comes_first_in_words():
     still = bf.changed(identified(), identified())
-    assert still.summary[0].startswith("No change can be seen; one of more than 10 % of ")
+    assert still.summary[0].startswith(
+        "No significant change. Detectable with 80 % power: 10 % in "
+    )
     worn = bf.changed(identified(), identified([1, 1, 1, 1, 1.32, 1]))
     assert worn.summary[0] == (
-        "Coulomb friction has grown by 32 % (from 0.001000 to 0.001320 N m). No other parameter "
-        "has changed beyond what the data can tell."
+        "Coulomb friction has increased by 32 % (from 0.001000 to 0.001320 N m). No other "
+        "change is significant."
     )
     shrunk = bf.changed(identified(), identified([1, 1, 0.8, 1, 1, 1]))
-    assert "The gravity moment p3 has shrunk by 20 %" in shrunk.summary[0]
+    assert "The gravity moment p3 has decreased by 20 %" in shrunk.summary[0]
     near = of_scale(0.999)
     ratio = bf.changed(identified(1.0, near), identified([1, 1, 1.02, 1, 1, 1], near))
-    assert "Something has changed" in ratio.summary[0]
-    assert "the ratio p3/p1, which has grown by 2" in ratio.summary[0]
+    assert "The joint has changed" in ratio.summary[0]
+    assert "the ratio p3/p1 has increased by 2" in ratio.summary[0]
 
 
 def test_what_else_may_make_a_difference_is_said():
     bad = identified(estimate=replace(identified().estimate, ending=Ending.STOPPED))
     said = bf.changed(identified(), bad).summary
-    assert said[0].startswith("Not to be relied on, since the second is not to be used: No change")
-    assert any("The verdict on the second: Do not use" in each for each in said)
+    assert said[0].startswith(
+        "Do not rely on this: do not use the second result. No significant change"
+    )
+    assert any("Verdict on the second result: Do not use" in each for each in said)
     other = bf.changed(identified(), identified(estimator="another"))
-    assert any("a difference may be theirs" in each for each in other.summary)
+    assert any("Different estimators" in each for each in other.summary)
     held = [
         identified(estimate=replace(identified().estimate, fixed={"bias": value}))
         for value in (0.0, 0.1)
     ]
-    assert any("hold bias at different values" in each for each in bf.changed(*held).summary)
+    assert any("Fixed at different values: bias" in each for each in bf.changed(*held).summary)
 
 
 def test_it_is_saved_shown_and_reported(tmp_path):
@@ -69,12 +73,12 @@ def test_it_is_saved_shown_and_reported(tmp_path):
     assert str(again) == str(found)
     assert max(map(len, found.shown_lines())) < 78
     found.report(tmp_path / "change.html")
-    assert "grown by 32 %" in (tmp_path / "change.html").read_text()
+    assert "increased by 32 %" in (tmp_path / "change.html").read_text()
 
 
 def test_what_cannot_be_compared_is_refused():
     volts = identified().origin | {"input": "voltage"}
-    with pytest.raises(bf.InputError, match="torque, as the first has it"):
+    with pytest.raises(bf.InputError, match="torque, as in the first result"):
         bf.changed(identified(), identified(origin=volts))
     with pytest.raises(bf.InputError, match="an identification"):
         bf.changed(identified(), 3)

@@ -28,7 +28,7 @@ def test_a_prediction_has_rows_bands_and_the_verdict(predicted, data, result):
     assert np.mean([row[f"{OF_NEW_LOG}: inside in %"] for row in rows]) > 85
     said = " ".join(predicted.summary)
     assert "60 parameter draws (effective sample size" in said
-    assert "12 logs, each simulated without having seen its added mass" in said
+    assert "12 logs, each predicted with its added mass held out" in said
     for sentence in result.verdict:
         assert sentence in predicted.summary
 
@@ -49,7 +49,7 @@ def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
         predicted = bf.predict(plan, result, draws=40)
         assert not predicted.measured
         assert predicted.verdict == [*predicted.summary[:2]]
-        assert "nobody has recorded" in predicted.summary[2]
+        assert "no measurement to compare" in predicted.summary[2]
         assert not any("FIT" in name or "inside" in name for name in predicted.rows()[0])
     found = bf.simulate(quick)
     run, log = predicted.predictions[3].run, found.logs[3]
@@ -74,14 +74,14 @@ def test_without_the_logs_there_is_the_band_of_the_parameters_only(data, quick_d
     shutil.rmtree(tmp_path / "logs")
     part = bf.predict(data.logs[0], str(tmp_path / "result.json"), draws=40)
     assert list(part.predictions[0].bands) == [OF_PARAMETERS]
-    assert "not compared with the logs, which cannot be read" in str(part)
-    assert "no band of a new log" in str(part)
+    assert "not weighted by their fit: the logs cannot be read" in str(part)
+    assert "band of a new log is missing" in str(part)
 
 
 def test_a_mass_beyond_those_seen_is_said_to_be(data, result):
     far = replace(data.logs[-1], added_mass=bf.AddedMass(mass=0.3, arm=0.104))
     said = bf.predict(far, result, draws=40).summary
-    assert any("300 g at 104 mm: beyond the added masses of the estimate" in each for each in said)
+    assert any("300 g at 104 mm: extrapolation beyond the added masses" in each for each in said)
     assert not any("beyond" in each for each in bf.predict(data, result, draws=40).summary)
 
 
@@ -106,7 +106,7 @@ def test_draws_are_files_a_frame_models_and_a_batch(result, tmp_path):
     assert table == [{key: float(text) for key, text in row.items()} for row in rows]
     assert [[*row.values()] for row in table] == [[*row.values()] for row in drawn.rows()]
     assert len(list((tmp_path / "models").glob("*.xml"))) == 7
-    batch = drawn.batch(bf.AddedMass(mass=0.05, arm=0.104), mass=0.2)
+    batch = drawn.batch(bf.AddedMass(mass=0.05, arm=0.104), hand_mass=0.2)
     assert len({float(model.dof_M0[0]) for model in batch}) == 7
     data = mujoco.MjData(batch[0])
     size = mujoco.mj_stateSize(batch[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
@@ -144,7 +144,7 @@ def test_slips_are_one_typed_error(data, result, predicted, tmp_path):
         (lambda: bf.predict(data, tmp_path / "p.json"), "result: got Predicted"),
         (lambda: bf.predict(data, data), "result: got DataSet"),
         (lambda: bf.predict(tmp_path / "nowhere", result), "no such file"),
-        (lambda: bf.predict("", result), "an empty text"),
+        (lambda: bf.predict("", result), "got empty"),
         (lambda: bf.predict(data, result, draws=5), "at least 40"),
         (lambda: bf.draws(result, seed=-1), "seed: got -1"),
         (lambda: bf.predict(replace(data.logs[0], input_kind="torque"), result), "input: got torq"),
@@ -163,7 +163,7 @@ def own(result):
 def test_given_parameters_are_judged_by_how_they_move(data, own):
     found = bf.predict(data, own)
     assert found.summary[0].startswith("Use with care: how exact p1, p4, p2, p3, coulomb and delay")
-    assert found.summary[1].startswith("12 logs simulated with these values")
+    assert found.summary[1].startswith("12 logs predicted from the initial angle")
     assert found.drawn is None
     known = bf.predict(data, LumpedParameters(**own), bands=False)
     assert known.rows() == found.rows()
@@ -178,7 +178,7 @@ def test_given_parameters_are_judged_by_how_they_move(data, own):
 
 def test_a_gain_that_is_not_given_is_fitted_and_said(data, result):
     found = bf.predict(data.take([0, 5]), {"p1": result.parameters.p1, "p3": result.parameters.p3})
-    assert any(each.startswith("p4 was not given: 0.0") for each in found.summary)
+    assert any(each.startswith("p4 was not given; p4 = 0.0") for each in found.summary)
 
 
 def test_slips_in_given_parameters_are_named(data, quick):

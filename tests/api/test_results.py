@@ -172,11 +172,11 @@ def test_local_values_and_unknown_ones_come_back(data, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a result"),
+        ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a saved result"),
         ({"schema": []}, "schema: got"),
-        ({"schema_number": 3}, "needs a newer butterfly"),
-        ({"schema_number": 0}, "saved again"),
-        ({"schema_number": None}, "saved again"),
+        ({"schema_number": 3}, "update butterfly"),
+        ({"schema_number": 0}, "save again"),
+        ({"schema_number": None}, "save again"),
         ({"parameters": {}}, "content: got KeyError"),
         ({"fits": 3}, "content: got AttributeError"),
         ({"data": None}, "content: got AttributeError"),
@@ -246,7 +246,7 @@ def test_what_is_no_json_is_refused(tmp_path, text):
 def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_path):
     found = bf.identify(list(data.recorded))
     found.save(tmp_path / "r.json")
-    with pytest.raises(bf.InputError, match="one source of files"):
+    with pytest.raises(bf.InputError, match="files of one manifest"):
         _ = bf.load(tmp_path / "r.json").data
     assert found.data.logs
 
@@ -290,22 +290,22 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.identify(data, "weakform"), "did you mean"),
         (lambda: bf.identify(data, "weak-form", trms=()), "'terms'"),
         (lambda: bf.identify(data, "output-error", loss="hubber"), "loss: got 'hubber'"),
-        (lambda: bf.identify(data, OutputError(), terms=()), "beside an estimator"),
+        (lambda: bf.identify(data, OutputError(), terms=()), "with an Estimator"),
         (lambda: bf.identify(data, against={"x": {"p1": 1}}), "against"),
         (lambda: bf.read(tmp_path / "nowhere"), "no such file or folder"),
         (lambda: bf.read([]), "at least one"),
         (lambda: bf.read(None), "NoneType"),
-        (lambda: bf.read(""), "an empty text"),
+        (lambda: bf.read(""), "got empty"),
         (lambda: bf.read([3]), "int"),
-        (lambda: bf.read(data, input_kind="torque"), "read already"),
+        (lambda: bf.read(data, input_kind="torque"), "already read"),
         (lambda: bf.identify(data, 3), "method: got 3"),
         (lambda: bf.identify(data, None), "method: got None"),
         (lambda: bf.identify(data, against={"x": None}), "x: got None"),
         (lambda: bf.identify(data, against={"x": {"p1": "a"}}), "p1: got a"),
         (lambda: bf.identify(data, against={"x": {"p1": -1, "p2": 0, "p3": 0}}), "p1: got -1"),
         (lambda: bf.identify(data, against=[1]), "against"),
-        (lambda: bf.design(result, "weak-form"), "beside a result"),
-        (lambda: bf.design(result, terms=()), "beside a result"),
+        (lambda: bf.design(result, "weak-form"), "with a saved result"),
+        (lambda: bf.design(result, terms=()), "with a saved result"),
         (lambda: bf.design(result, swing=-1), "swing: got -1"),
         (lambda: bf.compare(result, logs=[]), "at least one"),
         (lambda: bf.compare(result, logs=["a"]), "numbers of logs"),
@@ -322,7 +322,7 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.read(data.logs[0].source, input_kind="volts"), "voltage.*torque.* or .*none"),
         (lambda: bf.validate(data, split="day"), "mass or frequency"),
         (lambda: bf.validate(data, split="log", folds="a"), "folds: got a"),
-        (lambda: bf.compare(result, mass="a"), "mass: got a; expected a number of kg"),
+        (lambda: bf.compare(result, hand_mass="a"), "mass: got a; expected a number in kg"),
         (lambda: bf.compare(data, logs=[99]), "numbers from 0 to 11"),
         (lambda: bf.Log([0, 1], [0, 1], [0, 1]), "at least 16"),
         (lambda: bf.Log(["a"] * 20, [0] * 20, [0] * 20), "time"),

@@ -92,7 +92,7 @@ def test_a_sweep_s_results_lead_to_the_logs_of_a_run(tmp_path):
     plan = small_plan(tmp_path, keep_signals=True, sweep={"repetitions": 1})
     run_sweep(plan, tmp_path / "kept", HereEngine())
     logs = ResultStore(tmp_path / "kept").files_path(plan.tasks[0].key)
-    with pytest.raises(InputError, match=f"the logs of one run, as {logs}"):
+    with pytest.raises(InputError, match=f"one run's logs, such as {logs}"):
         read(tmp_path / "kept")
     assert len(read(logs).logs) == 2
 
@@ -316,7 +316,7 @@ def test_a_plain_array_has_the_columns_of_a_matrix_or_those_that_are_told():
 
 
 def test_what_only_files_have_is_refused_for_a_table():
-    with pytest.raises(InputError, match=r"arm: got 0\.1; expected none beside a table"):
+    with pytest.raises(InputError, match=r"arm: got 0\.1; expected no such option with a table"):
         read(TABLE, **OTHERS, arm=0.1)
 
 
@@ -333,7 +333,7 @@ def test_repairs_are_allowed_by_name():
         read(log, repair=["turn"])
     with pytest.raises(InputError, match="repair: got 'unwrap'; expected a list"):
         read(log, repair="unwrap")
-    with pytest.raises(InputError, match="none of a repaired data set"):
+    with pytest.raises(InputError, match="no repair: these logs are already read"):
         read(data, repair=["unwrap"])
 
 

@@ -120,7 +120,7 @@ def test_a_former_or_misspelt_option_tells_the_one_that_is_meant(butterfly, call
         ("identify", "DATA"),
         ("identify data --window x", "--window"),
         ("identify data --method weekform", "weak-form"),
-        ("schema --json -", "a command that has an answer"),
+        ("schema --json -", "a command with a JSON answer"),
         ("design a b", "b"),
         ("idenfity", 'Did you mean "identify"'),
         ("results shwo", 'Did you mean "show"'),

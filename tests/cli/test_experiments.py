@@ -43,7 +43,7 @@ def test_a_run_whose_estimate_did_not_settle_ends_with_code_3_done_or_found_done
     butterfly, quick, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(harmonic_balance_regression, "MOST", 1)
-    for said in ("deviation", "found done"):
+    for said in ("deviation", "already done"):
         code, out, err = butterfly("run", quick, "--out", tmp_path / "out")
         assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
         assert "did not settle" in out

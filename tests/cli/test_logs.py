@@ -57,14 +57,14 @@ def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_dat
     assert code == 2
     assert "sample 5" in out
     assert good in out
-    assert "1 that cannot be used" in err
+    assert "1 unusable" in err
     assert butterfly("inspect", folder, "--repair", "non_finite")[0] == 0
 
 
 def test_of_a_log_of_which_nothing_says_that_it_is_a_sine_the_zero_is_a_guess(butterfly, loose):
     out = done(butterfly("inspect", loose / "a_good.txt", *COLUMNS))
     assert "4000" in out
-    assert "is a guess" in out
+    assert "Mass set to" in out
     assert "--zero" in out
 
 
@@ -110,7 +110,7 @@ COLUMNS = ("--columns", "time=t,input=volts,angle=phi", "--units", "time=ms,angl
 def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose):
     code, out, err = butterfly("inspect", loose, *COLUMNS)
     assert code == 2
-    assert "1 that cannot be used" in err
+    assert "1 unusable" in err
     rows = [line.split()[:3] for line in out.splitlines() if ".txt" in line]
     assert rows == [
         ["b_round.txt", "do", "not"],
@@ -222,11 +222,11 @@ def published(tmp_path, monkeypatch):
 def test_logs_are_fetched_to_where_real_logs_finds_them(butterfly, published, tmp_path):
     out = done(butterfly("fetch", "--from", published))
     assert out.splitlines() == [
-        f"1 logs, 1 of them fetched: {tmp_path / 'own'}",
+        f"1 logs, 1 downloaded: {tmp_path / 'own'}",
         "Next: butterfly identify real-logs",
     ]
     assert (tmp_path / "own/log.mat").read_bytes() == b"log"
-    assert "1 logs, 0 of them fetched" in butterfly("fetch", "--from", published)[1]
+    assert "1 logs, 0 downloaded" in butterfly("fetch", "--from", published)[1]
 
 
 def test_a_folder_of_ones_own_is_told_to_the_next_command(butterfly, published, tmp_path):

@@ -85,7 +85,7 @@ TABLE = pa.table(
 def test_what_is_the_same_is_told_once_and_what_is_empty_or_long_not_at_all(capsys):
     show_rows("runs", TABLE, 50, asked=False)
     out = " ".join(capsys.readouterr().out.split())
-    assert "The same in all rows: clock step 0.001 s, status ok." in out
+    assert "Same in all rows: clock step 0.001 s, status ok." in out
     for told in ("0.0003", "Not shown: key; --columns"):
         assert told in out
     assert "ab12" not in out

@@ -108,18 +108,18 @@ def test_what_was_known_or_fitted_once_is_no_evidence():
     covariance = np.diag(ERRORS**2)
     plain = estimate(TRUTH, covariance)
     told = replace(plain, known=Prior.of({"p4": (0.5, 0.01)}))
-    assert "known in both" in change(told, told).untested["p4"]
+    assert "given in both" in change(told, told).untested["p4"]
     assert "p4" not in change(told, plain).untested
     vague = replace(plain, known=Prior.of({"p4": (0.5, 0.05)}))
     assert "p4" not in change(vague, vague).untested
     names = (*NAMES[:5], "drag")
     other = estimate(TRUTH, covariance, names=names)
     assert change(plain, other).untested == {
-        "delay": "was fitted in the first only",
-        "drag": "was fitted in the second only",
+        "delay": "fitted only in the first",
+        "drag": "fitted only in the second",
     }
     held = replace(other, fixed={"delay": 0.002})
-    assert change(plain, held).untested["delay"] == "was held in the second"
+    assert change(plain, held).untested["delay"] == "fixed in the second"
     nothing = replace(plain, covariance=np.full((6, 6), np.nan))
-    with pytest.raises(InputError, match="no parameter in common"):
+    with pytest.raises(InputError, match="no common parameter"):
         change(plain, nothing)

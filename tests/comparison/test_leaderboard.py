@@ -62,5 +62,5 @@ def test_the_page_names_the_best_and_what_went_wrong(entries):
     best = entries[0]
     assert best.method in page.summary[0]
     assert f"{best.held_out.median:.1f} %" in page.summary[0]
-    assert "no estimator could" in page.summary[1]
+    assert "no method could" in page.summary[1]
     assert len(page.numbers["entries"]) == len(entries)

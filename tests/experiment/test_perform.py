@@ -56,7 +56,7 @@ def test_a_run_gives_the_same_in_a_worker_and_here(folder):
 
 def test_every_key_counts_without_a_sweep(run):
     found, _, out = run
-    left_out = "weak-form(load): logs that were left out are followed with a median FIT"
+    left_out = "weak-form(load): held-out logs, median FIT"
     assert any(text.startswith(left_out) for text in found.paragraphs())
     for name in ("report.html", "report-2.html", "sweep.json", "runs.parquet", "manifest.yaml"):
         assert (out / name).exists()
@@ -101,7 +101,7 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(run, butterf
     written_at = (out / "report.html").stat().st_mtime_ns
     code, printed, err = butterfly("run", path, "--out", out)
     assert (code, err) == (0, "")
-    assert "found done; --force does it again" in printed
+    assert "already done; --force repeats it" in printed
     assert (out / "report.html").stat().st_mtime_ns == written_at
     lines = run[0].judged.lines
     assert tuple(printed.splitlines()[: len(lines)]) == lines
@@ -111,12 +111,12 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(run, butterf
     assert list(again.identifications) == list(run[0].identifications)
     changed(path, estimators=ESTIMATORS[:1], validation=None, keep_signals=False)
     for words in ((), ("--force",)):
-        assert "found done" not in butterfly("run", path, "--out", out, *words)[1]
-    assert "found done" in butterfly("run", path, "--out", out)[1]
+        assert "already done" not in butterfly("run", path, "--out", out, *words)[1]
+    assert "already done" in butterfly("run", path, "--out", out)[1]
     (out / "result.json").write_text("{}")
-    assert "found done" not in butterfly("run", path, "--out", out)[1]
+    assert "already done" not in butterfly("run", path, "--out", out)[1]
     run_sweep(planned(path), out, HereEngine(), only="0")
-    assert "found done" not in butterfly("run", path, "--out", out)[1]
+    assert "already done" not in butterfly("run", path, "--out", out)[1]
 
 
 @pytest.mark.parametrize(

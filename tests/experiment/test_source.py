@@ -65,6 +65,6 @@ def test_results_in_the_experiment_s_own_folder_are_refused_before_anything_is_d
     own = quick.rename(quick.with_name(EXPERIMENT))
     text = own.read_text()
     result = butterfly("run", own, "--out", own.parent)
-    assert_one_line_error(result, "the file of the experiment", "--out")
+    assert_one_line_error(result, "the experiment file itself", "--out")
     assert own.read_text() == text
     assert not (own.parent / "sweep.json").exists()

@@ -168,7 +168,7 @@ def test_planning_and_writing_the_tables_tell_how_far_they_are(folder):
     run_sweep(plan, folder / "told", HereEngine(), track=track)
     assert told == [
         ("Planning", None),
-        ("Looking for what is done", 6),
+        ("Checking finished runs", 6),
         ("Running", 6),
         ("Writing the tables", 6),
     ]
@@ -199,7 +199,7 @@ def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
     plan = small_plan(folder, validation={"split": "mass"}, sweep={"list": masses})
     assert run_sweep(plan, folder / "validated", HereEngine()).unsuccessful == 0
     store = ResultStore(folder / "validated")
-    assert "nothing could be left out" in store.table(RUNS)["error"][0].as_py()
+    assert "no cross-validation" in store.table(RUNS)["error"][0].as_py()
     rows = store.table(ESTIMATES).to_pylist()
     assert {row["held_out_median"] for row in rows if row["number"] == 0} == {None}
     assert all(row["held_out_median"] > 90 for row in rows if row["number"] == 1)
@@ -267,7 +267,7 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     command = ("run", folder / "small.yaml", "--out", one)
     code, out, err = butterfly(*command, "--figures")
     assert code == 0, err
-    assert "6 found done" in out
+    assert "6 already done" in out
     assert "Against encoder noise" in (one / "report.html").read_text(encoding="utf-8")
     assert (one / "report-figures/axis-0.png").exists()
     numbers = json.loads((one / "report.json").read_text())

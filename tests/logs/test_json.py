@@ -127,5 +127,5 @@ def test_results_and_logs_in_json_are_told_apart(tmp_path, quick_data):
     (tmp_path / "notes.json").write_text('{"operator": "me"}')
     (tmp_path / "result.json").write_text('{"schema": "butterfly.identification"}')
     assert [log.name for log in bf.read(tmp_path).logs] == ["0.json", "1.json"]
-    with pytest.raises(InputError, match="identification that butterfly saved"):
+    with pytest.raises(InputError, match="a saved identification"):
         bf.read(tmp_path / "result.json")

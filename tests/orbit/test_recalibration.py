@@ -116,7 +116,7 @@ def test_too_little_motion_is_refused():
     ("build", "named"),
     [
         (lambda: RecalibrationOptions(candidates=("coulom",)), "'coulomb'"),
-        (lambda: RecalibrationOptions(candidates=("cogging",)), "told from p3"),
+        (lambda: RecalibrationOptions(candidates=("cogging",)), "distinguishable from p3"),
         (lambda: OnlineRecalibration(memory=0.0), "memory"),
         (lambda: OnlineRecalibration(terms=("compression",)), "linear in u"),
         (lambda: calibrate(None, replace(TRUE, p4=-1.0), 0.0, sixty_degrees(), rng=None), "p4"),

@@ -95,7 +95,7 @@ def test_the_armature_is_that_of_a_rotor_that_was_known():
     assert _content(known=known)["isaaclab"]["fields"]["armature"] == pytest.approx(4e-4)
     made = _content()
     assert "armature" not in made["mjlab"]["fields"]
-    assert "armature is not known" in " ".join(made["notes"])
+    assert "Set armature yourself" in " ".join(made["notes"])
 
 
 def test_friction_at_rest_and_in_motion_have_their_fields():

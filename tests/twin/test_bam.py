@@ -111,7 +111,7 @@ def _told(joint=JOINT, kind=InputKind.VOLTAGE, **more):
         ({"torque_constant": 0.005, "gear_ratio": 100.0}, 0.5),
         ({"back_emf_constant": 0.004, "gear_ratio": 100.0}, 0.4),
         ({}, 0.1 / 0.15),
-        ({"resistance": 40.0}, 0.1 / 0.15),  # which would have more back EMF than p2
+        ({"resistance": 40.0}, 0.1 / 0.15),  # which would give even more back EMF than p2
     ],
 )
 def test_constant_and_resistance_are_those_known_and_move_it_alike(known, constant):
@@ -121,8 +121,8 @@ def test_constant_and_resistance_are_those_known_and_move_it_alike(known, consta
     damping = content["kt"] ** 2 / content["R"] + content["friction_viscous"]
     assert damping == pytest.approx(JOINT.p2)
     assert content["friction_viscous"] >= 0
-    assert ("as if all of p2" in content["notes"][0]) == (constant == 0.1 / 0.15)
-    assert ("would have more" in content["notes"][0]) == (known == {"resistance": 40.0})
+    assert ("all of p2 taken" in content["notes"][0]) == (constant == 0.1 / 0.15)
+    assert ("would give even more" in content["notes"][0]) == (known == {"resistance": 40.0})
 
 
 def test_what_bam_has_no_place_for_is_said_in_the_file():

@@ -210,13 +210,13 @@ def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out: no joint moves before its"),
-        ({"delay": 2e-5}, r"The delay of 0\.02 ms is left out: it is less than a step"),
+        ({"delay": -2e-4}, r"The delay of -0\.2 ms is not included: a delay is not"),
+        ({"delay": 2e-5}, r"The delay of 0\.02 ms is not included: it is shorter than a step"),
         ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
         ({"dead_zone": 0.02}, r"move ctrl by up to 0\.02 towards 0 yourself"),
         (
             {"slow_delay": 9e-4, "slow_interval": 1e-3},
-            r"While the clock is slow it is 0\.9 ms in place of 0 ms",
+            r"The delay is 0 ms, that of fast sampling; in slow sampling it is 0\.9 ms",
         ),
         ({"motor_friction": 0.1, "load_stribeck": 0.2}, r"for motor_friction, load_stribeck"),
     ],

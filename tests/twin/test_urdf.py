@@ -102,4 +102,4 @@ def test_limits_are_those_of_the_drive_and_a_turning_joint_without_any_has_none(
 def test_a_joint_that_nothing_drove_is_written_and_says_so(form):
     joint = twin("smooth")
     joint = replace(joint, parameters=replace(joint.parameters, p4=0.0), recorded=tuple)
-    assert "No log tells p4" in " ".join(write_as(form, joint).left_out)
+    assert "p4 is unknown" in " ".join(write_as(form, joint).left_out)
