@@ -26,7 +26,7 @@ from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Page, Section, Series
+from butterfly.report.page import Fact, Page, Section, Series
 from butterfly.result import Answer
 from butterfly.twin.forms import DEFAULTS, Options
 
@@ -232,9 +232,21 @@ class Predicted(Tabulated):
         banded = self.predictions and self.predictions[0].bands
         return {"inside": share_figure(self.predictions)} if banded else super().figures()
 
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        fits = self.fit_facts("FIT in %", "of the predictions") if self.measured else []
+        inside = f"{OF_NEW_LOG}: inside in %"
+        shares = [row[inside] for row in self.rows() if row.get(inside) is not None]
+        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", "expected: 95 %")
+        return [*fits, *([band] if shares else []), Fact("logs", str(len(self.rows())))]
+
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
-        from butterfly.report.log_figures import band_figure, drawn_predictions  # noqa: PLC0415 - slow to import
+        from butterfly.report.log_figures import (  # noqa: PLC0415 - slow to import
+            band_figure,
+            drawn_predictions,
+            first_stretch,
+        )
 
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:
@@ -244,12 +256,12 @@ class Predicted(Tabulated):
         some = f"{len(drawn)} logs from all over the list. " if left_out else ""
         courses = Section(
             title="In time",
-            text=f"{some}Blue: what a new log would show, at "
-            "each instant with 95 %; orange: what the model does with the parameters that the "
-            "estimate leaves open. Below, all less the free run.",
+            text=f"{some}Blue: 95 % band of a new log; orange: 95 % band of the parameters "
+            "alone. Below: all of it, minus the free run.",
             series={
                 "bands": Series.of_figures(
-                    [band_figure(each, measured=self.measured) for each in drawn]
+                    [band_figure(each, measured=self.measured) for each in drawn],
+                    [first_stretch(each.run.log) for each in drawn],
                 )
             },
         )

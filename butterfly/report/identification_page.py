@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import Parameter
@@ -127,14 +126,14 @@ def identification_page(
 
 def first_screen(identification: Identification, truth: LumpedParameters | None = None) -> Page:
     """Put together what is seen first: verdict, tiles and parameters."""
-    data, parameters = identification.data, identification.estimate.table(truth)
+    origin, parameters = identification.origin, identification.estimate.table(truth)
     return Page(
-        name=data.name,
-        description=data.description,
+        name=origin["name"],
+        description=origin.get("description", ""),
         kind="identification",
         verdict=identification.judged,
         facts=_facts(identification),
-        lead=_lead(parameters, data, with_truth=truth is not None),
+        lead=_lead(parameters, identification.estimate.joint, with_truth=truth is not None),
         summary=(),
         sections=(),
         numbers={},
@@ -148,29 +147,40 @@ def _place(identification: Identification) -> str:
 
 
 def _facts(identification: Identification) -> list[Fact]:
-    fit, data = identification.fit, identification.data
-    masses = {mass for mass in data.masses if mass.mass}
-    added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
-    times = identification.residuals.times
-    worst = min(identification.fits, key=lambda name: identification.fits[name])
-    servo = []
-    if rows := loop_rows(identification):
-        (*_, error), (_, opened, *_), *_ = rows
-        servo = [Fact("FIT, by the drive alone", f"{opened} %", f"{error} mrad off in the loop")]
-    share = f"{100 * identification.residuals.relative:.2g} %"
-    noise = f"of the motion; {times_text(times)} times the sensor noise"
-    residuals = [Fact("model error", share, noise)]
+    fit, fits = identification.fit, identification.fits
+    worst = min(fits, key=lambda name: fits[name])
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %", worst.rsplit("/", maxsplit=1)[-1]),
-        *servo,
-        *(residuals if math.isfinite(times) else []),
-        Fact("logs", str(len(data.logs)), added if masses else ""),
+        *_of_logs(identification),
+        Fact("logs", str(len(fits)), _added(identification)),
         Fact("method", identification.estimate.method),
     ]
 
 
-def _lead(parameters: Sequence[Parameter], data: DataSet, *, with_truth: bool) -> Section:
+def _added(identification: Identification) -> str:
+    """Say which masses were added; nothing if none was, or of a result that was loaded."""
+    masses = [] if identification.logs is None else identification.logs.masses
+    if len(masses) > 1:
+        return f"{len(masses)} added masses"
+    return "".join(str(mass) for mass in masses if mass.mass)
+
+
+def _of_logs(identification: Identification) -> list[Fact]:
+    """Say how large the error is; nothing of a result that was loaded, without its logs."""
+    if identification.logs is None:
+        return []
+    servo, residuals = [], identification.residuals
+    if rows := loop_rows(identification):
+        (*_, error), (_, opened, *_), *_ = rows
+        off = f"in the loop {error} m{identification.estimate.joint.way} error"
+        servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
+    noise = f"of the motion; {times_text(residuals.times)} times the sensor noise"
+    fact = Fact("model error", f"{100 * residuals.relative:.2g} %", noise)
+    return [*servo, *([fact] if math.isfinite(residuals.times) else [])]
+
+
+def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
     texts, whiskers = map(parameter_texts, parameters), forest(parameters)
     headers = {"interval": "95 % interval", "width": "±", "error": "standard error"}
@@ -187,8 +197,9 @@ def _lead(parameters: Sequence[Parameter], data: DataSet, *, with_truth: bool) -
         caption=forest_caption(whiskers),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
-    weight = " + p₃ sin θ" if data.hangs else ""
-    bare = "the bare joint" if data.joint is JointKind.HINGE else "the bare slide, θ its position"
+    heavy = any(each.name == "p3" and (each.value or not each.known) for each in parameters)
+    weight = " + p₃ sin θ" if heavy else ""
+    bare = "the bare joint" if joint is JointKind.HINGE else "the bare slide, θ its position"
     text = f"p₁ θ̈ + p₂ θ̇{weight} + T_c sgn θ̇ = p₄ u(t − delay), for {bare}{further}."
     return Section(title="Parameters", text=text, tables=(table,))
 

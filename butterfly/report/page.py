@@ -234,17 +234,17 @@ def _said(value: object) -> str:
     return "+".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
     """Return what fills templates, and escapes what it fills in."""
-    environment = Environment(
+    found = Environment(
         loader=PackageLoader("butterfly.report"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["packed"] = _packed
-    return environment
+    found.filters["packed"] = _packed
+    return found
 
 
 def rendered(page: Page) -> str:
@@ -253,7 +253,7 @@ def rendered(page: Page) -> str:
         f"{json.dumps(name)}: {each.to_json()}" for name, each in page.figures.items()
     )
     return (
-        _environment()
+        environment()
         .get_template("page.html.j2")
         .render(
             page=page,
