@@ -287,7 +287,11 @@ class Selection(Answer):
                 "rows.gain": "%",
                 "nested": "%",
             },
-            printed=(TextTable(title, table.headers, [[*map(str, row)] for row in table.rows]),),
+            printed=(
+                TextTable(
+                    title, [*map(str, table.headers)], [[*map(str, row)] for row in table.rows]
+                ),
+            ),
         )
         return result.drawn_as(selection_page(data, passed, result))
 

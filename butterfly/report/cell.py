@@ -18,7 +18,12 @@ def cell_html(page: Page, figure: Figure | None = None) -> str:
     """Return verdict, tiles, the leading table and one figure of a page, the first if not given."""
     drawn = figure if figure is not None else next(iter(page.figures.values()), None)
     picture = "" if drawn is None else _picture(drawn)
-    return environment().get_template("cell.html.j2").render(page=page, picture=picture)
+    tables = next((part.tables for part in page.parts if part.tables), ())
+    return (
+        environment()
+        .get_template("cell.html.j2")
+        .render(page=page, tables=tables[:1], picture=picture)
+    )
 
 
 def _picture(figure: Figure) -> str:

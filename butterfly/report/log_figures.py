@@ -66,7 +66,7 @@ def recorded_figure(log: Log) -> Figure:
 
 def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> Figure:
     """Draw measured and simulated motion, and their difference in its band, against time."""
-    time, angle, simulated, lower, upper, difference, *goal = _time_curves(run, band, most)
+    time, simulated, angle, lower, upper, difference, *goal = _time_curves(run, band, most)
     way = run.log.unit
     titles = (f"{run.log.measures} in {way}", f"measured −<br>simulated in {way}")
     figure = panels("time in s", titles, 500, shares=(0.62, 0.38))
@@ -112,7 +112,7 @@ def first_stretch(log: Log) -> tuple[float, float] | None:
 def _time_curves(
     run: FreeRun, band: ErrorBand | None, most: int
 ) -> tuple[NDArray[np.floating[Any]], ...]:
-    """Return (n,) times in s, what is measured, simulated, its limits and the difference.
+    """Return (n,) times in s, what is simulated, measured, its limits and the difference.
 
     If what a servo follows is of the same kind as what was measured, it comes last.
     """
@@ -122,7 +122,7 @@ def _time_curves(
         reach = np.interp(log.time, band.time, band.reach, left=np.nan, right=np.nan)
     every = max(1, round(_STEP / log.mean_step))
     some = seen_samples([log.measured, difference], most, every=every)
-    columns = [log.measured, run.simulated, -reach, reach, difference]
+    columns = [run.simulated, log.measured, -reach, reach, difference]
     if log.setpoint is not None and log.servo and log.servo.of_speed == log.integrated:
         columns.append(log.setpoint)
     with np.errstate(over="ignore"):  # what ran away is not drawn

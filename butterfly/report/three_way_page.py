@@ -200,7 +200,7 @@ def _time_figure(each: ThreeWay) -> Figure:
     x = log.time[rows]
     for name, angle in columns.items():
         style = {"mode": "lines", "name": name, "line": _LINES[name]}
-        thin = _LINES[name] | {"width": _LINES[name]["width"] / 2}
+        thin = _LINES[name] | {"width": 1.2}
         add(figure, 1, x, angle[rows].astype(np.float32), **style)
         if name != "measured":
             error = (angle - log.angle)[rows].astype(np.float32)
