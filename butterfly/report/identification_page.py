@@ -183,7 +183,7 @@ def _of_logs(identification: Identification) -> list[Fact]:
 def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
     texts, whiskers = map(parameter_texts, parameters), forest(parameters)
-    headers = {"interval": "95 % interval", "width": "±", "error": "standard error"}
+    headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
     headers |= {"true": "true", "deviation": "deviation"} if with_truth else {}
     rows: list[tuple[str | Marked | Whisker, ...]] = []
     for each, row, whisker in zip(parameters, texts, whiskers, strict=True):

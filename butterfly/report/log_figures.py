@@ -39,8 +39,8 @@ _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
 _SHADE = "rgba(128,128,128,0.25)"  # of the band
-_SIMULATED = {"color": PALETTE[1], "width": 5}  # so wide that it is seen below what was measured
-_MEASURED = {"color": PALETTE[0], "width": 1.5}
+_SIMULATED = {"color": PALETTE[1], "width": 7}  # so wide that it is seen below what was measured
+_MEASURED = {"color": PALETTE[0], "width": 2}
 _PERIODS = 5  # of a sine, at the end of a log, that are seen first
 
 
