@@ -8,7 +8,7 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LEFT = {
     "first-robot": {"report.html", "result.json", "twin.xml"},
-    "servo": {"report.html", "result.json", "twin.xml"},
+    "servo": {"report.html", "result.json"},
     "orbit": {"orbit"},
 }
 
