@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from html import escape
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
 
-    from butterfly.report.page import Page
+    from butterfly.report.page import Fact, Page
 
 SCHEMA_NUMBER = 2
 """Of a document; raised when an older program could no longer read it."""
@@ -177,6 +176,10 @@ class Result(ABC):
         """Return the figures of its page, by name."""
         return {}
 
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most, for the first screen of its page."""
+        return []
+
     def to_dataframe(self) -> pd.DataFrame:
         """Return `rows` as a pandas frame.
 
@@ -237,6 +240,7 @@ class Result(ABC):
             kind=self.kind,
             summary=self.notes,
             verdict=self.judged,
+            facts=self.facts(),
             lead=Section(title="At a glance", figures=figures) if figures else None,
             sections=[Section(title="In numbers", tables=(table,))],
             numbers=self.to_dict(),
@@ -253,15 +257,9 @@ class Result(ABC):
         return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
 
     def _repr_html_(self) -> str:
-        rows = self.shown_rows()
-        head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
-        lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row.values()) for row in rows)
-        body = "".join(f"<tr>{line}</tr>" for line in lines)
-        sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in self.summary)
-        return (
-            f"<p><b>{escape(self.title)}</b></p>{sentences}<table><thead><tr>{head}</tr></thead>"
-            f"<tbody>{body}</tbody></table>"
-        )
+        from butterfly.report.cell import cell_html  # noqa: PLC0415 - a view
+
+        return cell_html(self.page())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

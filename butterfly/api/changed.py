@@ -20,6 +20,8 @@ from butterfly.verdict import Level
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+    from butterfly.report.page import Fact
+
 _NAMES = {
     "p1": "the inertia p1",
     "p2": "viscous friction p2",
@@ -98,18 +100,41 @@ class Changed(Answer):
         rows = [row for row in self.rows() if _is_relative(row)]
         moved = [row["change in %"] for row in rows]
         upper = [100 * row["upper"] / abs(row["before"]) for row in rows]
+        names, places = [row["parameter"] for row in rows], list(range(len(rows)))
         drawn = Scatter(
-            x=[row["parameter"] for row in rows],
-            y=moved,
-            error_y={"array": [most - own for most, own in zip(upper, moved, strict=True)]},
+            x=moved,
+            y=places,
+            error_x={"array": [most - own for most, own in zip(upper, moved, strict=True)]},
             mode="markers",
-            marker={"color": PALETTE[0], "size": 9},
+            marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
         )
         figure = Figure(drawn)
-        figure.add_hline(y=0, line={"color": GREY, "width": 1, "dash": "dash"})
-        figure.update_yaxes(title="change in % (95 % interval)")
-        figure.update_layout(height=380)
+        figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"})
+        figure.update_xaxes(title="change in % (95 % interval)")
+        figure.update_yaxes(tickvals=places, ticktext=names, range=[len(rows) - 0.4, -0.6])
+        figure.update_layout(height=40 * len(rows) + 110)
         return {"changes": figure}
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        from butterfly.report.page import Fact  # noqa: PLC0415 - a view
+
+        rows = self.rows()
+        moved = [row["parameter"] for row in rows if row["changed"]]
+        sizes = {row["parameter"]: row for row in rows if _is_relative(row)}
+        seen = {name: row["detectable"] / abs(row["before"]) for name, row in sizes.items()}
+        least = min(seen, key=lambda name: seen[name], default="")
+        largest = max(
+            moved,
+            key=lambda name: abs(sizes[name]["change in %"]) if name in sizes else 0,
+            default="",
+        )
+        found = [Fact("changed", f"{len(moved)} of {len(rows)}", ", ".join(moved) or "none")]
+        if largest in sizes:
+            found.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
+        if least:
+            found.append(Fact("detectable change", _percent(seen[least]), f"in {least}, the least"))
+        return found
 
 
 def _is_relative(row: Mapping[str, Any]) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from butterfly.api.results import Tabulated, about_log
-from butterfly.comparison.leaderboard import Entry
+from butterfly.comparison.leaderboard import Entry, equals
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units
 from butterfly.identification.estimate import Estimate
@@ -42,12 +43,13 @@ class Compared(Tabulated):
 
         verdict, way = estimate_verdict(found), data.joint.way
         judged = {log.name: log for log in residuals.logs}
+        own = tuple(judged[each.log.name] for each in compared)
         result = cls(
             title=f"MuJoCo, grey-box model and logs of {data.name!r}",
             summary=(
                 *verdict.lines,
                 *_comparison_sentences(compared),
-                *residual_sentences(residuals),
+                *residual_sentences(replace(residuals, logs=own)),
             ),
             judged=verdict,
             content={
@@ -129,7 +131,10 @@ class Leaderboard(Answer):
         )
         result = cls(
             title="Ranking of methods: " + ", ".join(sets),
-            summary=(*verdict.lines, *map(_best_sentence, firsts)),
+            summary=(
+                *verdict.lines,
+                *(_best_sentence([each for each in entries if each.data == name]) for name in sets),
+            ),
             judged=verdict,
             content={"entries": [_entry(entry) for entry in entries]},
             units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
@@ -137,14 +142,17 @@ class Leaderboard(Answer):
         return result.drawn_as(leaderboard_page(entries, result))
 
 
-def _best_sentence(best: Entry) -> str:
-    """Name the estimator with the best held-out FIT on a data set."""
+def _best_sentence(entries: Sequence[Entry]) -> str:
+    """Name the methods with the best held-out FIT on a data set."""
+    best, equal = entries[0], equals(entries)
     if best.held_out is None:
         return f"{best.data}: no method could predict the held-out logs."
-    return (
-        f"{best.data}: {best.method} predicts held-out logs best, median FIT{best.held_out.over} "
-        f"{best.held_out.median:.1f} % ({best.left_out} at a time)."
-    )
+    fit = f"median FIT{best.held_out.over} {best.held_out.median:.1f} %"
+    how = f"{fit} ({best.left_out} at a time)"
+    if len(equal) == 1:
+        return f"{best.data}: {best.method} predicts held-out logs best, {how}."
+    names = " and ".join(each.method for each in equal)
+    return f"{best.data}: no clear winner; {names} do not differ significantly, {how}."
 
 
 def _entry(entry: Entry) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Page, Section, Series
+from butterfly.report.page import Fact, Page, Section, Series
 from butterfly.result import Answer
 from butterfly.twin.forms import DEFAULTS, Options
 
@@ -230,9 +230,21 @@ class Predicted(Tabulated):
         banded = self.predictions and self.predictions[0].bands
         return {"inside": share_figure(self.predictions)} if banded else super().figures()
 
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        fits = self.fit_facts("FIT in %", "of the predictions") if self.measured else []
+        inside = f"{OF_NEW_LOG}: inside in %"
+        shares = [row[inside] for row in self.rows() if row.get(inside) is not None]
+        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", "expected: 95 %")
+        return [*fits, *([band] if shares else []), Fact("logs", str(len(self.rows())))]
+
     def page(self) -> Page:
         """Return the page of `report`; bands in time only if they were not loaded."""
-        from butterfly.report.log_figures import band_figure, drawn_predictions  # noqa: PLC0415 - slow to import
+        from butterfly.report.log_figures import (  # noqa: PLC0415 - slow to import
+            band_figure,
+            drawn_predictions,
+            first_stretch,
+        )
 
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:
@@ -246,7 +258,8 @@ class Predicted(Tabulated):
             "with the uncertainty of its parameters. Below: difference to the free run.",
             series={
                 "bands": Series.of_figures(
-                    [band_figure(each, measured=self.measured) for each in drawn]
+                    [band_figure(each, measured=self.measured) for each in drawn],
+                    [first_stretch(each.run.log) for each in drawn],
                 )
             },
         )

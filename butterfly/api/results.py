@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -25,6 +26,7 @@ from butterfly.logs.log import Log
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import residual_numbers, rests_on
+from butterfly.report.page import Fact
 from butterfly.report.summary import best_experiment_text, held_out_sentences, selection_texts
 from butterfly.result import Answer, TextTable
 
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
     from butterfly.report.ranking_pages import TablePlots
 
+_SEEN, _HELD_OUT = "FIT seen in %", "FIT left out in %"  # columns
 _WELL = 90  # % FIT of a well-predicted log
 
 
@@ -59,6 +62,17 @@ class Tabulated(Answer):
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {"fits": self.plot.fits()}
+
+    def fit_facts(self, column: str, label: str) -> list[Fact]:
+        """Return median and worst of a column of FITs."""
+        fits = {row["log"]: row[column] for row in self.rows() if math.isfinite(row[column] or 0)}
+        if not fits:
+            return []
+        worst = min(fits, key=lambda name: fits[name])
+        return [
+            Fact(f"FIT {label}, median", f"{fit_text(float(np.median([*fits.values()])))} %"),
+            Fact(f"FIT {label}, worst", f"{fit_text(fits[worst])} %", worst.rsplit("/", 1)[-1]),
+        ]
 
 
 class Validated(Tabulated):
@@ -116,8 +130,8 @@ class Validated(Tabulated):
                 "rows": [
                     {
                         **about_log(log),
-                        "FIT seen in %": float(seen[k]),
-                        "FIT left out in %": float(held.fits[k]),
+                        _SEEN: float(seen[k]),
+                        _HELD_OUT: float(held.fits[k]),
                     }
                     for k, log in enumerate(data.logs)
                 ],
@@ -125,6 +139,17 @@ class Validated(Tabulated):
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
             printed=tuple(tables),
         )
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        chosen, (seen, *_) = self.content["chosen"], self.fit_facts(_SEEN, "in sample")
+        return [
+            *self.fit_facts(_HELD_OUT, "held out"),
+            seen,
+            Fact("held out at a time", self.title.rpartition(", ")[2].partition(" left out")[0]),
+            Fact("logs", str(len(self.rows()))),
+            Fact("method", chosen["label"] or chosen["method"]),
+        ]
 
 
 def _fits_table(title: str, fits: Mapping[str, Samples], horizon: float) -> TextTable:
@@ -205,6 +230,17 @@ class Designed(Tabulated):
         """Return the figures of its page, by name."""
         return {"ranking": self.plot.ranking()}
 
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most: of the first candidate."""
+        best, *_ = rows = self.rows()
+        (swing,) = (name for name in best if name.startswith("swing in "))
+        return [
+            Fact("best next experiment", best["input"], best["added mass"]),
+            Fact("standard errors after it", f"{100 * best['mean']:.3g} %", "of those now, mean"),
+            Fact("swing", f"{best[swing]:.2g} {swing.removeprefix('swing in ')}"),
+            Fact("candidates", str(len(rows))),
+        ]
+
 
 class Selection(Answer):
     """Terms chosen by cross-validation."""
@@ -251,7 +287,11 @@ class Selection(Answer):
                 "rows.gain": "%",
                 "nested": "%",
             },
-            printed=(TextTable(title, table.headers, [[*map(str, row)] for row in table.rows]),),
+            printed=(
+                TextTable(
+                    title, [*map(str, table.headers)], [[*map(str, row)] for row in table.rows]
+                ),
+            ),
         )
         return result.drawn_as(selection_page(data, passed, result))
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
@@ -13,7 +14,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import estimated, judge
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import cross_validate
+from butterfly.identification.validate import Gain, cross_validate
 from butterfly.progress import Track, out_of_time, untracked
 
 
@@ -29,6 +30,7 @@ class Entry:
     estimate: Estimate | None  # from all logs, judged; None if the estimator refused them
     seconds: float  # taken by the fit to all logs, checks included
     error: str  # why there is no estimate, or no held-out FIT
+    fits: Samples | None = None  # (n,) FIT in per cent of what was held out of each log
 
 
 def leaderboard(
@@ -47,6 +49,18 @@ def leaderboard(
         entries.append(_entry(data, estimator, split))
     order = [data.name for data in sets]
     return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
+
+
+def equals(entries: Sequence[Entry]) -> list[Entry]:
+    """Return, of one data set's entries, the first and those that predict no worse beyond chance.
+
+    Chance: twice the standard error, over logs, of the difference in FIT.
+    """
+    best, *others = entries
+    if best.fits is None:
+        return [best]
+    gains = [(each, Gain.of(best.fits - each.fits)) for each in others if each.fits is not None]
+    return [best, *(each for each, gain in gains if not gain.mean > 2 * gain.error)]
 
 
 def _score(entry: Entry) -> float:
@@ -80,4 +94,5 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         estimate=found,
         seconds=seconds or time.perf_counter() - begun,
         error=error,
+        fits=None if held is None else held.fits,
     )

@@ -393,6 +393,13 @@ class Identification(Result):
         """Return the figures of its page, by name."""
         return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
 
+    def _repr_html_(self) -> str:
+        from butterfly.report.cell import cell_html  # noqa: PLC0415 - a view
+        from butterfly.report.identification_page import first_screen  # noqa: PLC0415 - a view
+
+        figure = None if self.logs is None else self.plot.time()
+        return cell_html(first_screen(self), figure)
+
     def report(
         self,
         path: str | PathLike[str],

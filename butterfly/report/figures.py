@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from html import escape
 from itertools import pairwise
 
 import numpy as np
@@ -21,12 +22,17 @@ GREY = "#888888"
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
 """As many as colours, in the same order."""
 
-_MARKS = 10  # numbers of logs that an axis shows, or about so many
+_ROW, _HIGHEST = 18, 900  # pixels of a log, and of all at most
 
 
 def look(number: int) -> tuple[str, str]:
     """Return colour and symbol of one of several things that a figure tells apart."""
     return PALETTE[number % len(PALETTE)], SYMBOLS[number % len(SYMBOLS)]
+
+
+def mass_looks(masses: Iterable[AddedMass]) -> dict[AddedMass, tuple[str, str]]:
+    """Return colour and symbol of each added mass of a data set, the same in all its figures."""
+    return {mass: look(number) for number, mass in enumerate(sorted({*masses}))}
 
 
 def grams(mass: AddedMass) -> str:
@@ -74,11 +80,13 @@ def add(figure: Figure, row: int, x: object, y: object, **style: object) -> None
     figure.add_scatter(x=x, y=y, row=row, col=1, **style)
 
 
-def ranked_panel(count: int) -> Figure:
-    """Return a figure for the FITs of so many logs, the worst first."""
-    figure = panel("log, the worst first", "FIT in %", 320)
-    figure.update_xaxes(dtick=max(1, round(count / _MARKS)))
-    return figure
+def logs_panel(names: Sequence[str], across: str) -> Figure:
+    """Return a figure with a row for each log, the first on top; their y is 0, 1, and so on."""
+    count = len(names)
+    figure = panel(across, "", min(_ROW * count, _HIGHEST) + 100)
+    rows = list(range(0, count, -(-_ROW * count // _HIGHEST)))  # those whose names have room
+    texts = [escape(names[row]) for row in rows]
+    return figure.update_yaxes(tickvals=rows, ticktext=texts, range=[count - 0.4, -0.6])
 
 
 def seen_samples(

@@ -8,23 +8,31 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
-from plotly.subplots import make_subplots
+from scipy.interpolate import PchipInterpolator
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.identification import Identification
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
-from butterfly.report.figures import GREY, PALETTE, add, grams, look, middle, panels, ranked_panel
-from butterfly.report.log_figures import time_figure
-from butterfly.report.page import Whisker
+from butterfly.report.figures import (
+    GREY,
+    PALETTE,
+    add,
+    grams,
+    logs_panel,
+    mass_looks,
+    middle,
+    panel,
+    panels,
+)
+from butterfly.report.forest import MOST, SPARE, forest
+from butterfly.report.log_figures import first_stretch, time_figure
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import rms_amplitude
 
-_ROW = 64  # pixels of a panel and what is below it
-_GAP = 0.6  # of a panel and what is below it, that is below
-_FEWEST = 2  # parameters that can hang together
+_ROW = 34  # pixels of a parameter
+_FEWEST = 2  # parameters that can be correlated
 _CELL = 44  # pixels of a cell of the map
 _MOST_NUMBERED = 12  # parameters, up to which the cells of the map have numbers
 _HEIGHTS = [0.36, 0.26, 0.19, 0.19]  # of gain, phase, and what is left of either
@@ -45,51 +53,64 @@ class IdentificationPlots:
     identification: Identification
 
     def parameters(self, truth: LumpedParameters | None = None) -> Figure:
-        """Draw the estimates with their intervals, each on a scale of its own: a forest plot.
+        """Draw the estimates with their intervals on one axis, in per cent: a forest plot.
 
-        Thick: 95 %; thin: what leaving one added mass out would give; a diamond: the truth, where
-        it is known.
+        Thick: 95 %, in another colour where the value may be 0; thin: the estimates that leave one
+        added mass out; a diamond: the truth, where it is known. What lies beyond the axis, of 100 %
+        at most, ends at its end.
         """
         rows = self.identification.estimate.table(truth)
-        figure = make_subplots(rows=len(rows), cols=1, vertical_spacing=_GAP / max(len(rows), 1))
-        for number, row in enumerate(rows, start=1):
-            whisker, named = Whisker.of(row), number == 1
-            wide = {"mode": "lines", "hoverinfo": "x", "showlegend": named}
-            marks = {"mode": "markers", "showlegend": named}
-            for limits, height, colour, width, name in (
-                (whisker.limits, 0.0, PALETTE[0], 6, "95 % interval"),
-                (whisker.left_out, -0.6, GREY, 3, "one mass left out"),
-            ):
-                if limits is not None:
-                    line = {"color": colour, "width": width}
-                    add(figure, number, limits, [height] * 2, name=name, line=line, **wide)
-            dot = {"color": PALETTE[5], "size": 9, "symbol": "circle"}
-            add(figure, number, [whisker.value], [0], name="estimate", marker=dot, **marks)
-            if whisker.true is not None:
-                diamond = {"color": PALETTE[2], "size": 9, "symbol": "diamond"}
-                add(figure, number, [whisker.true], [0.6], name="truth", marker=diamond, **marks)
-            label = f"{row.symbol} in {row.unit}"
-            figure.update_yaxes(row=number, tickvals=[0], ticktext=[label], range=[-1, 1])
-            ends = whisker.scale if np.isfinite(whisker.scale).all() else None
-            figure.update_xaxes(row=number, range=ends, nticks=6)
-        figure.update_layout(height=_ROW * len(rows) + 80)
+        whiskers, places = forest(rows), list(range(len(rows)))
+        figure = panel("% of the value", "", _ROW * len(rows) + 110)
+        for name, style, ends in (
+            ("95 % interval", (PALETTE[0], 7, 0.0), [w.limits_of(zero=False) for w in whiskers]),
+            ("may be 0", (PALETTE[1], 7, 0.0), [w.limits_of(zero=True) for w in whiskers]),
+            ("leave-one-mass-out", (GREY, 3, 0.3), [w.left_out for w in whiskers]),
+        ):
+            colour, width, below = style
+            x, y = [], []
+            for place, whisker, limits in zip(places, whiskers, ends, strict=True):
+                x += [*map(whisker.clipped, limits), None] if limits else []
+                y += [place + below, place + below, None] if limits else []
+            line = {"color": colour, "width": width}
+            if x:
+                figure.add_scatter(x=x, y=y, mode="lines", name=name, line=line, hoverinfo="x")
+        for name, look_of, true in (
+            ("estimate", (PALETTE[5], "circle"), [0.0] * len(rows)),
+            ("truth", (PALETTE[2], "diamond"), [whisker.true for whisker in whiskers]),
+        ):
+            known = [place for place in places if true[place] is not None]
+            marker = {"color": look_of[0], "symbol": look_of[1], "size": 9}
+            if known:
+                figure.add_scatter(
+                    x=[whiskers[place].clipped(true[place] or 0.0) for place in known],
+                    y=known,
+                    customdata=[rows[place].value for place in known],
+                    mode="markers",
+                    name=name,
+                    marker=marker,
+                )
+        reach = SPARE * max((whisker.reach for whisker in whiskers), default=MOST)
+        figure.update_xaxes(range=[-reach, reach])
+        names = [row.name for row in rows]
+        figure.update_yaxes(tickvals=places, ticktext=names, range=[len(rows) - 0.4, -0.6])
         return figure
 
     def correlations(self) -> Figure | None:
-        """Draw how the errors of the parameters go together; None without a covariance."""
+        """Draw the correlation of the parameters' errors; None without a covariance."""
         estimate = self.identification.estimate
-        symbols = [TERMS[name].symbol for name in estimate.names]
-        if len(symbols) < _FEWEST or not np.isfinite(estimate.covariance).all():
+        names = list(estimate.names)
+        if len(names) < _FEWEST or not np.isfinite(estimate.covariance).all():
             return None
-        numbered = len(symbols) <= _MOST_NUMBERED
+        numbered = len(names) <= _MOST_NUMBERED
         errors = estimate.standard_errors
         sizes = np.where(errors > 0, errors, 1.0)
         correlation = estimate.covariance / np.outer(sizes, sizes)
         figure = Figure()
         figure.add_heatmap(
             z=correlation[::-1],
-            x=symbols,
-            y=symbols[::-1],
+            x=names,
+            y=names[::-1],
             zmin=-1,
             zmax=1,
             colorscale="RdBu",
@@ -98,27 +119,27 @@ class IdentificationPlots:
             hovertemplate="%{y} and %{x}: %{z:.3f}",
             colorbar={"title": {"text": "correlation"}},
         )
-        figure.update_layout(height=_CELL * len(symbols) + 110)
+        figure.update_layout(height=_CELL * len(names) + 110)
         return figure
 
     def fits(self) -> Figure:
-        """Draw the FIT of every log, the worst first, by added mass."""
+        """Draw the FIT of every log, the worst on top, by added mass."""
         data, fits = self.identification.data, self.identification.fit_of_logs
         order = np.argsort(fits)
-        figure = ranked_panel(len(fits))
-        for index, mass in enumerate(data.masses):
-            colour, symbol = look(index)
-            ranks = [k for k, number in enumerate(order) if data.logs[number].added_mass == mass]
-            numbers = order[ranks]
+        labels = [data.logs[number].label for number in order]
+        figure = logs_panel(labels, "FIT in %")
+        for mass, (colour, symbol) in mass_looks(data.masses).items():
+            rows = [k for k, number in enumerate(order) if data.logs[number].added_mass == mass]
+            numbers = order[rows]
             figure.add_scatter(
-                x=[rank + 1 for rank in ranks],
-                y=fits[numbers],
-                text=[escape(data.logs[number].label) for number in numbers],
+                x=fits[numbers],
+                y=rows,
+                text=[escape(labels[row]) for row in rows],
                 customdata=numbers.tolist(),  # the log that a click chooses
                 mode="markers",
                 name=grams(mass),
                 marker={"color": colour, "symbol": symbol, "size": 9},
-                hovertemplate="%{text}: %{y:.1f} %<extra></extra>",
+                hovertemplate="%{text}: %{x:.1f} %<extra></extra>",
             )
         return figure
 
@@ -132,18 +153,17 @@ class IdentificationPlots:
         data, parameters = self.identification.data, self.identification.estimate.parameters
         count = len(_HEIGHTS) if data.sines else 2
         way = data.joint.way
-        unit = f"{way}/V" if data.input_kind == "voltage" else f"{way} per unit"
-        titles = (f"|θ/u| in {unit}", "phase in °", "gain error in %", "phase error in °")
+        unit = f"{way}/{data.input_kind.unit}"
+        titles = (f"|θ/u| in {unit}", "phase in °", "gain error<br>in %", "phase error<br>in °")
         height = 820 if data.sines else 520
         figure = panels("ω in rad/s", titles[:count], height, spacing=0.03, shares=_HEIGHTS[:count])
         figure.update_xaxes(type="log", dtick="D1")
         figure.update_yaxes(type="log", dtick="D2", row=1)
-        for index, mass in enumerate(data.masses):
+        for mass, (colour, symbol) in mass_looks(data.masses).items():
             points = [p for p in data.sines if p.added_mass == mass]
             if not points and data.sines:
                 continue
             loaded = parameters.with_added_mass(mass)
-            colour, symbol = look(index)
             name = grams(mass)
             common = {"legendgroup": name, "hovertemplate": "%{x:.3g} rad/s: %{y:.4g}"}
             omega, swing = swings_between(points) if points else _typical_swing(data, mass)
@@ -177,6 +197,8 @@ class IdentificationPlots:
     def time(self, log: str | int | None = None) -> Figure:
         """Draw measured and simulated angle of a log, by its name or number.
 
+        Of a sine the last five periods are shown first; a double click shows all.
+
         Parameters
         ----------
         log
@@ -197,20 +219,24 @@ class IdentificationPlots:
             log = names.index(log)
         if not isinstance(log, int) or not -len(runs) <= log < len(runs):
             raise InputError("plot.time", "log", log, f"a number below {len(runs)}")
-        return time_figure(runs[log], self.identification.residuals.logs[log].band)
+        run = runs[log]
+        figure = time_figure(run, self.identification.residuals.logs[log].band)
+        return figure.update_xaxes(range=first_stretch(run.log))
 
 
 def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return frequencies in rad/s from the first log's to the last one's, and swings in rad.
 
-    Those of the logs at theirs (the geometric mean of several), on straight lines over logarithms
-    between.
+    Those of the logs at theirs (the geometric mean of several), on a smooth line over logarithms
+    between, which is nowhere beyond its neighbours.
     """
     measured = np.unique([p.omega for p in points])
     swing = [np.mean([np.log(p.amplitude) for p in points if p.omega == w]) for w in measured]
     grid = np.geomspace(measured[0], measured[-1], _POINTS) if measured.size > 1 else measured
     omega = np.unique(np.concatenate([grid, measured]))
-    return omega, np.exp(np.interp(np.log(omega), np.log(measured), swing))
+    if measured.size == 1:
+        return omega, np.exp(np.array(swing))
+    return omega, np.exp(PchipInterpolator(np.log(measured), swing)(np.log(omega)))
 
 
 def _typical_swing(

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import Parameter
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
+from butterfly.report.forest import Axis, Whisker, forest, forest_caption
 from butterfly.report.format import counted, fit_text, times_text
 from butterfly.report.inspection import STATES, conditions_text
 from butterfly.report.log_figures import (
@@ -24,23 +25,36 @@ from butterfly.report.log_figures import (
     spectrum_series,
     time_series,
 )
-from butterfly.report.page import Fact, Marked, Page, PageTable, Section, Whisker, tabulated
+from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.parameter_table import parameter_texts, physical_sentences, physical_table
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import LOOP_HEADERS, loop_rows
 
 _RESPONSE = (
-    "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
-    "by its describing functions. Below, what is left between the two."
+    "Points: measured, with two standard errors. Lines: the model at the measured swing "
+    "(describing functions). Below: the difference between the two."
 )
 _RESPONSE_UNASKED = (
-    "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
-    "of a sine, so there is nothing measured to set beside them."
+    "Lines: the model at the median rms swing of the logs (describing functions). No log has a "
+    "sine as its input, so there are no measured points."
 )
-_GOAL = " A servo is told its set-point (dotted), which it follows by its own loop."
+_RUN = (
+    "Free run: the model gets the input and the initial angle only. Thick: simulated; thin, above "
+    "it: measured. Below: the error."
+)
+_BAND = (
+    " Grey: the 95 % band of parameter errors and sensor noise, over the part of the log that the "
+    "fit uses."
+)
+_GOAL = " Dotted: the set-point, which the servo follows by its own loop."
 _LOOP = (
-    "In the loop the model is told the set-point, and the loop corrects it as it does the servo. "
-    "By the drive alone nothing does: what the loop hides is seen there."
+    "In the loop the model gets the set-point, and the loop corrects the model as it corrects the "
+    "servo. By the drive alone nothing corrects it, which shows what the loop hides."
+)
+_RESIDUALS = (
+    "Autocorrelation of the selected log's residual, and its cross-correlation with past input, "
+    "after small changes of the parameters. Sensor noise alone stays inside the bands. Last: the "
+    "residual's spectrum."
 )
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
@@ -50,11 +64,11 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification, beside the truth where it is known."""
     data, residuals, plots = identification.data, identification.residuals, identification.plot
-    table = identification.estimate.table(truth)
     runs = identification.free_runs
     chosen = middle(identification.fit_of_logs)
     states = [health.condition for health in data.health]
     lost = int(np.sum(~np.isfinite(identification.fit_of_logs)))  # they have no FIT
+    bands = [log.band for log in residuals.logs]
     sections = [
         Section(
             title="Frequency response",
@@ -63,16 +77,12 @@ def identification_page(
         ),
         Section(
             title="Measured against simulated",
-            text="The model runs free: it is told the input, and of the motion the start alone."
-            + _GOAL * bool(identification.drive_fits),
-            series={"time": time_series(runs, [log.band for log in residuals.logs])},
+            text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.drive_fits),
+            series={"time": time_series(runs, bands)},
         ),
         Section(
             title="Residuals",
-            text="Measured less simulated motion of the chosen log, after small changes of the "
-            "parameters: how like itself it is a while later, and how like the input before it. "
-            "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
-            "leaves them is something that the model misses. Below, at which frequencies.",
+            text="\n".join([*residual_sentences(residuals), _RESIDUALS]),
             series={
                 "left-over": correlation_series(residuals.logs),
                 "spectrum": spectrum_series(runs, residuals.logs),
@@ -82,14 +92,14 @@ def identification_page(
         *_correlations(identification),
         Section(
             title="FIT log by log",
-            text=f"Health of the {conditions_text(states)} A click on a point chooses its log."
-            + (f" Not drawn: {counted(lost, 'log')} from which the model runs away." * (lost > 0)),
+            text=f"Health of the {conditions_text(states)} A click on a point selects its log."
+            + (f" Not drawn: {counted(lost, 'log')} from which the model diverges." * (lost > 0)),
             figures={"fit": plots.fits()},
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
         *tabulated(
-            "In the servo's loop, and by its drive alone",
+            "In the servo's loop and by its drive alone",
             PageTable(name="loop", headers=LOOP_HEADERS, rows=loop_rows(identification)),
             _LOOP,
         ),
@@ -97,16 +107,12 @@ def identification_page(
         *tabulated("Against other parameters", _against_table(identification)),
         *tabulated("Held out", _held_out_table(identification)),
     ]
-    return Page(
-        name=data.name,
-        description=data.description,
-        kind="identification",
-        verdict=identification.judged,
-        facts=_facts(identification),
-        lead=_lead(table, data, with_truth=truth is not None),
-        summary=[*identification.notes, *residual_sentences(residuals)],
+    return replace(
+        first_screen(identification, truth),
+        summary=identification.notes,
         sections=sections,
         numbers=identification.to_dict(truth),
+        place=_place(identification),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={
@@ -118,62 +124,82 @@ def identification_page(
     )
 
 
+def first_screen(identification: Identification, truth: LumpedParameters | None = None) -> Page:
+    """Put together what is seen first: verdict, tiles and parameters."""
+    origin, parameters = identification.origin, identification.estimate.table(truth)
+    return Page(
+        name=origin["name"],
+        description=origin.get("description", ""),
+        kind="identification",
+        verdict=identification.judged,
+        facts=_facts(identification),
+        lead=_lead(parameters, identification.estimate.joint, with_truth=truth is not None),
+        summary=(),
+        sections=(),
+        numbers={},
+    )
+
+
+def _place(identification: Identification) -> str:
+    """Return the folder of the logs; nothing if they came from no files."""
+    root = (identification.origin["manifest"] or {}).get("root")
+    return "" if root is None else str(root)
+
+
 def _facts(identification: Identification) -> list[Fact]:
-    fit, data = identification.fit, identification.data
-    masses = {mass for mass in data.masses if mass.mass}
-    added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
-    times = identification.residuals.times
-    servo = []
-    if rows := loop_rows(identification):
-        (*_, error), (_, opened, *_), *_ = rows
-        servo = [Fact("FIT, by the drive alone", f"{opened} %", f"{error} mrad off in the loop")]
-    residuals = [Fact("residuals", f"{times_text(times)} ×", "what the sensors explain")]
+    fit, fits = identification.fit, identification.fits
+    worst = min(fits, key=lambda name: fits[name])
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
-        Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
-        *servo,
-        *(residuals if math.isfinite(times) else []),
-        Fact("logs", str(len(data.logs)), added if masses else ""),
+        Fact("FIT, worst log", f"{fit_text(fit.worst)} %", worst.rsplit("/", maxsplit=1)[-1]),
+        *_of_logs(identification),
+        Fact("logs", str(len(fits)), _added(identification)),
         Fact("method", identification.estimate.method),
     ]
 
 
-def _lead(parameters: Sequence[Parameter], data: DataSet, *, with_truth: bool) -> Section:
+def _added(identification: Identification) -> str:
+    """Say which masses were added; nothing if none was, or of a result that was loaded."""
+    masses = [] if identification.logs is None else identification.logs.masses
+    if len(masses) > 1:
+        return f"{len(masses)} added masses"
+    return "".join(str(mass) for mass in masses if mass.mass)
+
+
+def _of_logs(identification: Identification) -> list[Fact]:
+    """Say how large the error is; nothing of a result that was loaded, without its logs."""
+    if identification.logs is None:
+        return []
+    servo, residuals = [], identification.residuals
+    if rows := loop_rows(identification):
+        (*_, error), (_, opened, *_), *_ = rows
+        off = f"in the loop {error} m{identification.estimate.joint.way} error"
+        servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
+    noise = f"of the motion; {times_text(residuals.times)} times the sensor noise"
+    fact = Fact("model error", f"{100 * residuals.relative:.2g} %", noise)
+    return [*servo, *([fact] if math.isfinite(residuals.times) else [])]
+
+
+def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
-    texts, whiskers = map(parameter_texts, parameters), [Whisker.of(each) for each in parameters]
-    checked = any(whisker.left_out for whisker in whiskers)
-    headers = {"interval": "95 % interval", "width": "half of it"}
+    texts, whiskers = map(parameter_texts, parameters), forest(parameters)
+    headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
     headers |= {"true": "true", "deviation": "deviation"} if with_truth else {}
-    headers["error"] = "std error"
-    if checked and not with_truth:  # in numbers too, where there is room
-        headers["left_out"] = "one mass left out"
     rows: list[tuple[str | Marked | Whisker, ...]] = []
-    for row, whisker in zip(texts, whiskers, strict=True):
-        symbol = Marked(row["symbol"], meaning=row["meaning"])
-        rows.append((symbol, row["value"], row["unit"], whisker, *(row[key] for key in headers)))
-    caption = ""
-    if any(whisker.drawn for whisker in whiskers):
-        orange = "; orange: the truth" if with_truth else ""
-        caption = (
-            "Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
-            f"{orange}; dashed: zero."
-        )
-    if checked:
-        caption += (
-            " Grey, below: the estimates without the logs of one added mass, which the interval is "
-            "widened to hold: where it is wide, the model misses something that depends on the "
-            "mass."
-        )
+    for each, row, whisker in zip(parameters, texts, whiskers, strict=True):
+        name = Marked(each.name, meaning=row["meaning"])
+        rows.append((name, row["value"], row["unit"], whisker, *(row[key] for key in headers)))
     table = PageTable(
         name="parameters",
         words=(2,),
-        headers=("", "value", "unit", "", *headers.values()),
+        headers=("", "value", "unit", Axis.of(whiskers), *headers.values()),
         rows=rows,
-        caption=caption,
+        caption=forest_caption(whiskers),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
-    weight = " + p₃ sin θ" if data.hangs else ""
-    bare = "the bare hand" if data.joint is JointKind.HINGE else "the bare slide, θ its way"
+    heavy = any(each.name == "p3" and (each.value or not each.known) for each in parameters)
+    weight = " + p₃ sin θ" if heavy else ""
+    bare = "the bare joint" if joint is JointKind.HINGE else "the bare slide, θ its position"
     text = f"p₁ θ̈ + p₂ θ̇{weight} + T_c sgn θ̇ = p₄ u(t − delay), for {bare}{further}."
     return Section(title="Parameters", text=text, tables=(table,))
 
@@ -183,10 +209,10 @@ def _correlations(identification: Identification) -> list[Section]:
     if drawn is None:
         return []
     text = (
-        "How the errors of the parameters go together. Near +1 or −1 these logs tell hardly more "
-        "than a combination of the two: add a run that tells them apart."
+        "Correlation of the parameters' errors. Near +1 or −1 these logs determine little more "
+        "than a combination of the two: add a run that separates them."
     )
-    return [Section(title="Which parameters hang together", text=text, figures={"map": drawn})]
+    return [Section(title="Parameter correlations", text=text, figures={"map": drawn})]
 
 
 def _logs_table(identification: Identification) -> PageTable:
@@ -210,13 +236,13 @@ def _logs_table(identification: Identification) -> PageTable:
             )
         )
     headers = (
-        *("log", "FIT in %", "health", "what was found"),
+        *("log", "FIT in %", "health", "findings"),
         *(f"swing in {data.joint.way}", "drift in %", "harmonics in %"),
         *("samples", "step in ms", "jitter in ms", "file"),
     )
     caption = (
-        "Health: ok; note, which needs nothing done; care. Swing: amplitude of the fundamental in "
-        "the steady window. Drift: its change from the window's first to its second half."
+        "Health: ok; note, which needs no action; care. Swing: amplitude of the fundamental in the "
+        "steady window. Drift: its change from the window's first to its second half."
     )
     return PageTable(
         name="logs", headers=headers, rows=rows, words=(3, 10), caption=caption, picks=order
@@ -227,10 +253,7 @@ def _physical(identification: Identification) -> list[Section]:
     found = identification.separated()
     title, headers, rows = physical_table(found)
     text = "\n".join(physical_sentences(found))
-    caption = (
-        "What follows from the parameters, and what they are made of as far as what is known of "
-        "motor and hand tells it."
-    )
+    caption = "Derived from the parameters, and from what is known of motor and joint."
     table = PageTable(
         name="physical",
         headers=tuple(headers),
@@ -244,7 +267,7 @@ def _physical(identification: Identification) -> list[Section]:
 
 
 def _resonances_table(identification: Identification) -> PageTable:
-    """Tabulate where each added mass swings by itself; without gravity none does."""
+    """Tabulate the resonance of each added mass; without gravity there is none."""
     estimate, data = identification.estimate, identification.data
     headers = ["added mass", "resonance in rad/s, of small swings"]
     headers += ["resonance in rad/s, by the thesis"] if estimate.resonances else []
@@ -268,7 +291,7 @@ def _against_table(identification: Identification) -> PageTable:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
         values[3] += " (fitted)" if other.gain_fitted else ""
         rows.append((other.name, *values, *_fits(other.summary)))
-    headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
+    headers = ("parameters", *_COMPARED, "median FIT in %", "mean", "worst")
     return PageTable(name="against", headers=headers, rows=rows if len(rows) > 1 else ())
 
 

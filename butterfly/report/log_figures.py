@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -17,7 +18,16 @@ from butterfly.identification.free_run import FreeRun
 from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.logs.log import Log
-from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
+from butterfly.report.figures import (
+    GREY,
+    PALETTE,
+    add,
+    logs_panel,
+    look,
+    panel,
+    panels,
+    seen_samples,
+)
 from butterfly.report.page import Series
 from butterfly.signals.spectrum import periodogram, resample
 
@@ -29,12 +39,15 @@ _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
 _SHADE = "rgba(128,128,128,0.25)"  # of the band
+_SIMULATED = {"color": PALETTE[1], "width": 7}  # so wide that it is seen below what was measured
+_MEASURED = {"color": PALETTE[0], "width": 2}
+_PERIODS = 5  # of a sine, at the end of a log, that are seen first
 
 
 def recorded_figure(log: Log) -> Figure:
     """Draw a log against time, a panel for each column and one for the sampling intervals."""
     way = log.added_mass.joint.way
-    titles = {"input": "input in its own unit", "angle": f"angle in {way}"}
+    titles = {"input": f"input in {log.input_kind.unit}", "angle": f"angle in {way}"}
     titles |= {"velocity": f"velocity in {way}/s", "supply": "supply in V", "enabled": "enabled"}
     curves = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2
@@ -53,19 +66,18 @@ def recorded_figure(log: Log) -> Figure:
 
 def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> Figure:
     """Draw measured and simulated motion, and their difference in its band, against time."""
-    time, angle, simulated, lower, upper, difference, *goal = _time_curves(run, band, most)
+    time, simulated, angle, lower, upper, difference, *goal = _time_curves(run, band, most)
     way = run.log.unit
     titles = (f"{run.log.measures} in {way}", f"measured −<br>simulated in {way}")
     figure = panels("time in s", titles, 500, shares=(0.62, 0.38))
     lines = {"mode": "lines", "hovertemplate": f"%{{x:.2f}} s: %{{y:.4f}} {way}"}
-    add(figure, 1, time, angle, name="measured", line={"color": PALETTE[0], "width": 1.5}, **lines)
-    dashed = {"color": PALETTE[5], "width": 1.5, "dash": "dash" if goal else "dot"}
-    add(figure, 1, time, simulated, name="simulated", line=dashed, **lines)
+    add(figure, 1, time, simulated, name="simulated", line=_SIMULATED, **lines)
+    add(figure, 1, time, angle, name="measured", line=_MEASURED, **lines)
     edge = {"mode": "lines", "line": {"color": GREY, "width": 0}, "hoverinfo": "skip"}
     add(figure, 2, time, lower, showlegend=False, **edge)
     name = f"{100 * CONFIDENCE:.0f} % band of parameters and sensor"
     add(figure, 2, time, upper, name=name, fill="tonexty", fillcolor=_SHADE, **edge)
-    thin = {"color": PALETTE[0], "width": 1}
+    thin = {"color": PALETTE[5], "width": 1}
     add(figure, 2, time, difference, name="difference", showlegend=False, line=thin, **lines)
     if goal:
         dotted = {"color": GREY, "width": 1.2, "dash": "dot"}
@@ -83,15 +95,24 @@ def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> S
     filled = [
         (*each, *[gap] * (longest - len(each))) for each, gap in zip(curves, nothing, strict=True)
     ]
-    return Series.of(
-        time_figure(runs[first], bands[first], most=_LEAST), [[each] for each in filled]
-    )
+    figure = time_figure(runs[first], bands[first], most=_LEAST)
+    stretches = [first_stretch(run.log) for run in runs]
+    return Series.of(figure, [[each] for each in filled], stretches)
+
+
+def first_stretch(log: Log) -> tuple[float, float] | None:
+    """Return the times in s that are seen first: the last periods of a sine, or all (None)."""
+    first, last = float(log.time[0]), float(log.time[-1])
+    if log.excitation is None:
+        return None
+    begin = last - _PERIODS * math.tau / log.excitation.omega
+    return (begin, last) if begin > first else None
 
 
 def _time_curves(
     run: FreeRun, band: ErrorBand | None, most: int
 ) -> tuple[NDArray[np.floating[Any]], ...]:
-    """Return (n,) times in s, what is measured, simulated, its limits and the difference.
+    """Return (n,) times in s, what is simulated, measured, its limits and the difference.
 
     If what a servo follows is of the same kind as what was measured, it comes last.
     """
@@ -101,7 +122,7 @@ def _time_curves(
         reach = np.interp(log.time, band.time, band.reach, left=np.nan, right=np.nan)
     every = max(1, round(_STEP / log.mean_step))
     some = seen_samples([log.measured, difference], most, every=every)
-    columns = [log.measured, run.simulated, -reach, reach, difference]
+    columns = [run.simulated, log.measured, -reach, reach, difference]
     if log.setpoint is not None and log.servo and log.servo.of_speed == log.integrated:
         columns.append(log.setpoint)
     with np.errstate(over="ignore"):  # what ran away is not drawn
@@ -115,7 +136,7 @@ def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
     looks = {
         f"measured {run.log.measures}": {"color": GREY, "width": 1},
         "measured − simulated": {"color": PALETTE[0], "width": 1.4},
-        "what the sensor explains": {"color": PALETTE[5], "width": 1.2, "dash": "dash"},
+        "sensor noise": {"color": PALETTE[5], "width": 1.2, "dash": "dash"},
     }
     hover = f"%{{x:.3g}} rad/s: %{{y:.3g}} {way}"
     figure = panel("ω in rad/s", f"amplitude in {way}", 340)
@@ -184,21 +205,22 @@ def _band_and_curve(curve: Curve | None) -> list[NDArray[np.float32]]:
 
 
 def share_figure(predictions: Sequence[Prediction]) -> Figure:
-    """Draw the share of measured samples inside each band, a point for each log."""
-    figure = panel("number of the log", "measured samples inside, %", 380)
+    """Draw the share of measured samples inside each band, a row for each log."""
+    names = [each.run.log.label for each in predictions]
+    figure = logs_panel(names, "measured samples inside the band, in %")
     for name, (colour, _) in _BANDS.items():
         if name in predictions[0].bands:
             figure.add_scatter(
-                x=list(range(len(predictions))),
-                y=[100 * each.bands[name].share(each.measured) for each in predictions],
-                text=[escape(each.run.log.label) for each in predictions],
+                x=[100 * each.bands[name].share(each.measured) for each in predictions],
+                y=list(range(len(predictions))),
+                text=[*map(escape, names)],
                 name=f"band of {name}",
                 mode="markers",
                 marker={"color": colour, "size": 8},
-                hovertemplate="%{text}: %{y:.1f} %",
+                hovertemplate="%{text}: %{x:.1f} %",
             )
-    figure.add_hline(y=95, line={"color": GREY, "width": 1, "dash": "dash"})
-    figure.update_yaxes(range=[0, 102])
+    figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
+    figure.update_xaxes(range=[-2, 102])
     return figure
 
 
@@ -212,12 +234,12 @@ def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
 def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
     """Draw motion and bands against time, and below both less the free run; if so, ``measured``."""
     way = prediction.run.log.unit
-    titles = (f"{prediction.run.log.measures} in {way}", f"less free run, {way}")
+    titles = (f"{prediction.run.log.measures} in {way}", f"motion − free run<br>in {way}")
     figure = panels("time in s", titles, 460, shares=(0.55, 0.45))
     centre = prediction.run.simulated[prediction.samples]
-    lines = {"free run": (centre, PALETTE[5])}
+    lines = {"free run": (centre, PALETTE[5], 2.5)}
     if measured:
-        lines["measured"] = prediction.measured, PALETTE[0]
+        lines["measured"] = prediction.measured, PALETTE[0], 1.0
     there_and_back = np.concatenate([prediction.time, prediction.time[::-1]])
     for row, about in ((1, np.zeros_like(centre)), (2, centre)):
         common = {"mode": "lines", "showlegend": row == 1}
@@ -230,8 +252,8 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
             shade |= {"line": {"width": 0, "color": colour}, "hoverinfo": "skip", **common}
             y = outline.astype(np.float32)
             add(figure, row, there_and_back, y, name=f"95 %, {name}", **shade)
-        for name, (angle, colour) in lines.items():
-            style = {"line": {"width": 1, "color": colour}, **common}
+        for name, (angle, colour, width) in lines.items():
+            style = {"line": {"width": width, "color": colour}, **common}
             style["hovertemplate"] = f"%{{x:.2f}} s: %{{y:.4f}} {way}"
             y = (angle - about).astype(np.float32)
             add(figure, row, prediction.time, y, name=name, **style)

@@ -17,12 +17,13 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
+from butterfly.report.forest import Axis, Marks, forest, forest_caption
 from butterfly.report.format import interval, with_error
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Fact, Page, PageTable, Section, Whisker
+from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.result import document
 
-_RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
+_RATIOS = {name: f"{name}/p1" for name in ("p2", "p3", "p4", "coulomb")}
 _EVERY = 0.01  # s between drawn points
 _SMOOTH = 0.02  # s over which the drawn velocity is averaged
 
@@ -166,24 +167,27 @@ def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
 def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> PageTable:
     rounds = study.calibration.rounds
     found, generic = rounds[-1].recalibration, rounds[0].believed
-    estimate, rows = found.estimate, []
+    estimate, texts, marks = found.estimate, [], []
     columns = (estimate.values, estimate.standard_errors, estimate.lower, estimate.upper)
     lines = np.column_stack(columns).tolist()
     for name, (value, error, *limits) in zip(estimate.names, lines, strict=True):
         ratio = found.is_ratio(name)
-        symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
+        shown = _RATIOS.get(name, f"{name}/p1") if ratio else name
         true = None if truth is None else getattr(truth, name) / (truth.p1 if ratio else 1.0)
-        whisker = Whisker(value=value, limits=(limits[0], limits[1]), true=true)
         before = f"{getattr(generic, name) / generic.p1:.5g}" if ratio else "–"
-        shown = "" if true is None else f"{true:.6g}"
-        digits = with_error(value, error)
-        rows.append((symbol, digits, whisker, interval(*limits), f"{error:#.2g}", before, shown))
+        marks.append(Marks(value=value, lower=limits[0], upper=limits[1], true=true))
+        cells = (interval(*limits), f"{error:#.2g}", before, "" if true is None else f"{true:.6g}")
+        texts.append((shown, with_error(value, error), cells))
+    whiskers = forest(marks)
+    axis = Axis.of(whiskers)
     return PageTable(
-        headers=("", "value", "", "95 % interval", "std error", "at first", "true"),
-        rows=rows,
-        caption="Blue: 95 % interval, the estimate its dark mark; orange: the truth, where it is "
-        "known. SI units; ratios where no known mass was changed. Intervals are widened to hold "
-        "the estimates that leave one run out.",
+        headers=("", "value", axis, "95 % interval", "standard error", "at first", "true"),
+        rows=[
+            (name, value, whisker, *cells)
+            for (name, value, cells), whisker in zip(texts, whiskers, strict=True)
+        ],
+        caption=f"{forest_caption(whiskers)} SI units; ratios where no known mass was changed. "
+        "Intervals include the estimates without one of the runs.",
     )
 
 

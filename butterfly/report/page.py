@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import gzip
 import json
-import math
+import shlex
+import sys
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,17 +17,15 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from numpy.typing import NDArray
 
-from butterfly import __version__
 from butterfly.files import write_file
-from butterfly.identification.parameter import Parameter
-from butterfly.result import TextTable, write_document
+from butterfly.report.forest import Axis, Whisker
+from butterfly.result import TextTable, versions, write_document
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
-_MARGIN = 0.1  # of the range that a whisker shows, on either side
 _SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 
 
@@ -39,54 +39,6 @@ class Marked(NamedTuple):
 
     def __str__(self) -> str:
         return self.text
-
-
-@dataclass(frozen=True, kw_only=True)
-class Whisker:
-    """An estimate with its interval as a mark in a row of a table: a line of a forest plot."""
-
-    value: float
-    limits: tuple[float, float] | None = None  # of its 95 % interval
-    left_out: tuple[float, float] | None = None  # range of estimates that leave a mass out
-    true: float | None = None  # where it is known
-
-    @classmethod
-    def of(cls, row: Parameter) -> Whisker:
-        """Return a row of an estimate's table as a mark."""
-        limits, left_out = None, None
-        if not (row.known or row.lower is None or row.upper is None):
-            limits = row.lower, row.upper
-        if row.least_left_out is not None and row.largest_left_out is not None:
-            left_out = row.least_left_out, row.largest_left_out
-        return cls(value=row.value, limits=limits, left_out=left_out, true=row.true)
-
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Ends of an axis that holds all of it."""
-        known = [self.value, *(self.limits or ()), *(self.left_out or ())]
-        known += [] if self.true is None else [self.true]
-        least, most = min(known), max(known)
-        spare = _MARGIN * (most - least) or abs(least) or 1.0
-        return least - spare, most + spare
-
-    @property
-    def zero(self) -> float | None:
-        """Where 0 is, from 0 to 100 along the axis; None if it is not on it."""
-        least, most = self.scale
-        return self.place(0.0) if least <= 0.0 <= most else None
-
-    def place(self, number: float) -> float:
-        """Return where a number is, from 0 to 100 along the axis."""
-        least, most = self.scale
-        return round(100 * (number - least) / (most - least), 2)
-
-    @property
-    def drawn(self) -> bool:
-        """Whether there is an interval to draw, of finite limits."""
-        return self.limits is not None and all(map(math.isfinite, self.scale))
-
-    def __str__(self) -> str:
-        return ""
 
 
 class Fact(NamedTuple):
@@ -109,7 +61,7 @@ class Badge(NamedTuple):
 class PageTable:
     """Rows of cells under headers, units in the headers."""
 
-    headers: tuple[str, ...]
+    headers: tuple[str | Axis, ...]
     rows: Sequence[tuple[str | Marked | Whisker, ...]]
     caption: str = ""
     name: str = ""  # by which a page's links and programs find it
@@ -122,15 +74,22 @@ class Series:
     """A figure of which there is one for each log; that of the log that is chosen is drawn.
 
     ``data`` and ``layout`` are of all of them, the traces without points; ``curves`` for each log
-    and each group of traces that share an x: that x, then the y of each (see `packable`).
+    and each group of traces that share an x: that x, then the y of each (see `packable`);
+    ``stretches`` for each log the part of x that is drawn first, None for all of it.
     """
 
     data: list[dict[str, Any]]
     layout: dict[str, Any]
     curves: list[list[list[dict[str, Any]]]]
+    stretches: Sequence[tuple[float, float] | None] = ()
 
     @classmethod
-    def of(cls, figure: Figure, curves: Sequence[Sequence[Sequence[NDArray[Any]]]]) -> Series:
+    def of(
+        cls,
+        figure: Figure,
+        curves: Sequence[Sequence[Sequence[NDArray[Any]]]],
+        stretches: Sequence[tuple[float, float] | None] = (),
+    ) -> Series:
         """Take the look of all from the figure of one, whose axes are all logarithmic or none."""
         common = figure.to_dict()
         traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
@@ -140,13 +99,20 @@ class Series:
             [[packable(curve, logarithmic=powers) for curve in group] for group in log]
             for log in curves
         ]
-        return cls(data=traces, layout=layout, curves=packed)
+        return cls(data=traces, layout=layout, curves=packed, stretches=stretches)
 
     @classmethod
-    def of_figures(cls, figures: Sequence[Figure]) -> Series:
+    def of_figures(
+        cls, figures: Sequence[Figure], stretches: Sequence[tuple[float, float] | None] = ()
+    ) -> Series:
         """Take the points from the figure of each log."""
         curves = [[[*map(np.asarray, (t.x, t.y))] for t in each.data] for each in figures]
-        return cls.of(figures[0], curves)
+        return cls.of(figures[0], curves, stretches)
+
+    @property
+    def parted(self) -> bool:
+        """Whether of some log a part is drawn first."""
+        return any(each is not None for each in self.stretches)
 
 
 def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
@@ -200,6 +166,7 @@ class Page:
     lead: Section | None = None
     logs: Sequence[str] = ()  # labels of the logs that can be chosen
     chosen: int = 0  # number of the log that is chosen at first
+    place: str = ""  # of the data, where that is known
     pictures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     """Figures that are not on the page but among its pictures, drawn where these are asked for."""
 
@@ -211,6 +178,23 @@ class Page:
         text = self.verdict.level.verdict
         text = text if self.kind == "identification" else f"parameters: {text}"
         return Badge(self.verdict.level, text.capitalize(), list(self.verdict.reasons))
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """What the page was made of, by what, with what and when."""
+        about, chosen = (self.numbers.get(key) or {} for key in ("data", "chosen"))
+        options = (chosen.get("options") or {}).items()
+        said = [f"{name} {_said(value)}" for name, value in options if value not in (None, [], ())]
+        name = about.get("name", "")
+        found = {
+            "command": command_line() or "none: made from Python",
+            "folder": str(Path.cwd()) if command_line() else "",
+            "data": f"{name} ({self.place})" if self.place else name,
+            "options": ", ".join([chosen["label"] or chosen["method"], *said]) if chosen else "",
+            "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+            "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
+        }
+        return {key: text for key, text in found.items() if text}
 
     @property
     def parts(self) -> list[Section]:
@@ -226,7 +210,9 @@ class Page:
     def text_tables(self) -> tuple[TextTable, ...]:
         """The tables of its sections, as a command prints them."""
         return tuple(
-            TextTable(section.title, each.headers, [[*map(str, row)] for row in each.rows])
+            TextTable(
+                section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows]
+            )
             for section in self.sections
             for each in section.tables
         )
@@ -237,25 +223,44 @@ class Page:
         return {name: each for part in self.parts for name, each in part.series.items()}
 
 
-def rendered(page: Page) -> str:
-    """Return a page as HTML."""
-    environment = Environment(
+def command_line() -> str:
+    """Return how butterfly was called in a terminal; nothing where it was not."""
+    program = Path(sys.argv[0])
+    called = program.stem == "butterfly" or program.parts[-2:] == ("butterfly", "__main__.py")
+    return shlex.join(["butterfly", *sys.argv[1:]]) if called else ""
+
+
+def _said(value: object) -> str:
+    return "+".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def environment() -> Environment:
+    """Return what fills templates, and escapes what it fills in."""
+    found = Environment(
         loader=PackageLoader("butterfly.report"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["packed"] = _packed
+    found.filters["packed"] = _packed
+    return found
+
+
+def rendered(page: Page) -> str:
+    """Return a page as HTML."""
     figures = ",".join(
         f"{json.dumps(name)}: {each.to_json()}" for name, each in page.figures.items()
     )
-    return environment.get_template("page.html.j2").render(
-        page=page,
-        version=__version__,
-        plotly=gzip.decompress(_PLOTLY.read_bytes()).decode(),
-        figures="{" + figures + "}",
-        series=json.dumps({name: vars(each) for name, each in page.series.items()}),
+    return (
+        environment()
+        .get_template("page.html.j2")
+        .render(
+            page=page,
+            plotly=gzip.decompress(_PLOTLY.read_bytes()).decode(),
+            figures="{" + figures + "}",
+            series=json.dumps({name: vars(each) for name, each in page.series.items()}),
+        )
     )
 
 

@@ -9,19 +9,20 @@ from html import escape
 
 from plotly.graph_objects import Figure
 
-from butterfly.comparison.leaderboard import Entry
+from butterfly.comparison.leaderboard import Entry, equals
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.validate import Structure
-from butterfly.report.figures import PALETTE, look, panel
+from butterfly.report.figures import PALETTE, logs_panel, look, panel
 from butterfly.report.format import fit_text
-from butterfly.report.page import Marked, Page, PageTable, Section
+from butterfly.report.page import Badge, Fact, Marked, Page, PageTable, Section
 from butterfly.result import Result
+from butterfly.verdict import Level, Verdict
 
 _HEADERS: tuple[str, ...] = (
     *("estimator", "verdict", "left out: median", "left out: worst"),
     *("in sample: median", "in sample: worst"),
-    *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
+    *("time in s", "p1", "p2", "p3", "p4", "coulomb", "remark"),
 )
 _ROW = 52  # pixels of an estimator
 _BASIC = "p1..p4, coulomb, delay"  # which every structure has
@@ -40,11 +41,37 @@ def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
         name="leaderboard",
         description=result.title,
         kind="leaderboard",
+        facts=_leaderboard_facts(entries),
         summary=result.notes,
         sections=sections,
         numbers=result.to_dict(),
+        badge=None if result.judged is None else _leaderboard_badge(entries, result.judged),
         verdict=result.judged,
     )
+
+
+def _leaderboard_badge(entries: Sequence[Entry], judged: Verdict) -> Badge:
+    """Say what may be done with the estimates, if all agree; else that each row has its verdict."""
+    levels = {Level.WARNING if e.estimate is None else e.estimate.level for e in entries}
+    if len(levels) == 1:
+        return Badge(judged.level, f"All: {judged.level.verdict}", judged.reasons)
+    return Badge(Level.NOTE, "Verdicts differ: see each row", judged.reasons)
+
+
+def _leaderboard_facts(entries: Sequence[Entry]) -> list[Fact]:
+    sets = dict.fromkeys(entry.data for entry in entries)
+    facts = []
+    for name in sets:
+        own = [each for each in entries if each.data == name]
+        best = own[0]
+        if best.held_out is None:
+            continue
+        equal = equals(own)
+        label = "predict best, no clear winner" if len(equal) > 1 else "predicts best"
+        fit = f"held out: median FIT {fit_text(best.held_out.median)} %, {name}"
+        facts.append(Fact(label, ", ".join(each.method for each in equal), fit))
+    methods = dict.fromkeys(entry.method for entry in entries)
+    return [*facts, Fact("methods", str(len(methods))), Fact("data sets", str(len(sets)))]
 
 
 def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
@@ -116,11 +143,21 @@ def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -
         name=data.name,
         description=data.description,
         kind="choice of terms",
+        facts=[
+            Fact("terms chosen", ", ".join(passed[-1].terms) or "none", "besides p1..p4, coulomb"),
+            *(
+                Fact(f"FIT held out, by {split}", f"{fit_text(fit.median)} %", "median")
+                for split, fit in passed[-1].held_out.items()
+            ),
+            Fact("FIT in sample", f"{fit_text(passed[-1].in_sample.median)} %", "median"),
+        ],
         summary=result.notes,
         lead=Section(
             title="FIT by what is fitted",
-            text="Median FIT in %, in sample and of what was left out, which decides.",
-            figures={"fit": _structures_figure(passed)},
+            text="Median FIT in %, in sample and held out; the latter decides."
+            if len(passed) > 1
+            else "No further term improves the prediction of held-out data.",
+            figures={"fit": _structures_figure(passed)} if len(passed) > 1 else {},
         ),
         sections=[
             Section(title="FIT in %, in sample and left out", tables=(structures_table(passed),))
@@ -153,34 +190,34 @@ class TablePlots:
         """Draw every column of FITs, a point for each log."""
         rows = self.result.rows()
         columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-        places = list(range(1, len(rows) + 1))
-        labels = [
-            escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
-        ]
-        figure = panel("log, in the order of the table", "FIT in %")
+        labels = [str(row.get("log", number)) for number, row in enumerate(rows, start=1)]
+        figure = logs_panel([label.rsplit("/", maxsplit=1)[-1] for label in labels], "FIT in %")
         for number, name in enumerate(columns):
             colour, symbol = look(number)
             marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
             figure.add_scatter(
-                x=places,
-                y=[row[name] for row in rows],
-                text=labels,
+                x=[row[name] for row in rows],
+                y=list(range(len(rows))),
+                text=[*map(escape, labels)],
                 name=name.removeprefix("FIT ").removesuffix(" in %"),
                 mode="markers",
-                marker=marker | {"size": 8 + 4 * (number % 2)},
-                hovertemplate="%{text}: %{y:.1f} %",
+                marker=marker | {"size": 7 + 5 * (number % 2)},
+                hovertemplate="%{text}: %{x:.1f} %",
             )
         return figure
 
     def ranking(self, count: int = 12) -> Figure:
-        """Draw the mean of what is left of the standard errors, for the first candidates."""
+        """Draw the mean of the standard errors after each of the first candidates, over now's."""
         rows = self.result.rows()[:count]
-        up = "standard errors after, over those now"
-        return panel("candidate, in the order of the table", up).add_bar(
-            x=[str(rank) for rank in range(1, len(rows) + 1)],
-            y=[row["mean"] for row in rows],
-            text=[f"{row['input']}, {row['added mass']}" for row in rows],
-            textposition="none",
-            hovertemplate="%{text}: %{y:.2f}<extra></extra>",
-            marker={"color": PALETTE[0]},
+        names = [f"{row['input']}, {row['added mass']}" for row in rows]
+        figure = logs_panel(names, "standard errors after it, in % of those now")
+        ends = [min(0.0, *(100 * row["mean"] for row in rows)), 105.0]
+        return figure.update_xaxes(range=ends).add_scatter(
+            x=[100 * row["mean"] for row in rows],
+            y=list(range(len(rows))),
+            text=[f"{100 * row['mean']:.3g} %" for row in rows],
+            textposition="middle left",
+            mode="markers+text",
+            hovertemplate="%{y}: %{x:.3g} %<extra></extra>",
+            marker={"color": PALETTE[0], "size": 9},
         )

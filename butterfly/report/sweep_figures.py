@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
 from butterfly.experiment.sweep_tables import Estimates
-from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, panel, panels
+from butterfly.report.forest import MOST
 from butterfly.report.format import field_label
 from butterfly.result import cell_text
 
@@ -21,6 +21,9 @@ _BINS = 8
 _CELLS = 8  # of a heat map, along either axis
 _MAPS = 4  # heat maps at most
 _ROW = 190  # pixels of a panel
+_LINE = 46  # pixels of a parameter
+_SPREAD = (2.5, 25, 50, 75, 97.5)  # per cent of the runs
+_FLAT, _UNSEEN = 0.1, 0.01  # of the largest change, and %: no change that a figure shows
 _COLOURS = ("#009E73", "#56B4E9", "#E69F00", "#D55E00")  # of quarters of the estimates, best first
 _LINES = 400  # at most, of all fields at once
 _FEWEST = 2  # fields that a line goes through, and values that an axis has
@@ -28,12 +31,57 @@ _TICKS = 8  # values of an axis, up to which each is written
 _MARGIN = 0.03  # of an axis, by which written values are off its ends
 
 
-def axis_figure(table: Estimates, field: str) -> Figure | None:
-    """Draw deviation against one field, a panel for each parameter."""
+def recovery_figure(table: Estimates) -> Figure | None:
+    """Draw the deviations of all estimates on one axis: median, middle half, and 95 % of them."""
     names = table.distinct("parameter")
+    if not names:
+        return None
+    figure, reach = panel("deviation from the truth in %", "", _LINE * len(names) + 110), 0.0
+    count = len(table.estimators)
+    for index, method in enumerate(table.estimators):
+        colour = PALETTE[index % len(PALETTE)]
+        own = table.where(estimator=method)
+        groups = [100 * own.where(parameter=name)["deviation"] for name in names]
+        rows = [k for k, group in enumerate(groups) if group.size]
+        spread = np.clip([np.percentile(groups[k], _SPREAD) for k in rows], -MOST, MOST)
+        reach = max(reach, float(np.abs(spread).max(initial=0.0)))
+        places = [k + (index - (count - 1) / 2) * 0.6 / count for k in rows]
+        for (low, high), width in (((0, 4), 2), ((1, 3), 7)):
+            ends = np.column_stack([spread[:, low], spread[:, high], np.full(len(rows), np.nan)])
+            line = {"color": colour, "width": width}
+            y = np.repeat(places, 3)
+            style = {"mode": "lines", "line": line, "legendgroup": method, "showlegend": False}
+            figure.add_scatter(x=ends.ravel(), y=y, hoverinfo="skip", **style)
+        dots = {"color": colour, "size": 9, "line": {"color": "#ffffff", "width": 1}}
+        style = {"mode": "markers", "marker": dots, "legendgroup": method, "name": method}
+        figure.add_scatter(x=spread[:, 2], y=places, hovertemplate="%{x:.3g} %", **style)
+    figure.update_xaxes(range=[-1.05 * (reach or 1), 1.05 * (reach or 1)])
+    rows = list(range(len(names)))
+    return figure.update_yaxes(tickvals=rows, ticktext=names, range=[len(names) - 0.4, -0.6])
+
+
+def affected(table: Estimates, field: str) -> dict[str, float]:
+    """Return the parameters whose deviation a field changes, with the largest change in %.
+
+    That of the medians over the field's values, of any estimator, beyond a tenth of the largest of
+    all parameters; the others are as flat as zeros.
+    """
+    changes = dict.fromkeys(table.distinct("parameter"), 0.0)
+    for method in table.estimators:
+        for name in changes:
+            group = table.where(estimator=method, parameter=name)
+            _, parts = _binned(group[field])
+            middles = [np.median(100 * group["deviation"][part]) for part in parts]
+            changes[name] = max(changes[name], float(np.ptp(middles)) if middles else 0.0)
+    least = max(_FLAT * max(changes.values(), default=0.0), _UNSEEN)
+    return {name: change for name, change in changes.items() if change > least}
+
+
+def axis_figure(table: Estimates, field: str, names: Sequence[str]) -> Figure | None:
+    """Draw deviation against one field, a panel for each of some parameters."""
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
-    titles = [f"{TERMS[name].symbol} in %" for name in names]
+    titles = [f"{name} in %" for name in names]
     height = _ROW * len(names) + 90
     figure = panels(escape(field_label(field)), titles, height, spacing=0.03)
     for index, method in enumerate(table.estimators):

@@ -15,7 +15,13 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
-from butterfly.report.sweep_figures import axis_figure, heat_maps, parallel_figure
+from butterfly.report.sweep_figures import (
+    affected,
+    axis_figure,
+    heat_maps,
+    parallel_figure,
+    recovery_figure,
+)
 from butterfly.result import cell_text, document
 from butterfly.verdict import VERDICTS
 
@@ -23,6 +29,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _LISTED = 100  # runs in a table of what went wrong
+_NEXT_TO_ZERO = 10.0  # times the true value, from which a deviation in per cent says nothing
 _ORBITS = 200  # runs in the table of orbits
 
 
@@ -30,6 +37,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     """Put together the report of a sweep of the tables of its result store."""
     table, fields = Estimates.of(estimates, sweep.fields), sweep.fields
     status, recovered = column(runs, "status"), list(table.recovery())
+    drawn = recovery_figure(table.deviating)
     summary = _summary(table, status, fields)
     numbers = {
         "data": {"name": sweep.name, "description": sweep.description},
@@ -55,12 +63,14 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         *tabulated(
             "Verdicts",
             _verdicts_table(table),
-            "How many estimates may be used, by what their own data say, not by the truth.",
+            "Number of estimates with each verdict, from their own logs, without the truth.",
         ),
         Section(
             title="Recovery of the parameters",
-            text="Deviation of the estimates from the truth over all runs, where it is not 0; "
-            "coverage is the share of 95 % intervals that hold the truth.",
+            text="Deviation of the estimates from the truth over all runs, where the true value is "
+            "not 0: median, middle half and 95 % of the runs, on one axis. Coverage: the share of "
+            "95 % intervals that contain the truth.",
+            figures={} if drawn is None else {"recovery": drawn},
             tables=(_recovery_table(recovered),),
         ),
         *_against_fields(table.deviating, fields),
@@ -90,14 +100,20 @@ def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section
     """Show how estimates deviate by what was varied: all at once, one by one, in pairs."""
     sections = []
     if (together := parallel_figure(deviating, fields)) is not None:
-        text = "A line is an estimate, through what was varied and what came of it."
+        text = "One line per estimate: the varied fields on the left, the results on the right."
         figures = {"together": together}
         sections.append(Section(title="All fields at once", text=text, figures=figures))
     for number, field in enumerate(fields):
-        if (figure := axis_figure(deviating, field)) is not None:
-            title, figures = f"Against {field_name(field)}", {f"axis-{number}": figure}
-            text = "Median deviation, with the middle half of the runs."
-            sections.append(Section(title=title, text=text, figures=figures))
+        if len(deviating.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
+            continue
+        names = affected(deviating, field)
+        flat = [name for name in deviating.distinct("parameter") if name not in names]
+        figure = axis_figure(deviating, field, [*names])
+        text = "Median deviation, with the middle half of the runs." * (figure is not None)
+        text += f"\nNo visible effect on {', '.join(flat)}." * bool(flat)
+        figures = {} if figure is None else {f"axis-{number}": figure}
+        title = f"Against {field_name(field)}"
+        sections.append(Section(title=title, text=text.strip(), figures=figures))
     if maps := heat_maps(deviating, fields):
         text = "Median of the parameters' mean absolute deviation in %, over the other fields."
         sections.append(Section(title="Two fields at a time", text=text, figures=maps))
@@ -127,7 +143,7 @@ def _verdicts_table(table: Estimates) -> PageTable:
 def _recovery_table(recovered: Sequence[Recovery]) -> PageTable:
     rows = [
         (
-            *(each.estimator, TERMS[each.parameter].symbol, str(each.runs)),
+            *(each.estimator, each.parameter, str(each.runs)),
             *(_percent(value, ".3g") for value in (each.median, each.rms, each.largest)),
             _percent(each.coverage),
         )
@@ -166,18 +182,27 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTab
         (
             _link(worst["number"][k], str(worst["key"][k])),
             worst["estimator"][k],
-            f"{TERMS[str(worst['parameter'][k])].symbol} {100 * worst['deviation'][k]:+.3g}",
+            _deviation_text(worst, k),
             f"{worst['fit_median'][k]:.1f}",
             *(cell_text(worst[field][k]) for field in fields),
         )
         for k in order[:count].tolist()
     ]
-    headers = ("run", "estimator", "deviation in %", "median FIT in %", *map(field_label, fields))
+    headers = ("run", "estimator", "deviation", "median FIT in %", *map(field_label, fields))
     caption = (
-        "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
-        "it in words."
+        "The number links to the run's record (JSON); butterfly results show FOLDER NUMBER "
+        "prints it."
     )
     return PageTable(headers=headers, rows=rows, words=(1,), caption=caption)
+
+
+def _deviation_text(rows: Estimates, number: int) -> str:
+    """Say how far an estimate is off, in per cent; in units where the true value is next to 0."""
+    name, share = str(rows["parameter"][number]), float(rows["deviation"][number])
+    if abs(share) <= _NEXT_TO_ZERO:
+        return f"{name} {100 * share:+.3g} %"
+    off = rows["value"][number] - rows["true"][number]
+    return f"{name} {off:+.3g} {TERMS[name].unit}"
 
 
 def _unconverged_table(table: Estimates) -> PageTable:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from html import escape
+from typing import Any
 
 import numpy as np
 from plotly.graph_objects import Figure
@@ -14,28 +16,28 @@ from butterfly.arrays import Samples
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals
-from butterfly.model.parameters import JointKind
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.report.figures import (
     PALETTE,
     add,
     grams,
-    look,
+    logs_panel,
+    mass_looks,
     middle,
     panel,
     panels,
-    ranked_panel,
     seen_samples,
 )
-from butterfly.report.log_figures import correlation_figure, correlation_series
+from butterfly.report.log_figures import correlation_figure, correlation_series, first_stretch
 from butterfly.report.page import Fact, Page, PageTable, Section, Series
 from butterfly.report.residual import residual_table
 from butterfly.result import Result
 
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
-_LINES = {
-    "log": {"color": PALETTE[0], "width": 1.4, "dash": "solid"},
-    "MuJoCo": {"color": PALETTE[1], "width": 1.4, "dash": "dash"},
-    "grey box": {"color": PALETTE[5], "width": 1.4, "dash": "dot"},
+_LINES = {  # the later ones above, and thinner, so that all are seen
+    "MuJoCo": {"color": PALETTE[1], "width": 6},
+    "grey box": {"color": PALETTE[2], "width": 3},
+    "measured": {"color": PALETTE[0], "width": 1.2},
 }
 _STEP = 0.02  # s between drawn points
 _MOST = 4000  # points of a curve
@@ -52,19 +54,20 @@ def three_way_page(
     chosen = middle([each.fits["grey box"] for each in compared])
     of_log = {"time": _time_figure, "phase": _phase_figure, "residual": _residual_figure}
     series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
+    stretches = [first_stretch(each.log) for each in compared]
+    series["time"] = replace(series["time"], stretches=stretches)
     sections = [
-        *_frequencies([each for each in compared if each.gains]),
+        *_frequencies([each for each in compared if each.gains], data.masses),
         Section(
             title="Measured against simulated",
-            text="From the first sample on with the recorded input alone; the phase plane is the "
-            "end of the log.",
+            text="Free run: the simulators get the recorded input and the initial angle only. The "
+            "phase plane shows the end of the log.",
             series={"time": series["time"], "phase": series["phase"]},
         ),
         Section(
             title="Residuals",
-            text="Correlations of the grey box's errors: where encoder and noise explain them, "
-            "both curves stay inside the bands. Below, the residual torque: what all terms "
-            "leave of it, averaged over short bumps.",
+            text="Correlations of the grey box's errors: sensor noise alone stays inside the "
+            "bands. Below: the residual torque, averaged over short intervals.",
             series={"left-over": correlation_series(own), "residual": series["residual"]},
             tables=(residual_table(own, picks=range(len(own))),),
         ),
@@ -74,11 +77,11 @@ def three_way_page(
         name=data.name,
         description=data.description,
         kind="comparison",
-        facts=_facts(compared),
+        facts=_facts(compared, len(data.logs)),
         lead=Section(
             title="FIT log by log",
-            text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
-            figures={"fit": _fit_figure(compared)},
+            text="The worst on top. Large marks: MuJoCo; small ones: the grey box.",
+            figures={"fit": _fit_figure(compared, data.masses)},
         ),
         summary=result.notes,
         sections=sections,
@@ -91,7 +94,7 @@ def three_way_page(
     )
 
 
-def _facts(compared: Sequence[ThreeWay]) -> list[Fact]:
+def _facts(compared: Sequence[ThreeWay], count: int) -> list[Fact]:
     way = compared[0].log.added_mass.joint.way
     apart = max(each.difference for each in compared)
     medians = [
@@ -100,8 +103,8 @@ def _facts(compared: Sequence[ThreeWay]) -> list[Fact]:
     ]
     return [
         *medians,
-        Fact("MuJoCo from grey box", f"{apart:.2g} {way}", "at most"),
-        Fact("logs", str(len(compared))),
+        Fact("MuJoCo − grey box", f"{apart:.2g} {way}", "largest difference"),
+        Fact("logs compared", str(len(compared)), f"of {count}"),
     ]
 
 
@@ -123,15 +126,40 @@ def _table(compared: Sequence[ThreeWay]) -> PageTable:
     return PageTable(headers=headers, rows=rows, picks=range(len(rows)))
 
 
-def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
+def _fit_figure(compared: Sequence[ThreeWay], masses: Sequence[AddedMass]) -> Figure:
     ranked = sorted(compared, key=lambda each: each.fits["grey box"])
-    figure = ranked_panel(len(ranked))
-    values = {name: [each.fits[name] for each in ranked] for name in _SIMULATORS}
-    _add_by_mass(figure, ranked, range(1, len(ranked) + 1), values)
+    figure = logs_panel([each.log.label for each in ranked], "FIT in %")
+    for mass, own, style in _by_mass(ranked, masses):
+        for name, look_of in style.items():
+            x, y = [ranked[k].fits[name] for k in own], own
+            texts = [escape(ranked[k].log.label) for k in own]
+            hover = f"%{{text}}, {name}: %{{x:.4g}} %<extra></extra>"
+            label = f"{grams(mass)}, {name}"
+            figure.add_scatter(x=x, y=y, text=texts, name=label, hovertemplate=hover, **look_of)
     return figure
 
 
-def _frequencies(sines: Sequence[ThreeWay]) -> list[Section]:
+def _by_mass(
+    compared: Sequence[ThreeWay], masses: Sequence[AddedMass]
+) -> Iterator[tuple[AddedMass, list[int], dict[str, dict[str, Any]]]]:
+    """Yield each added mass, the numbers of its logs, and the look of each simulator's points."""
+    for mass, (colour, symbol) in mass_looks(masses).items():
+        own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
+        if own:
+            yield (
+                mass,
+                own,
+                {
+                    name: {
+                        "mode": "markers",
+                        "marker": {"color": colour, "symbol": symbol + mark, "size": size},
+                    }
+                    for name, (mark, size) in _SIMULATORS.items()
+                },
+            )
+
+
+def _frequencies(sines: Sequence[ThreeWay], masses: Sequence[AddedMass]) -> list[Section]:
     """Show how the simulators' steady responses differ from the logs', if there are any."""
     if not sines:
         return []
@@ -141,47 +169,24 @@ def _frequencies(sines: Sequence[ThreeWay]) -> list[Section]:
     phases = {name: np.degrees(np.angle(gain)) for name, gain in gains.items()}
     titles = ("amplitude error in %", "phase error in °")
     figure = panels("ω in rad/s", titles, 480, spacing=0.06)
-    for row, values in enumerate((sizes, phases), start=1):
-        _add_by_mass(figure, sines, omegas, values, row=row)
+    for row, (values, unit) in enumerate(((sizes, " %"), (phases, "°")), start=1):
+        for mass, own, style in _by_mass(sines, masses):
+            for name, look_of in style.items():
+                x, y = [omegas[k] for k in own], values[name][own]
+                label = f"{grams(mass)}, {name}"
+                more = {"legendgroup": label, "showlegend": row == 1, **look_of}
+                more["hovertemplate"] = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
+                add(figure, row, x, y, name=label, **more)
     text = (
-        "Steady response of each simulator against the log's: large marks MuJoCo, small ones the "
-        "grey box, a colour for each added mass."
+        "Steady response of each simulator against the log's. Large marks: MuJoCo; small ones: the "
+        "grey box; one colour for each added mass."
     )
     title = "Amplitude and phase error per frequency"
     return [Section(title=title, text=text, figures={"frequency": figure})]
 
 
-def _add_by_mass(
-    figure: Figure,
-    compared: Sequence[ThreeWay],
-    x: Sequence[float],
-    values: Mapping[str, Sequence[float]],
-    *,
-    row: int | None = None,
-) -> None:
-    """Add points of both simulators, by number of the log, a colour for each added mass."""
-    for index, mass in enumerate(dict.fromkeys(each.log.added_mass for each in compared)):
-        colour, symbol = look(index)
-        own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
-        for name, (mark, size) in _SIMULATORS.items():
-            label = f"{grams(mass)}, {name}"
-            figure.add_scatter(
-                x=[x[k] for k in own],
-                y=[values[name][k] for k in own],
-                text=[escape(compared[k].log.label) for k in own],
-                mode="markers",
-                marker={"color": colour, "symbol": symbol + mark, "size": size},
-                name=label,
-                legendgroup=label,
-                showlegend=row in {None, 1},
-                hovertemplate=f"%{{text}}, {name}: %{{y:.4g}}<extra></extra>",
-                row=row,
-                col=None if row is None else 1,
-            )
-
-
 def _angles(each: ThreeWay) -> dict[str, Samples]:
-    return {"log": each.log.angle, "MuJoCo": each.mujoco, "grey box": each.greybox}
+    return {"MuJoCo": each.mujoco, "grey box": each.greybox, "measured": each.log.angle}
 
 
 def _time_figure(each: ThreeWay) -> Figure:
@@ -195,10 +200,11 @@ def _time_figure(each: ThreeWay) -> Figure:
     x = log.time[rows]
     for name, angle in columns.items():
         style = {"mode": "lines", "name": name, "line": _LINES[name]}
+        thin = _LINES[name] | {"width": 1.2}
         add(figure, 1, x, angle[rows].astype(np.float32), **style)
-        if name != "log":
+        if name != "measured":
             error = (angle - log.angle)[rows].astype(np.float32)
-            add(figure, 2, x, error, showlegend=False, **style)
+            add(figure, 2, x, error, showlegend=False, **style | {"line": thin})
     return figure
 
 
@@ -213,7 +219,7 @@ def _phase_figure(each: ThreeWay) -> Figure:
         smooth = np.convolve(np.interp(grid, time, angle), np.ones(5) / 5, mode="valid")
         velocity = np.gradient(smooth, grid[1] - grid[0])
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)
-        figure.add_scatter(x=x, y=y, mode="lines", line=_LINES[name] | {"width": 1.2}, name=name)
+        figure.add_scatter(x=x, y=y, mode="lines", line=_LINES[name], name=name)
     return figure
 
 

@@ -18,20 +18,22 @@ from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.health import examine
 from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
-from butterfly.report.figures import seen_samples
+from butterfly.report.figures import grams, mass_looks, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.forest import Marks, forest
 from butterfly.report.identification_figures import swings_between
 from butterfly.report.identification_page import identification_page
 from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
+    first_stretch,
     spectrum_figure,
     spectrum_series,
     time_figure,
     time_series,
 )
-from butterfly.report.page import Whisker, packable, write_html
+from butterfly.report.page import packable, write_html
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.report.residual import residual_page, residual_sentences, residual_table
 from butterfly.report.summary import summary
@@ -199,15 +201,27 @@ def test_a_long_curve_keeps_its_peaks_when_it_is_thinned():
     assert seen_samples(curves, 1000, every=200).tolist() == list(range(0, 100_000, 200))
 
 
-def test_a_whisker_holds_all_that_is_known_of_a_parameter_on_one_axis():
-    whisker = Whisker(value=1.0, limits=(0.8, 1.1), left_out=(0.85, 1.3), true=0.7)
-    places = [whisker.place(each) for each in (0.7, 0.8, 0.85, 1.0, 1.1, 1.3)]
-    assert places == sorted(places)
-    assert 0 < places[0] < places[-1] < 100
-    assert whisker.zero is None
-    assert Whisker(value=1.0, limits=(-1.0, 3.0)).zero == pytest.approx(100 * 1.4 / 4.8, abs=0.01)
-    assert not Whisker(value=1.0).drawn
-    assert not Whisker(value=1.0, limits=(-np.inf, 2.0)).drawn
+def test_all_parameters_are_on_one_axis_in_per_cent_of_their_values():
+    sure = Marks(value=2.0, lower=1.98, upper=2.04, true=2.05)
+    wide = Marks(
+        value=1e-3, lower=0.7e-3, upper=1.2e-3, least_left_out=0.9e-3, largest_left_out=1e-3
+    )
+    idle = Marks(value=0.1, lower=-0.3, upper=0.5)
+    rows = forest([sure, wide, idle, Marks(value=1.0, lower=1.0, upper=1.0, known=True)])
+    assert {each.reach for each in rows} == {50.0}  # the widest that cannot be 0 is 30 %
+    assert rows[0].limits == pytest.approx((-1.0, 2.0))
+    assert rows[0].true == pytest.approx(2.5)
+    assert rows[1].left_out == pytest.approx((-10.0, 0.0))
+    assert [each.may_be_zero for each in rows] == [False, False, True, False]
+    assert [rows[2].place(each) for each in rows[2].limits] == [0.0, 100.0]  # at the edges
+    assert [rows[1].place(each) for each in (-50.0, 0.0, 25.0)] == [0.0, 50.0, 75.0]
+    assert not rows[3].drawn
+
+
+def test_an_axis_of_parameters_ends_at_100_per_cent():
+    rows = forest([Marks(value=1.0, lower=0.5, upper=9.0), Marks(value=0.0, lower=-1.0, upper=1.0)])
+    assert {each.reach for each in rows} == {100.0}
+    assert forest([Marks(value=0.0, lower=-np.inf, upper=1.0)])[0].limits is None
 
 
 def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval_and_truth(
@@ -218,10 +232,12 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
     assert page.headed.text == "Good"
     assert f"{result.fit.median:.1f} %" in [fact.value for fact in page.facts]
     (table,) = page.lead.tables
-    assert [str(row[0]) for row in table.rows] == [row.symbol for row in result.estimate.table()]
-    for row, name in zip(table.rows, result.estimate.names, strict=True):
-        assert row[3].true == getattr(truth, name)
-        assert row[3].limits[0] <= row[3].value <= row[3].limits[1]
+    assert [str(row[0]) for row in table.rows] == [row.name for row in result.estimate.table()]
+    assert len({row[3].reach for row in table.rows} | {table.headers[3].reach}) == 1
+    for row, each in zip(table.rows, result.estimate.table(truth), strict=True):
+        if each.true:
+            assert row[3].true == pytest.approx(100 * (each.true / each.value - 1))
+        assert row[3].limits[0] <= 0.0 <= row[3].limits[1]
 
 
 def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
@@ -240,14 +256,16 @@ def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
 def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
     result = simulated[0]
     points = [
-        (x, y, log)
+        (row, fit, log)
         for trace in result.plot.fits().data
-        for x, y, log in zip(trace.x, trace.y, trace.customdata, strict=True)
+        for fit, row, log in zip(trace.x, trace.y, trace.customdata, strict=True)
     ]
     points.sort()
-    assert [x for x, _, _ in points] == list(range(1, result.fit_of_logs.size + 1))
-    assert [y for _, y, _ in points] == sorted(result.fit_of_logs)
-    assert all(result.fit_of_logs[log] == y for _, y, log in points)
+    assert [row for row, _, _ in points] == list(range(result.fit_of_logs.size))
+    assert [fit for _, fit, _ in points] == sorted(result.fit_of_logs)
+    assert all(result.fit_of_logs[log] == fit for _, fit, log in points)
+    names = list(result.plot.fits().layout.yaxis.ticktext)
+    assert names == [result.data.logs[log].label for _, _, log in points]
 
 
 def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
@@ -261,7 +279,7 @@ def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
     ]
     page = identification_page(dataclasses.replace(result, runs=tuple(runs)))
     (section,) = [each for each in page.sections if each.title == "FIT log by log"]
-    assert "Not drawn: 3 logs from which the model runs away." in section.text
+    assert "Not drawn: 3 logs from which the model diverges." in section.text
     (whole,) = [
         each for each in identification_page(result).sections if each.title == section.title
     ]
@@ -287,9 +305,55 @@ def test_a_value_of_0_inside_its_interval_may_be_0():
 
 def test_the_forest_plot_has_every_parameter(simulated):
     result, truth = simulated
-    drawn = result.plot.parameters(truth).data
-    estimates = [trace.x[0] for trace in drawn if trace.name == "estimate"]
-    assert estimates == [row.value for row in result.estimate.table(truth)]
+    figure, rows = result.plot.parameters(truth), result.estimate.table(truth)
+    (estimates,) = [trace for trace in figure.data if trace.name == "estimate"]
+    assert list(estimates.customdata) == [row.value for row in rows]
+    assert list(figure.layout.yaxis.ticktext) == [row.name for row in rows]
+    assert {trace.xaxis for trace in figure.data} == {None}  # one axis
+    assert "may be 0" in [trace.name for trace in figure.data]  # of the delay
+
+
+def test_what_was_measured_is_drawn_above_what_was_simulated_and_thinner(simulated):
+    run = simulated[0].free_runs[0]
+    traces = [trace for trace in time_figure(run, None).data if trace.yaxis == "y"]
+    assert [trace.name for trace in traces] == ["simulated", "measured"]
+    assert traces[0].line.width > 2 * traces[1].line.width
+
+
+def test_the_last_five_periods_of_a_sine_are_seen_first_and_the_whole_log_is_there(simulated, page):
+    runs = simulated[0].free_runs
+    series = time_series(runs, [None] * len(runs))
+    for run, stretch in zip(runs, series.stretches, strict=True):
+        first, last, periods = run.log.time[0], run.log.time[-1], 10 * np.pi
+        seen = periods / run.log.excitation.omega
+        shorter = last - first <= seen
+        assert stretch is None if shorter else stretch == pytest.approx((last - seen, last))
+    assert any(series.stretches)
+    first = _numbers(series.curves[0][0][0])
+    assert first[0] == pytest.approx(runs[0].log.time[0], abs=1e-3)
+    assert 'class="whole"' in page.read_text(encoding="utf-8")
+    free = dataclasses.replace(runs[0].log, excitation=None)
+    assert first_stretch(free) is None
+
+
+def test_one_added_mass_has_one_colour_in_all_figures_of_a_page(simulated):
+    result = simulated[0]
+    looks = mass_looks(reversed(result.data.masses))
+    for figure in (result.plot.fits(), result.plot.frequency_response()):
+        for mass, (colour, _) in looks.items():
+            own = [t for t in figure.data if (t.name or "").split(",")[0] == grams(mass)]
+            assert {t.line.color or t.marker.color for t in own} == {colour}
+
+
+def test_a_footer_says_what_was_run_on_which_data_when_and_with_what(simulated, page, monkeypatch):
+    text = html.unescape(page.read_text(encoding="utf-8"))
+    footer = text[text.index("<footer>") :]
+    for said in ("made from Python", "quickstart", "harmonic-balance", "<dt>date</dt>", "numpy "):
+        assert said in footer
+    monkeypatch.setattr("sys.argv", ["/bin/butterfly", "identify", "my logs", "-r", "x.html"])
+    origin = identification_page(simulated[0]).origin
+    assert origin["command"] == "butterfly identify 'my logs' -r x.html"
+    assert list(origin) == ["command", "folder", "data", "options", "date", "versions"]
 
 
 def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):

@@ -30,7 +30,7 @@ def _estimates(texts):
 
 
 def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
-    figure = axis_figure(_estimates(ODD), "field")
+    figure = axis_figure(_estimates(ODD), "field", ["p1"])
     assert not any("<" in text for text in figure.data[0].x)
     still = draw(figure)
     FigureCanvasAgg(still).draw()

@@ -35,10 +35,13 @@ function numbers({begin, quantum, steps, logarithmic}) {
   const linear = Float64Array.from(steps, step => step === null ? NaN : begin + (whole += step) * quantum);
   return logarithmic ? linear.map(each => 10 ** each) : linear;
 }
-function ofLog({data, layout, curves}, log) {
+let whole = false;
+function ofLog({data, layout, curves, stretches}, log) {
+  const [begin, end] = (!whole && stretches[log]) || [-Infinity, Infinity];
   const drawn = curves[log].flatMap(group => {
     const [x, ...ys] = group.map(numbers);
-    return ys.map(y => ({x, y}));
+    const seen = values => values.filter((_, k) => !(x[k] < begin || x[k] > end));
+    return ys.map(y => ({x: seen(x), y: seen(y)}));
   });
   return {data: data.map((trace, k) => ({...trace, ...drawn[k]})), layout};
 }
@@ -60,6 +63,11 @@ document.querySelectorAll(".chooser").forEach(each => each.addEventListener("cha
 document.querySelectorAll(".step").forEach(each => each.addEventListener("click", () => {
   const count = document.querySelector(".chooser").length;
   choose((chosen + Number(each.dataset.step) + count) % count);
+}));
+document.querySelectorAll(".whole").forEach(each => each.addEventListener("click", () => {
+  whole = !whole;
+  document.querySelectorAll(".whole").forEach(own => own.setAttribute("aria-pressed", whole));
+  drawChosen();
 }));
 document.querySelectorAll("tr.pick").forEach(row => {
   const pick = () => choose(Number(row.dataset.index), {show: true});
