@@ -17,6 +17,7 @@ from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
 from butterfly.report.format import counted, fit_text, times_text
 from butterfly.report.inspection import STATES, conditions_text
+from butterfly.report.live import live_section
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
@@ -67,6 +68,7 @@ def identification_page(
             + _GOAL * bool(identification.drive_fits),
             series={"time": time_series(runs, [log.band for log in residuals.logs])},
         ),
+        live_section(identification),
         Section(
             title="Residuals",
             text="Measured less simulated motion of the chosen log, after small changes of the "

@@ -66,4 +66,3 @@ def as_javascript(twin: Twin) -> str:
             name if name in following else f"{name}: p.{name}" for name in sorted(present)
         ),
     )
-

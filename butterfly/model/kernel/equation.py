@@ -73,7 +73,7 @@ OF_BASE = ("give", "swing", "slow", "moment", "moment_offset")
 """Constants that are no parameters: what the next two return."""
 
 
-def derived(p: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated, for a page
+def derived(p: Any) -> tuple[float, ...]:
     """Return those of the joint itself."""
     coulomb = max(p.coulomb, 0.0)
     return (
@@ -85,7 +85,7 @@ def derived(p: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated, for
     )
 
 
-def of_base(p: Any) -> tuple[float, ...]:  # noqa: ANN401
+def of_base(p: Any) -> tuple[float, ...]:
     """Return those of a base that moves."""
     w = p.base_frequency
     moment, beside = first_moments(p)
