@@ -339,9 +339,7 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
     @property
     def moments(self) -> tuple[float, float]:
         """First moments in kg m of what swings, on and beside the line to the added mass."""
-        if not self.gravity:
-            return self.carried_moment, 0.0
-        return self.p3 / self.gravity, self.p3_offset / self.gravity
+        return first_moments(self)
 
     @property
     def on_base(self) -> dict[str, Any]:
@@ -364,21 +362,33 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand carrying ``added`` (78), its weight on the bearing."""
-        return replace(
-            self,
-            p1=self.p1 + added.inertia + self.mass_inertia * added.swung,
-            p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
-            coulomb=self.coulomb + self.load * added.weight,
-            drag=self.drag + self.load_drag * added.mass,
-            **self._base_under(added),
-        )
+        return replace(self, **dict(zip(UNDER_LOAD, under(self, added), strict=True)))
 
-    def _base_under(self, added: AddedMass) -> dict[str, float]:
-        """Return what a moving base has otherwise under ``added``: the mass moves with it."""
-        slower = math.sqrt(1 + self.base_frequency**2 * self.base_compliance * added.mass)
-        return {
-            "base_frequency": self.base_frequency / slower,
-            "base_damping": self.base_damping / slower,
-            "gravity": added.gravity,
-            "carried_moment": self.carried_moment + added.mass * added.arm,
-        }
+
+UNDER_LOAD = (
+    *("p1", "p3", "coulomb", "drag"),
+    *("base_frequency", "base_damping", "gravity", "carried_moment"),
+)
+"""Parameters that an added mass changes: what `under` returns."""
+
+
+def under(p: Any, added: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated, for a page
+    """Return the parameters of the joint under ``added``, whose mass moves with a base."""
+    slower = math.sqrt(1 + p.base_frequency**2 * p.base_compliance * added.mass)
+    return (
+        p.p1 + added.inertia + p.mass_inertia * added.swung,
+        p.p3 + added.gravity_moment * math.cos(p.tilt),
+        p.coulomb + p.load * added.weight,
+        p.drag + p.load_drag * added.mass,
+        p.base_frequency / slower,
+        p.base_damping / slower,
+        added.gravity,
+        p.carried_moment + added.mass * added.arm,
+    )
+
+
+def first_moments(p: Any) -> tuple[float, float]:  # noqa: ANN401
+    """Return the first moments in kg m of what swings (see `LumpedParameters.moments`)."""
+    if p.gravity == 0:
+        return p.carried_moment, 0.0
+    return p.p3 / p.gravity, p.p3_offset / p.gravity

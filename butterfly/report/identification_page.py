@@ -18,6 +18,7 @@ from butterfly.report.figures import middle
 from butterfly.report.forest import Axis, Whisker, forest, forest_caption
 from butterfly.report.format import counted, fit_text, times_text
 from butterfly.report.inspection import STATES, conditions_text
+from butterfly.report.live import live_section
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
@@ -80,6 +81,7 @@ def identification_page(
             text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.drive_fits),
             series={"time": time_series(runs, bands)},
         ),
+        live_section(identification),
         Section(
             title="Residuals",
             text="\n".join([*residual_sentences(residuals), _RESIDUALS]),

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from butterfly.files import write_file
@@ -143,6 +144,7 @@ class Section:
     tables: tuple[PageTable, ...] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
+    markup: str | Markup = ""  # what it has besides, of its own template
 
 
 def tabulated(title: str, table: PageTable, text: str = "") -> list[Section]:

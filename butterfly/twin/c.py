@@ -19,6 +19,7 @@ from butterfly.identification.parameter import unit_of
 from butterfly.model.greybox import require_plain_base, simulate
 from butterfly.model.kernel.equation import Constants
 from butterfly.model.kernel.integrate import interval
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS, DriveTerms
 from butterfly.twin.accuracy import Mover, Yardstick
 from butterfly.twin.forms import Options
@@ -83,22 +84,37 @@ def mover(step: float, substeps: int) -> Mover:
     def move(
         twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
     ) -> Samples:
-        loaded = twin.loaded
-        late = max(loaded.delay, 0.0) / step
-        whole = int(late + _ROUNDING)
-        first = late - whole if late - whole > _ROUNDING else 0.0
-        sent = np.concatenate([past[past.size - whole - 1 :], commands])
-        ends, inputs, begin = [], [], 0.0
-        for place, share in ((0, first), (1, 1 - first)):
-            parts = math.ceil(substeps * share - _ROUNDING)
-            ends += [begin + share * (k + 1) / parts for k in range(parts)]
-            inputs += parts * [sent[place : place + commands.size]]
-            begin = first
-        time = step * np.append(0.0, (np.arange(commands.size)[:, None] + ends).ravel())
-        held = np.repeat(np.array(inputs).T.ravel()[:, None], 3, axis=1)
-        return simulate(loaded, time, held, angle, velocity)[0][:: len(ends)]
+        return held_motion(twin.loaded, past, commands, (angle, velocity), step, substeps)[0]
 
     return move
+
+
+def held_motion(  # noqa: PLR0917 - a joint, what drives it, where from, and in which steps
+    loaded: LumpedParameters,
+    past: Samples,
+    commands: Samples,
+    start: tuple[float, float],
+    step: float,
+    substeps: int = 1,
+) -> tuple[Samples, Samples]:
+    """Return (n + 1,) angles and velocities under (n,) delivered commands, each held for a step.
+
+    Those before are ``past``.
+    """
+    late = max(loaded.delay, 0.0) / step
+    whole = int(late + _ROUNDING)
+    first = late - whole if late - whole > _ROUNDING else 0.0
+    sent = np.concatenate([past[past.size - whole - 1 :], commands])
+    ends, inputs, begin = [], [], 0.0
+    for place, share in ((0, first), (1, 1 - first)):
+        parts = math.ceil(substeps * share - _ROUNDING)
+        ends += [begin + share * (k + 1) / parts for k in range(parts)]
+        inputs += parts * [sent[place : place + commands.size]]
+        begin = first
+    time = step * np.append(0.0, (np.arange(commands.size)[:, None] + ends).ravel())
+    held = np.repeat(np.array(inputs).T.ravel()[:, None], 3, axis=1)
+    angles, velocities = simulate(loaded, time, held, *start)
+    return angles[:: len(ends)], velocities[:: len(ends)]
 
 
 def part_of(drives: float, _part: float, _parts: float) -> float:

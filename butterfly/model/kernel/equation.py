@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from butterfly.compiled import compiled, inlined, inner
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import LumpedParameters, first_moments
 from butterfly.model.terms import DRIVE, LOOP_TERMS
 
 State = tuple[float, float, float, float]
@@ -62,19 +62,34 @@ class Constants(NamedTuple):
         An estimator may try friction that is negative under a load; it counts as none, since it
         would feed the motion. Bristles that no Coulomb friction bends are left out.
         """
-        coulomb = max(p.coulomb, 0.0)
-        own = {
-            "viscous": p.p2 - p.back_emf,
-            "lag": p.time_constant,
-            "coulomb": coulomb,
-            "stribeck": max(p.stribeck, -coulomb),
-            "bristle_stiffness": p.bristle_stiffness if coulomb > 0 else 0.0,
-        }
+        own = dict(zip(DERIVED, derived(p), strict=True))
         if moving or p.base_gives:
-            own |= {"give": p.base_compliance, "swing": 1 / p.base_frequency**2}
-            own |= {"slow": 2 * p.base_damping / p.base_frequency}
-            own |= dict(zip(("moment", "moment_offset"), p.moments, strict=True))
+            own |= dict(zip(OF_BASE, of_base(p), strict=True))
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
+
+
+DERIVED = ("viscous", "lag", "coulomb", "stribeck", "bristle_stiffness")
+OF_BASE = ("give", "swing", "slow", "moment", "moment_offset")
+"""Constants that are no parameters: what the next two return."""
+
+
+def derived(p: Any) -> tuple[float, ...]:
+    """Return those of the joint itself."""
+    coulomb = max(p.coulomb, 0.0)
+    return (
+        p.p2 - p.back_emf,
+        p.time_constant,
+        coulomb,
+        max(p.stribeck, -coulomb),
+        p.bristle_stiffness if coulomb > 0 else 0.0,
+    )
+
+
+def of_base(p: Any) -> tuple[float, ...]:
+    """Return those of a base that moves."""
+    w = p.base_frequency
+    moment, beside = first_moments(p)
+    return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, beside
 
 
 THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS)

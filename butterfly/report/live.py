@@ -1,0 +1,206 @@
+"""Move it and watch: a page simulates its logs again, with parameters that its reader moves.
+
+The page has the command and the measured motion on a uniform grid: the command as its mean over
+each step, late by the estimated delay, and the motion at the steps' ends. Both are rounded to
+1/20,000 of their range. FIT on this grid differs a little from the raw log's; the page shows both.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+from butterfly.identification.identification import Identification
+from butterfly.identification.parameter import Parameter
+from butterfly.identification.servo_drive import needs_loop
+from butterfly.model.terms import LOOP_TERMS, TERMS
+from butterfly.report.format import counted
+from butterfly.report.live_log import LiveLog
+from butterfly.report.page import Section
+from butterfly.twin.javascript import as_javascript
+from butterfly.twin.twin import Twin
+
+ROOM = 300_000
+"""Characters for the logs of a page. If all need more, it has the worst and one for each mass."""
+
+_TITLE = "Move it and watch"
+_TEXT = (
+    "Move a parameter: the page simulates the log again from the recorded input, and FIT follows."
+)
+_WORST = 6  # logs of the lowest FIT
+_INTERVALS = 3  # half-widths of the 95 % interval that a slider reaches, either way
+_WITHOUT = 0.1 / _INTERVALS  # of the value, in place of an interval that is not known
+_LEAST = 0.25  # of a value that must stay positive:
+_POSITIVE = {"p1", "time_constant", "base_frequency"}
+_ZOOMS = (1, 10, 100)
+_SEEN = 1.0  # per cent of FIT, a change that the eye sees
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slider:
+    """A parameter that can be moved: its value, half its interval, and its least value."""
+
+    name: str
+    meaning: str
+    unit: str
+    value: float
+    half: float
+    least: float | None
+
+    @classmethod
+    def of(cls, row: Parameter) -> Slider:
+        """Make it of a row of the estimate's table."""
+        value, half = row.value, 0.0
+        if row.lower is not None and row.upper is not None:
+            half = max(row.upper - value, value - row.lower)
+        least = _LEAST * value if row.name in _POSITIVE else TERMS[row.name].lower
+        return cls(
+            name=row.name,
+            meaning=row.meaning,
+            unit=row.unit,
+            value=value,
+            half=half or _WITHOUT * abs(value) or _WITHOUT,
+            least=None if least == -math.inf else min(least, value),
+        )
+
+    def ends(self, zoom: int) -> tuple[float, float]:
+        """Return the least and the largest value that it reaches."""
+        reach = _INTERVALS * zoom * self.half
+        least = -math.inf if self.least is None else self.least
+        return max(self.value - reach, least), self.value + reach
+
+
+def live_section(identification: Identification) -> Section:
+    """Return the section, or one that says in a line why the page cannot simulate."""
+    try:
+        if reason := _not_here(identification):
+            return Section(title=_TITLE, text=f"No sliders: {reason}")
+        rows = identification.estimate.table()
+        sliders = [Slider.of(row) for row in rows if not row.known]
+        program = as_javascript(_every_term(identification, sliders))
+    except NotImplementedError as error:
+        reason = f"the page cannot simulate this model ({error})."
+        return Section(title=_TITLE, text=f"No sliders: {reason}")
+    logs, which = _carried(identification, sliders)
+    if not logs:
+        return Section(title=_TITLE, text="No sliders: the simulation follows none of the logs.")
+    markup = _rendered(identification, program, sliders, logs, which)
+    return Section(title=_TITLE, text=_TEXT, markup=markup)
+
+
+def _not_here(identification: Identification) -> str:
+    """Say why a page cannot simulate a result; nothing if it can."""
+    p = identification.estimate.parameters
+    if any(map(needs_loop, identification.data.logs)):
+        return "these logs are simulated in the servo's loop, which the page does not have."
+    if p.slow_delay or not {"slow_delay", *LOOP_TERMS}.isdisjoint(identification.estimate.names):
+        return "the clock has two sampling regimes with a delay each; the page has one delay."
+    return ""
+
+
+def _every_term(identification: Identification, sliders: Sequence[Slider]) -> Twin:
+    """Return the joint with a value other than 0 for whatever can be moved, so that it is there."""
+    heaviest = max(identification.data.masses, key=lambda mass: mass.mass)
+    twin = identification.model.twin(heaviest)
+    moved = {each.name: abs(each.value) + each.half for each in sliders}
+    return replace(twin, parameters=replace(twin.parameters, **moved))
+
+
+def _carried(
+    identification: Identification, sliders: Sequence[Slider]
+) -> tuple[list[LiveLog], str]:
+    """Return the logs that a page has, that which it shows first in front, and which they are."""
+    data, fits = identification.data, identification.fit_of_logs
+    delays = [_INTERVALS * each.half for each in sliders if each.name == "delay"]
+    order = [int(k) for k in np.argsort(fits) if math.isfinite(fits[k])]
+    logs: dict[int, LiveLog] = {}
+    for number in order:
+        setting = data.simulations.setting(number, identification.estimate)
+        simulation = data.simulations.simulation(number, setting)
+        logs[number] = LiveLog.of(
+            simulation, setting, float(fits[number]), max(delays, default=0.0)
+        )
+    every = counted(len(fits), "log")
+    if sum(each.size for each in logs.values()) <= ROOM:
+        lost = f" ({len(fits) - len(logs)} diverge)" if len(logs) < len(fits) else ""
+        return [logs[k] for k in sorted(logs)], f"all {every}{lost}"
+    chosen = order[:_WORST]
+    for mass in data.masses:
+        own = [k for k in order if data.logs[k].added_mass == mass]
+        chosen += own[len(own) // 2 :][:1]
+    kept, room = [], ROOM
+    for number in dict.fromkeys(chosen):
+        room -= logs[number].size
+        kept += [logs[number]] if room >= 0 or not kept else []
+    which = f"{len(kept)} of {every}, the {_WORST} with the lowest FIT and the median one of each "
+    return kept, f"{which}added mass"
+
+
+def _rendered(
+    identification: Identification,
+    program: str,
+    sliders: Sequence[Slider],
+    logs: Sequence[LiveLog],
+    which: str,
+) -> Markup:
+    best = max(logs, key=lambda each: each.raw)
+    middling = sorted(logs, key=lambda each: each.raw)[len(logs) // 2]
+    differences = [each.fit(each.setting.parameters) - each.raw for each in logs]
+    content = {
+        "sliders": [asdict(each) for each in sliders],
+        "logs": [each.document() for each in logs],
+        "intervals": _INTERVALS,
+        "shape": identification.model.twin().shape.name.lower(),
+    }
+    environment = Environment(
+        loader=PackageLoader("butterfly.report"),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return Markup(  # noqa: S704 - of our own templates
+        environment.get_template("live.html.j2").render(
+            sliders=sliders,
+            logs=logs,
+            program=program,
+            content=json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
+            chosen=logs.index(middling),
+            zooms=_zooms(sliders, best),
+            note=_note(logs, which, differences),
+        )
+    )
+
+
+def _zooms(sliders: Sequence[Slider], log: LiveLog) -> list[int]:
+    """Return by how much a slider's reach can be multiplied, the last the first that is chosen.
+
+    It is the least by which one of them changes the FIT of a log by what the eye sees.
+    """
+    p = log.setting.parameters
+    now, offered = log.fit(p), []
+    for zoom in _ZOOMS:
+        offered.append(zoom)
+        ends = [(each.name, end) for each in sliders for end in each.ends(zoom)]
+        if any(abs(log.fit(replace(p, **{name: end})) - now) >= _SEEN for name, end in ends):
+            break
+    return offered
+
+
+def _note(logs: Sequence[LiveLog], which: str, differences: Sequence[float]) -> str:
+    """Say what the page has of the logs, and how far its FIT is from that of the raw ones."""
+    steps = sorted({f"{1e3 * each.step:.3g}" for each in logs}, key=float)
+    grid = steps[0] if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
+    worst = max(differences, key=abs)
+    return (
+        f"On this page: {which}. Grid: {grid} ms; FIT on it differs from FIT of the raw log by "
+        f"{worst:+.2f} points at most. Each log starts from the state that its free run starts "
+        f"from. Sliders reach {_INTERVALS} times the ± beside them, the half-width of the 95 % "
+        "interval; where that is too narrow to see, ten or a hundred times as far."
+    )
