@@ -68,7 +68,7 @@ class IdentificationPlots:
             if whisker.true is not None:
                 diamond = {"color": PALETTE[2], "size": 9, "symbol": "diamond"}
                 add(figure, number, [whisker.true], [0.6], name="truth", marker=diamond, **marks)
-            label = f"{row.symbol} in {row.unit}"
+            label = f"{row.name} in {row.unit}"
             figure.update_yaxes(row=number, tickvals=[0], ticktext=[label], range=[-1, 1])
             ends = whisker.scale if np.isfinite(whisker.scale).all() else None
             figure.update_xaxes(row=number, range=ends, nticks=6)

@@ -149,7 +149,7 @@ def _lead(parameters: Sequence[Parameter], data: DataSet, *, with_truth: bool) -
         headers["left_out"] = "one mass left out"
     rows: list[tuple[str | Marked | Whisker, ...]] = []
     for row, whisker in zip(texts, whiskers, strict=True):
-        symbol = Marked(row["symbol"], meaning=row["meaning"])
+        symbol = Marked(row["name"], meaning=row["meaning"])
         rows.append((symbol, row["value"], row["unit"], whisker, *(row[key] for key in headers)))
     caption = ""
     if any(whisker.drawn for whisker in whiskers):
