@@ -1,4 +1,4 @@
-"""One scale for how much speaks against a log, a value or a result, and the verdict in words."""
+"""One scale of levels for logs, values and results, and the verdict in words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Level(StrEnum):
-    """How much speaks against something: of a single remark, or the worst of many."""
+    """How grave a remark is, or the gravest of many."""
 
     GOOD = "good"
     NOTE = "note"
@@ -23,58 +23,55 @@ class Level(StrEnum):
 
     @property
     def verdict(self) -> str:
-        """What may be done with values: good, use with care, or do not use."""
+        """The level in words: good, use with care, or do not use."""
         return _VERDICTS.get(self, "good")
 
     @classmethod
     def of_verdict(cls, text: str) -> Level:
-        """Return the level of a verdict's text; KeyError if it is none."""
+        """Return the level of a verdict's text; KeyError for any other text."""
         return {each.verdict: each for each in VERDICTS}[text]
 
     @classmethod
     def worst(cls, levels: Iterable[Level]) -> Level:
-        """Return the one that allows least; of none, that all is well."""
+        """Return the gravest; good if there are none."""
         return max(levels, key=list(cls).index, default=cls.GOOD)
 
 
 VERDICTS = (Level.GOOD, Level.CARE, Level.WARNING)
-"""What a verdict on values can be."""
+"""Levels that a verdict can have."""
 
 _VERDICTS = {Level.CARE: "use with care", Level.WARNING: "do not use"}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What may be done with values, and the lines that say why: the values, then the model."""
+    """The level, and the reasons: a line on the values, then a line on the model."""
 
     level: Level
     reasons: tuple[str, ...]
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What is printed: the first line begins with what may be done."""
+        """The reasons as printed; the first line begins with the level."""
         first, *others = self.reasons or ("",)
         return (f"{self.level.verdict.capitalize()}: {first}".removesuffix(": "), *others)
 
     @classmethod
     def of_several(cls, verdicts: Mapping[str, Verdict]) -> Verdict:
-        """Return the worst of some by name, with the lines of all."""
+        """Return the worst of several verdicts by name, with the reasons of all."""
         reasons = (f"{name}: {line}" for name, each in verdicts.items() for line in each.reasons)
         return cls(Level.worst(each.level for each in verdicts.values()), tuple(reasons))
 
     def numbers(self) -> dict[str, Any]:
-        """Return it as JSON has it: what may be done under ``verdict``, and the ``reasons``."""
+        """Return the keys ``verdict`` and ``reasons`` of JSON."""
         return {"verdict": self.level.verdict, "reasons": list(self.reasons)}
 
     @classmethod
     def of_numbers(cls, content: Mapping[str, Any]) -> Verdict | None:
-        """Return the verdict of `numbers`; None where there is none.
-
-        KeyError, TypeError or ValueError if something is missing, or not what it should be.
-        """
+        """Return the verdict of `numbers`, or None; KeyError, TypeError, ValueError if damaged."""
         if content.get("verdict") is None:
             return None
         reasons = content["reasons"]
         if not (isinstance(reasons, list) and all(isinstance(each, str) for each in reasons)):
-            raise TypeError("reasons that are no texts")
+            raise TypeError("reasons are not all texts")
         return cls(Level.of_verdict(content["verdict"]), tuple(reasons))

@@ -172,7 +172,7 @@ def run(
         if kept is not None and kept.status == OK:
             found = _kept_run(folder, kept, plan.experiment.plant.robot.lumped, {})
             again = "This run was already done; --force repeats it."
-            return replace(found, sentences=(*found.sentences, again))
+            return replace(found, sentences=(again, *found.sentences))
         return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
     keep_experiment(source, folder)
@@ -187,7 +187,7 @@ def run(
     return Sweep.from_dict(
         page.numbers,
         unsuccessful=summary.unsuccessful,
-        sentences=(*page.summary, counts),
+        sentences=(counts, *page.summary),
         reports=(folder / "report.html",),
     ).drawn_as(page)
 

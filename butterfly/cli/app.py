@@ -153,6 +153,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
     def launch(
         *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
         quiet: Annotated[bool, Parameter(name=("--quiet", "-q"), group=_EVERYWHERE)] = False,
+        verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), group=_EVERYWHERE)] = False,
         json: Annotated[
             Path | None, Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True)
         ] = None,
@@ -167,6 +168,8 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         ----------
         quiet
             Print only the verdict, and no progress.
+        verbose
+            Print all findings, not only the verdict and the three gravest sentences.
         json
             Write the answer as JSON to this file; - prints only the JSON.
         budget
@@ -185,7 +188,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         if budget is not None and not budget >= 0:
             raise InputError("butterfly", "--budget", budget, "0 s or more")
         seconds = progress.BUDGET if budget is None and searches else budget or math.inf
-        asked.quiet, asked.json = quiet, json
+        asked.quiet, asked.verbose, asked.json = quiet, verbose, json
         search = progress.current_search()
         try:
             gc.disable()  # while modules are imported it would look through them again and again

@@ -37,6 +37,7 @@ _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
 _KEPT = re.compile(r"(?<=\d) (?=\S)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)")
 _GLUE = "\N{NO-BREAK SPACE}"
+_FEW = 3  # sentences below a verdict
 _STDOUT = Path("-")
 
 
@@ -58,9 +59,10 @@ class ExitCode(IntEnum):
 
 @dataclass
 class Asked:
-    """What was asked of the command that runs: ``--quiet``, and where ``--json`` goes."""
+    """The general options of the command that runs: ``--quiet``, ``--verbose``, ``--json``."""
 
     quiet: bool = False
+    verbose: bool = False
     json: Path | None = None
 
     @property
@@ -83,8 +85,8 @@ def console() -> Console:
 
     made = Console(markup=False, emoji=False, highlight=False)
     if not made.is_terminal:
-        said = os.environ.get("COLUMNS", "")
-        made.width = int(said) if said.isdigit() and int(said) > 0 else _PIPED
+        columns = os.environ.get("COLUMNS", "")
+        made.width = int(columns) if columns.isdigit() and int(columns) > 0 else _PIPED
     return made
 
 
@@ -100,9 +102,18 @@ def warn(sentence: str) -> None:
 
 
 def say_verdict(verdict: Verdict) -> None:
-    """Print the lines of a verdict, which are what remains of an answer that is quiet."""
+    """Print the lines of a verdict, which --quiet keeps."""
     for line in () if asked.document_alone else verdict.lines:
         print(_folded(line))
+
+
+def say_some(sentences: Sequence[str], *, headed: bool) -> None:
+    """Print the first sentences, below a verdict or their own headline; with --verbose, all."""
+    shown = len(sentences) if asked.verbose else _FEW + (not headed)
+    for sentence in sentences[:shown]:
+        say(sentence)
+    if more := len(sentences[shown:]):
+        say(f"--verbose adds {more} more sentence{'s' * (more > 1)}.")
 
 
 def write_json(document: Mapping[str, Any]) -> None:
@@ -127,15 +138,14 @@ def show(
     save: Path | None = None,
     rows: int | None = None,
 ) -> ExitCode:
-    """Print a result, the verdict first, and write what was asked for; return how to end.
+    """Print a result, verdict first, and write the requested files; return the exit code.
 
-    Of its tables so many ``rows`` are printed; all if not given.
+    ``rows`` limits the rows of its tables.
     """
     if result.judged is not None:
         say_verdict(result.judged)
-    for sentence in result.paragraphs():
-        if result.judged is None or sentence not in result.judged.lines:
-            say(sentence)
+    verdict = result.judged.lines if result.judged else ()
+    say_some([each for each in result.paragraphs() if each not in verdict], headed=bool(verdict))
     for table in () if asked.silent else result.tables():
         show_table(table.title, table.headers, table.rows[:rows])
     if report is not None:

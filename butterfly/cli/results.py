@@ -105,7 +105,7 @@ def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None
                 each.estimator,
                 ("", "true", "estimate", "95 % interval", "unit"),
                 [
-                    [row[key] for key in ("symbol", "true", "value", "interval", "unit")]
+                    [row[key] for key in ("name", "true", "value", "interval", "unit")]
                     for row in map(parameter_texts, each.parameters)
                 ],
             )

@@ -117,13 +117,13 @@ class Estimate:
                 known=True,
                 claim="known",
             )
-            for name, value in self.told.fixed.items()
+            for name, value in self.given.fixed.items()
         ]
         return tuple(rows)
 
     @property
-    def told(self) -> Prior:
-        """What was known beforehand; not the 0 of p4 and delay where nothing drives."""
+    def given(self) -> Prior:
+        """The values that were given, without the 0 of p4 and delay where there is no input."""
         if self.input_kind is not InputKind.NONE:
             return self.known
         absent = {name for name in ("p4", "delay") if self.known.fixed.get(name) == 0}
@@ -139,7 +139,6 @@ class Estimate:
             meaning = meaning.replace("inertia", "mass that moves").replace("torque", "force")
         return {
             "name": name,
-            "symbol": term.symbol,
             "meaning": meaning,
             "unit": unit,
             "true": None if truth is None else float(truth[name]),

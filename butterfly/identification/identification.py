@@ -206,7 +206,7 @@ class Identification(Result):
 
     @cached_property
     def summary(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What was found, in words: the verdict, what it rests on, then the numbers."""
+        """The verdict, then all that was found, gravest first."""
         from butterfly.report.summary import summary  # noqa: PLC0415 - a view
 
         return tuple(self.saved["summary"] if self.logs is None else summary(self))
@@ -220,24 +220,24 @@ class Identification(Result):
         ]
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return the table of parameters with the digits that their errors leave."""
+        """Return the table of parameters, rounded to their errors."""
         from butterfly.report.parameter_table import parameter_texts  # noqa: PLC0415 - a view
 
-        columns = ("symbol", "value", "error", "interval", "unit")
-        names = ("parameter", "value", "standard error", "95 % interval", "unit")
+        columns = ("name", "value", "error", "interval", "unit", "meaning")
+        names = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
         return [
             {name: row[column] for name, column in zip(names, columns, strict=True)}
             for row in map(parameter_texts, self.estimate.table())
         ]
 
     def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
-        """Return parameters beside the true ones if known, physical ones, and FIT of others."""
+        """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
         from butterfly.report.summary import tables  # noqa: PLC0415 - a view
 
         return tables(self, truth)
 
     def paragraphs(self) -> list[str]:
-        """Return the summary, and what is open of the physical parameters if any are known."""
+        """Return the summary; if physical parameters were given, also which remain unknown."""
         from butterfly.report.parameter_table import physical_sentences  # noqa: PLC0415 - a view
 
         weighed = Prior.of(self.origin.get("known", {})).physical
@@ -254,13 +254,6 @@ class Identification(Result):
         from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415 - a view
 
         return estimate_verdict(self.estimate)
-
-    @property
-    def verdict(self) -> list[str]:
-        """How far to trust the values, in words: first what may be done with them."""
-        from butterfly.report.finding_texts import estimate_sentences  # noqa: PLC0415 - a view
-
-        return estimate_sentences(self.estimate)
 
     @property
     def parameters(self) -> LumpedParameters:

@@ -28,7 +28,6 @@ class Parameter:
     """A row of an estimate's table; None where there is nothing to say."""
 
     name: str
-    symbol: str
     meaning: str
     unit: str
     value: float

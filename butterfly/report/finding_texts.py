@@ -1,4 +1,4 @@
-"""What an estimate's verdict and its findings mean, in plain English: a sentence for each kind."""
+"""The verdict on an estimate, and a sentence for each kind of finding."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError, listed
-from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
@@ -22,50 +21,58 @@ from butterfly.verdict import Level, Verdict
 Values = Mapping[str, float]
 
 REMEDY = (
-    "say what the encoder reads where the hand hangs (zero: in the manifest, or --zero), or add a "
-    "log that begins and ends at rest"
+    "give the encoder's reading at the hanging rest position (zero: in the manifest, or --zero), "
+    "or add a log that begins and ends at rest"
 )
 """What helps where the encoder's zero is a guess."""
 
-_LEAST_MASSES = 3  # of which one can be left out
-_OF_MODEL = {
+_LEAST_MASSES = 3  # for leave-one-mass-out
+_IN_VERDICT = {
     FindingKind.FOLLOWED,
     FindingKind.MISFIT,
     FindingKind.NO_MISFIT,
-    FindingKind.SCATTER,
-    FindingKind.SEARCH_STOPPED,
-    FindingKind.CLOCK,
-    FindingKind.CLOCK_SET,
-    FindingKind.OMEGA_SET,
-    FindingKind.LIKE_CLOCK,
+    FindingKind.MISSING_TERM,
 }
-_NAMED = (
-    *(FindingKind.CLOCK, FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
-    FindingKind.LIKE_CLOCK,
-)
-"""Causes, by themselves."""
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
-    """Say how far to trust an estimate: the verdict in two lines, then what else was found."""
+    """Return the verdict in two lines, then every finding, gravest first."""
     return [*estimate_verdict(estimate).lines, *estimate_notes(estimate)]
 
 
 def estimate_notes(estimate: Estimate) -> list[str]:
-    """Say what was found of an estimate besides what its verdict says."""
-    others = (each for each in estimate.findings if not (each.forbids or each.kind in _OF_MODEL))
+    """Return what the verdict does not say, gravest first."""
+    return [*grave_notes(estimate), *minor_notes(estimate)]
+
+
+def grave_notes(estimate: Estimate) -> list[str]:
+    """Return the sentences of findings that need care, gravest first."""
+    scatters = _scatters(estimate)
     return [
-        *(
-            finding_text(each, values_of(estimate))
-            for each in others
-            if not _outdone(each, estimate)
-        ),
-        *(contrast_text(each, estimate) for each in _contrasts(estimate)[1:]),
+        *_texts_of(estimate, Level.CARE),
+        *([_scatter(*scatters)] if scatters else []),
+        *(contrast_text(each, estimate) for each in _contrasts(estimate)),
     ]
 
 
+def minor_notes(estimate: Estimate) -> list[str]:
+    """Return the sentences of findings that need nothing done."""
+    return _texts_of(estimate, Level.NOTE)
+
+
+def _texts_of(estimate: Estimate, level: Level) -> list[str]:
+    said = {FindingKind.SCATTER, *_IN_VERDICT}
+    found = [
+        each
+        for each in estimate.findings
+        if each.level is level and each.kind not in said and not _outdone(each, estimate)
+    ]
+    found.sort(key=lambda each: each.gravity)
+    return [finding_text(each, values_of(estimate)) for each in found]
+
+
 def _outdone(finding: Finding, estimate: Estimate) -> bool:
-    """Whether terms that did not help the method are among those that the free runs lack."""
+    """Whether a term that did not help the method is missing in the free runs."""
     missing = (each for each in estimate.findings if each.kind is FindingKind.MISSING_TERM)
     lacking = {name for each in missing for name in re.findall(r"\w+", each.parameters[0])}
     idle = finding.kind is FindingKind.NOT_HELPING
@@ -73,7 +80,7 @@ def _outdone(finding: Finding, estimate: Estimate) -> bool:
 
 
 def _contrasts(estimate: Estimate) -> list[Contrast]:
-    """Return what follows a condition but for what scatters from log to log, which is said so."""
+    """Return the contrasts, without those that the sentence on scatter covers."""
     scatters = {name for each in _scatters(estimate) for name in each.parameters}
     return [
         each
@@ -87,18 +94,16 @@ def _scatters(estimate: Estimate) -> list[Finding]:
 
 
 def estimate_verdict(estimate: Estimate) -> Verdict:
-    """Say what may be done with an estimate: how well values are known, how the model follows."""
+    """Return the verdict on an estimate: a line on its values, a line on its model."""
     level = estimate.level
     values = values_sentence(estimate)
     if level is Level.WARNING:
         forbidding = (each for each in estimate.findings if each.forbids)
         why = [finding_text(each, values_of(estimate)) for each in forbidding]
         if estimate.ending is not Ending.CONVERGED:
-            why.append("The fit did not settle.")
+            why.append("The fit did not converge.")
         values = " ".join(why)
-    stopped = (each for each in estimate.findings if each.kind is FindingKind.SEARCH_STOPPED)
-    lines = (values, model_sentence(estimate), *(finding_text(each, {}) for each in stopped))
-    return Verdict(level, tuple(filter(None, lines)))
+    return Verdict(level, (values, model_sentence(estimate)))
 
 
 def require_possible(estimate: Estimate) -> Verdict:
@@ -113,12 +118,12 @@ def require_possible(estimate: Estimate) -> Verdict:
 
 
 def values_of(estimate: Estimate) -> dict[str, float]:
-    """Return the values that sentences speak of, by parameter."""
+    """Return the values by parameter, as sentences need them."""
     return estimate.fixed | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def values_sentence(estimate: Estimate) -> str:
-    """Say how well each value is known, by its 95 % interval; those of the scale first."""
+    """Say how well each value is known, by its 95 % interval; p1 and p4 first."""
     names = sorted(estimate.names, key=lambda name: name not in OF_VERDICT)
     names = [name for name in names if name not in estimate.unestimated]
     limits = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
@@ -127,44 +132,40 @@ def values_sentence(estimate: Estimate) -> str:
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
     known = [name for name in names if name not in zero and math.isfinite(estimate.reach[name])]
     parts = [
-        ", ".join(f"{shown[name]} within {_upwards(estimate.reach[name])}" for name in group)
+        ", ".join(f"{shown[name]} ±{_upwards(estimate.reach[name])}" for name in group)
         for group in (
             [name for name in known if name in OF_VERDICT],
             [name for name in known if name not in OF_VERDICT],
         )
     ]
     unknown = [shown[name] for name in names if name not in {*known, *zero}]
-    parts += [f"how exact {_both(unknown)} {_is(unknown)} is not known"] if unknown else []
+    parts += [f"{_both(unknown)} without an interval"] if unknown else []
     missing = [name for name in estimate.unestimated if name in OF_VERDICT]
-    parts += [f"{_both(missing)} {_is(missing)} not estimated"] if missing else []
+    parts += [f"{_both(missing)} not estimated"] if missing else []
     at_zero = [shown[name] for name in names if name in zero]
-    parts += [f"{_both(at_zero)} not distinguishable from zero"] if at_zero else []
-    return f"{'; '.join(filter(None, parts)) or 'all values known beforehand'}."
+    parts += [f"{_both(at_zero)} not significant"] if at_zero else []
+    return f"{'; '.join(filter(None, parts)) or 'all values were given'}."
 
 
 def model_sentence(estimate: Estimate) -> str:
-    """Say how near the model follows, and what it misses; nothing where no log was simulated."""
+    """Say how large the error of the free runs is, and which term is missing."""
     found = {each.kind: each for each in estimate.findings}
-    causes = [each for kind in _NAMED for each in estimate.findings if each.kind is kind]
-    named = [finding_text(each, values_of(estimate)) for each in causes]
-    named += [_scatter(*scatters)] if (scatters := _scatters(estimate)) else []
     if FindingKind.FOLLOWED not in found:
-        return " ".join(named)
+        return "Model: not simulated."
     share = found[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
-        return "Some logs cannot be simulated with these values, or nothing moves in them."
+        return "Model: some logs cannot be simulated with these values, or show no motion."
     beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
     missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
-    text = f"The model follows to {_percent(share)} of the motion"
+    text = f"Model: error {_percent(share)} of the motion"
     if times is not None and times.number is not None and math.isfinite(times.number):
-        text += f", {times_text(times.number)} times what the sensors explain"
+        text += f", {times_text(times.number)} times the sensor noise"
     if missing is not None:
-        of_left = _percent(_number(missing))
-        text += f"; it misses {missing.parameters[0]}, {of_left} of what is left"
-    if beyond and not (missing or named or estimate.agreement):
-        text += "; it misses something that looks like none of the terms on offer"
-    first = [contrast_text(each, estimate) for each in _contrasts(estimate)[:1]]
-    return " ".join([f"{text}.", *named, *first])
+        share_of_error = _percent(_number(missing))
+        text += f"; missing term: {missing.parameters[0]} ({share_of_error} of the residual)"
+    elif beyond and not grave_notes(estimate):
+        text += "; none of the optional terms explains it"
+    return f"{text}."
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -196,61 +197,57 @@ def _number(finding: Finding) -> float:
 def _poor_fit(finding: Finding, _: Values) -> str:
     cure = "Check units, signs and masses, and look at the residuals."
     if not math.isfinite(_number(finding)):
-        return f"Simulated with these values, the model runs away. {cure}"
-    return (
-        "The model does not follow the logs, or their velocity: the median FIT is "
-        f"{fit_text(_number(finding))} %. {cure}"
-    )
+        return f"The simulation with these values diverges. {cure}"
+    fit = fit_text(_number(finding))
+    return f"The model does not follow the logs or their velocity: median FIT {fit} %. {cure}"
 
 
 def _contradicted(finding: Finding, _: Values) -> str:
-    symbols = [SYMBOLS[name] for name in finding.parameters]
     return (
-        "What is known of motor and hand does not go with these values: "
-        f"{' and '.join(f'{each.symbol} ({each.meaning})' for each in symbols)} would be "
-        f"{_number(finding):.1f} standard errors below 0. Check what was told, its units and the "
-        "gear ratio."
+        f"The given motor and body data contradict these values: {' and '.join(finding.parameters)}"
+        f" would be {_number(finding):.1f} standard errors below 0. Check the given values, their "
+        "units and the gear ratio."
     )
 
 
 def _few_masses(finding: Finding, _: Values) -> str:
-    why = "Without any one added mass the rest cannot determine the parameters"
     if _number(finding) < _LEAST_MASSES:
-        why = "Fewer than three added masses"
-    return f"{why}: the intervals could not be checked by leaving one out."
+        return "Fewer than three added masses: no leave-one-mass-out check of the intervals."
+    return (
+        "Without any one added mass the others do not determine the parameters: no "
+        "leave-one-mass-out check of the intervals."
+    )
 
 
 def _torque_driven(finding: Finding, values: Values) -> str:
     resistance = _number(finding)
     return (
-        "The data look torque-driven: as a voltage-fed motor it would have a back-EMF constant "
-        f"below {resistance * abs(values['p4']):.2g} V s/rad and a resistance below "
-        f"{resistance:.2g} Ohm, since its back EMF alone would brake more than p2 does. Check the "
-        "manifest's key input."
+        "The input looks like a torque, not a voltage: its back EMF alone would brake more than p2 "
+        f"unless the back-EMF constant is below {resistance * abs(values['p4']):.2g} V s/rad and "
+        f"the resistance below {resistance:.2g} Ohm. Check the manifest's key input."
     )
 
 
 def _not_estimated(finding: Finding, values: Values) -> str:
-    gain = f", {values['p4']:.4g}" if "p4" in values else ""
-    return (
-        f"This method estimates neither {' nor '.join(finding.parameters)}: simulated with the p4 "
-        f"that follows the logs best{gain}."
-    )
+    gain = f" p4 = {values['p4']:.4g}, which fits the logs best" if "p4" in values else ""
+    names = " nor ".join(finding.parameters)
+    used = f"; simulations use{gain}" if gain else ""
+    return f"This method estimates neither {names}{used}."
 
 
 def _missing_term(finding: Finding, _: Values) -> str:
     terms, *moved = finding.parameters
-    moves = f" and moves {', '.join(moved)} by more than the intervals" if moved else ""
+    moves = f" and shifts {', '.join(moved)} by more than the intervals" if moved else ""
     them = "it" if re.fullmatch(r"\w+", terms) else "them"
     return (
-        f"The model lacks {terms}, which helps to predict logs that were left out{moves}: it "
-        f"explains {100 * _number(finding):.0f} % of the residuals. Add {them} to the terms."
+        f"The model lacks {terms}, which improves the prediction of held-out logs{moves} and "
+        f"explains {100 * _number(finding):.0f} % of the residual. Add {them} to the terms."
     )
 
 
 def _scatter(*findings: Finding) -> str:
     sizes = (f"{', '.join(each.parameters)} by {_percent(_number(each))}" for each in findings)
-    return f"Scatter from log to log: {'; '.join(sizes)}."
+    return f"Scatter between logs: {'; '.join(sizes)}."
 
 
 _ONE_LOAD = "With one load, {} friction and Coulomb friction are one number: add a run with another"
@@ -261,7 +258,7 @@ _MORE_RUNS = {
     "stribeck": "At one speed, Stribeck and Coulomb friction are one number: add a slower run.",
     "drag": "At one speed, drag and viscous friction are one number: add a faster run.",
 }
-"""What would tell a term from others."""
+"""Runs that separate a term from the others."""
 
 
 def _percent(share: float) -> str:
@@ -270,7 +267,7 @@ def _percent(share: float) -> str:
 
 
 def _upwards(share: float) -> str:
-    """Return a share in per cent, with two digits, rounded up: a limit holds what it says."""
+    """Return a share in per cent with two digits, rounded up, as a limit has to be."""
     percent = 100 * share * (1 - 1e-9)
     digit = 10.0 ** (math.floor(math.log10(percent)) - 1) if percent > 0 else 1.0
     return f"{math.ceil(percent / digit) * digit:.4g} %"
@@ -281,17 +278,13 @@ def _both(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
-def _is(names: Sequence[str]) -> str:
-    return "is" if len(names) == 1 else "are"
-
-
 _RESTS_ON = {
-    "mass_scale": "the masses (1 % of all is 1 % of every value)",
-    "arm": "the arm (1 % is up to 2 % of p1)",
-    "input_scale": "the scale of the input (1 % of p4)",
-    "angle_scale": "a centred encoder of right scale (1 % of p4)",
-    "velocity_scale": "the scale of the velocity (1 % of p4)",
-    "time_scale": "the clock (2 % of p1)",
+    "mass_scale": "the masses (1 % shifts every value by 1 %)",
+    "arm": "the arm (1 % shifts p1 by up to 2 %)",
+    "input_scale": "the input scale (1 % shifts p4 by 1 %)",
+    "angle_scale": "the encoder scale and centring (1 % shifts p4 by 1 %)",
+    "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
+    "time_scale": "the clock (1 % shifts p1 by 2 %)",
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
@@ -299,67 +292,64 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.SUSPECTED: lambda finding, _: unit_error_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
-        "No joint has these values: {names} leaves an inertia of {number:.2g} kg m². Check units, "
+        "No joint has these values: {names} gives an inertia of {number:.2g} kg m². Check units, "
         "signs and the added masses."
     ),
     FindingKind.NEGATIVE: (
-        "No joint has these values: {names} cannot be negative. Check units, signs and stamps."
+        "No joint has these values: {names} cannot be negative. Check units, signs and timestamps."
     ),
     FindingKind.EARLY: (
-        "The delay is negative: the motion comes before its command. Check the stamps."
+        "The delay is negative: the motion precedes its input. Check the timestamps."
     ),
     FindingKind.NEGATIVE_GAIN: (
-        "{names} is negative: a positive input turns the hand towards negative angles. If the "
-        "angle or the input counts the other way, say so: sign: -1 in the manifest, or --units "
-        "input=-1."
+        "{names} is negative: a positive input moves the joint in the negative direction. If angle "
+        "or input counts the other way, set sign: -1 in the manifest, or --units input=-1."
     ),
     FindingKind.TOLD_APART: (
-        "{names} as it is told and as it follows from what is known of motor and hand lie "
-        "{number:.1f} standard uncertainties apart: check both, and the gear ratio."
+        "The given {names} and the one that follows from the given motor and body data differ by "
+        "{number:.1f} standard uncertainties. Check both, and the gear ratio."
     ),
     FindingKind.CONTRADICTED: _contradicted,
     FindingKind.KNOWN_APART: (
-        "The added masses contradict what was said to be known of {combined}: they would have it "
-        "about {size:.2g} % {larger}. One of the two is wrong."
+        "The added masses contradict the given {combined}: they suggest values about {size:.2g} % "
+        "{larger}. One of the two is wrong."
     ),
     FindingKind.PRIOR_APART: (
-        "The logs contradict what was known of {names}, by {number:.1f} standard errors: one of "
-        "the two is wrong, and the values lie between them."
+        "The logs contradict the given {names} by {number:.1f} standard errors. One of the two is "
+        "wrong; the estimate is a compromise."
     ),
     FindingKind.LEFT_OUT: (
-        "{logs} {were} left out: the hand turns over, rests elsewhere or never settles, and the "
-        "steady response to a sine says nothing there. The methods weak-form and output-error use "
-        "them."
+        "{logs} {were} excluded: the joint turns over, rests elsewhere or never settles, and has "
+        "no steady response to a sine. The methods weak-form and output-error use such logs."
     ),
     FindingKind.REST_APART: (
-        "The hand rests at angles that differ by {number:.2g} rad from mass to mass, as a constant "
-        "torque makes it, and this method takes each for the encoder's zero: the methods "
-        "harmonic-balance and output-error find the torque."
+        "The rest angles differ by {number:.2g} rad from mass to mass, as with a constant torque, "
+        "but this method takes each as the encoder zero. The methods harmonic-balance and "
+        "output-error fit the torque."
     ),
     FindingKind.ZERO_GUESSED: (
-        "Where the hand hangs is a guess in {logs}, and this method takes it as given: "
+        "The encoder zero is a guess in {logs}, and this method does not fit it: "
         f"{REMEDY}. The method output-error fits it."
     ),
     FindingKind.UNPREDICTABLE: (
-        "{logs} {were} left out: the hand passes the upright, where small causes tell, and no "
-        "simulation from the start stays near. The method weak-form uses them."
+        "{logs} {were} excluded: near the upright position small causes decide the motion, and no "
+        "free run stays close. The method weak-form uses such logs."
     ),
     FindingKind.SCANNED: lambda finding, _: (
-        f"{', '.join(finding.parameters)} is {_number(finding):.2g} "
-        f"{TERMS[finding.parameters[0]].unit}, found by trying several; the intervals hold what "
-        "others that predict as well would give."
+        f"{', '.join(finding.parameters)} ({_number(finding):.2g} "
+        f"{TERMS[finding.parameters[0]].unit}) comes from a grid search; the intervals cover "
+        "equally good values."
     ),
     FindingKind.HELD: lambda finding, _: (
-        f"{', '.join(finding.parameters)} is held at {_number(finding):.2g} "
-        f"{TERMS[finding.parameters[0]].unit}: these logs hardly tell it, and others would do."
+        f"{', '.join(finding.parameters)} is fixed at {_number(finding):.2g} "
+        f"{TERMS[finding.parameters[0]].unit}: these logs hardly constrain it."
     ),
     FindingKind.NOT_HELPING: (
-        "Not fitted, since {names} did not help to predict logs that were left out."
+        "Not fitted: {names}. No improvement in the prediction of held-out logs."
     ),
     FindingKind.INSEPARABLE: lambda finding, _: " ".join(
         [
-            f"Not fitted, since these data cannot tell {', '.join(finding.parameters)} from the "
-            "other terms.",
+            f"Not fitted: {', '.join(finding.parameters)}. Not identifiable from these data.",
             *(_MORE_RUNS[name] for name in _MORE_RUNS if name in finding.parameters),
         ]
     ),
@@ -367,61 +357,58 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         _number(finding), finding.parameters
     ),
     FindingKind.OTHER_END: (
-        "Started elsewhere the fit ends elsewhere, where it follows the logs less well "
-        "({number:.3g} times the squared error): the best of the ends is given."
+        "From another start the fit ends in a worse minimum ({number:.3g} times the squared "
+        "error); the best one is given."
     ),
     FindingKind.COMBINATION: (
-        "{combined} are known mainly in one combination (condition number {rounded:.0f}): add a "
-        "run that tells them apart."
+        "{combined} are strongly correlated (condition number {rounded:.0f}): add a run that "
+        "separates them."
     ),
-    FindingKind.ON_BOUND: "{names} ended on a bound: these data do not show any.",
+    FindingKind.ON_BOUND: "{names} hit its bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} ended on a bound that the data would cross: the model misses something, or a "
-        "sign, a mass or a stamp is wrong."
+        "{names} hit its bound and would go beyond: the model lacks a term, or a sign, a mass or a "
+        "timestamp is wrong."
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
-        "With {used} the intervals come from stretches of time, and hold nothing of how the robot "
-        "differs from run to run: record more."
+        "With {used} the intervals come from blocks of time and do not cover scatter between runs: "
+        "record more runs."
     ),
     FindingKind.SCATTER: lambda finding, _: _scatter(finding),
     FindingKind.CLOCK: (
-        "The inputs' sines run {percent:+.2g} % off their omega: the clock of the logs is wrong, "
-        "or omega is. {names} differs by about twice that share: its interval holds both. Check "
-        "clock and omega."
+        "The recorded sines run {percent:+.2g} % off the given omega: the clock or omega is wrong. "
+        "{names} changes by about twice that; its interval covers both. Check clock and omega."
     ),
     FindingKind.CLOCK_SET: (
-        "The inputs' sines run {percent:+.2g} % off their omega. The logs agree best if their "
-        "clock is wrong by that: their stamps were corrected. Check the clock."
+        "The recorded sines run {percent:+.2g} % off the given omega. The logs agree best with a "
+        "wrong clock: the timestamps were corrected. Check the clock."
     ),
     FindingKind.OMEGA_SET: (
-        "The inputs' sines run {percent:+.2g} % off their omega. The logs agree best if omega is "
-        "wrong by that: it was corrected. Check omega."
+        "The recorded sines run {percent:+.2g} % off the given omega. The logs agree best with a "
+        "wrong omega: it was corrected. Check omega."
     ),
     FindingKind.LIKE_CLOCK: (
-        "These data cannot tell {names} from a clock that is {percent:+.2g} % off."
+        "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
     ),
     FindingKind.SIGN_UNKNOWN: (
-        "The sign of {names} cannot be seen in the motion: its size is given."
+        "The sign of {names} is not identifiable from the motion; the magnitude is given."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
     FindingKind.UNDRIVEN: (
-        "Nothing drives the joint in these logs: {names} are not estimated. Add a log of the "
-        "driven joint for them."
+        "No input in these logs: {names} are not estimated. Add a log of the driven joint."
     ),
     FindingKind.NO_UNCERTAINTY: (
-        "{number:.0f} resonance frequencies for {count} parameters leave no room for a statement "
-        "of uncertainty."
+        "{number:.0f} resonance frequencies for {count} parameters: too few for intervals."
     ),
-    FindingKind.FOLLOWED: "The free runs leave {percent:.2g} % of the motion.",
-    FindingKind.MISFIT: "They leave {number:.3g} times what encoder and noise explain.",
-    FindingKind.NO_MISFIT: "Encoder and noise explain what they leave ({number:.2f} times).",
+    FindingKind.FOLLOWED: "The error of the free runs is {percent:.2g} % of the motion.",
+    FindingKind.MISFIT: "The error is {number:.3g} times the sensor noise.",
+    FindingKind.NO_MISFIT: "Sensor noise explains the error ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
     FindingKind.RESTS_ON: lambda finding, _: (
-        f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which no "
-        "log shows; a lag counts as delay, in small swings a spring as p3."
+        f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which the "
+        "logs cannot show. A lag counts as delay; a spring at small swings as p3."
     ),
-    FindingKind.ABSOLUTE: "Absolute values, the scale set by the known masses.",
-    FindingKind.RATIOS: "Ratios to p1: no known mass was changed, and a controller needs no more.",
+    FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
+    FindingKind.RATIOS: "Ratios to p1: no known mass was added. A controller needs no more.",
 }

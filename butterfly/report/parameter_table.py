@@ -36,7 +36,7 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
     if row.least_left_out is not None and row.largest_left_out is not None:
         left_out = interval(row.least_left_out, row.largest_left_out)
     return {
-        "symbol": row.symbol,
+        "name": row.name,
         "meaning": row.meaning,
         "unit": row.unit,
         "value": with_error(row.value, or_nan(row.standard_error)),
@@ -53,16 +53,18 @@ def physical_table(parameters: PhysicalParameters) -> TextTable:
     """Tabulate physical parameters."""
     rows = [
         (
-            f"{SYMBOLS[each.name].symbol}, {SYMBOLS[each.name].meaning}",
+            each.name,
             with_error(each.value, each.standard_error),
             "–" if or_none(each.standard_error) is None else f"{each.standard_error:#.2g}",
             interval(each.value - each.reach, each.value + each.reach),
             "" if each.told is None else str(each.told),
             each.unit,
+            SYMBOLS[each.name].meaning,
         )
         for each in parameters.found
     ]
-    return TextTable(_TITLE, ("", "value", "std error", "95 % interval", "told", "unit"), rows)
+    headers = ("", "value", "std error", "95 % interval", "given", "unit", "meaning")
+    return TextTable(_TITLE, headers, rows)
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:

@@ -1,7 +1,8 @@
-"""What was found, in plain English: of an identification as a whole, and of the next step."""
+"""The summary of an identification, its tables, and the next step in words."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from statistics import median
 
@@ -19,7 +20,7 @@ from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.report.agreement_texts import agreement_table
-from butterfly.report.finding_texts import REMEDY, estimate_notes, estimate_verdict
+from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
 from butterfly.report.parameter_table import parameter_texts, physical_table
@@ -39,48 +40,69 @@ LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
 
 
 def summary(identification: Identification) -> list[str]:
-    """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data, estimate = identification.fit, identification.data, identification.estimate
-    told = {"torque": "driven by torque command", "none": "swinging freely"}
-    drive = told.get(data.input_kind, f"driven by {data.input_kind}")
-    laws = dict.fromkeys(log.servo.law for log in data.logs if log.closed and log.servo)
-    drive += f", in the loop of a servo ({', '.join(laws)})" if laws else ""
-    how = "in its loop from the set-point" if laws else "with the recorded input"
-    masses = data.masses
-    carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
-    known = ", ".join(f"{name} = {value}" for name, value in estimate.told.values.items())
-    measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
-    also = f", and its velocity with {fit_text(identification.velocity_fit.median)} %"
-    besides = also if measured == "angle" else ""
-    worst = min(identification.fits, key=lambda name: identification.fits[name])
+    """Return the verdict, then all that was found, gravest first."""
+    data, estimate = identification.data, identification.estimate
+    known = ", ".join(f"{name} = {value}" for name, value in estimate.given.values.items())
+    health = _health(data)
+    unsound = Level.worst(each.condition for each in data.health) in {Level.CARE, Level.WARNING}
     return [
         *estimate_verdict(estimate).lines,
-        f"{counted(len(data.logs), 'log')} with {carried}, {drive}, method: {estimate.method}.",
-        f"Simulated {_stretch(fit, data)} {how} alone, the model follows "
-        f"the measured {measured} with a median FIT of {fit_text(fit.median)} % (mean "
-        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %, of {worst}){besides}; 100 % is "
-        "perfect, 0 % no better than a constant.",
+        *grave_notes(estimate),
+        *([health] if unsound else []),
+        _fit(identification),
         *_drive_alone(identification),
         *held_out_sentences(identification.held_out),
+        _basis(identification),
         *_thinned(data),
-        *([f"Known beforehand: {known}."] if known else []),
-        *estimate_notes(estimate),
-        _health(data),
+        *([f"Given: {known}."] if known else []),
+        *minor_notes(estimate),
+        *([] if unsound else [health]),
     ]
+
+
+def _basis(identification: Identification) -> str:
+    """Say which logs and which method the values come from."""
+    data = identification.data
+    inputs = {"torque": "torque input", "none": "no input, free swing"}
+    drive = inputs.get(data.input_kind, f"{data.input_kind} input")
+    laws = dict.fromkeys(log.servo.law for log in data.logs if log.closed and log.servo)
+    drive += f", servo loop ({', '.join(laws)})" if laws else ""
+    masses = data.masses
+    added = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
+    method = identification.estimate.method
+    return f"{counted(len(data.logs), 'log')}, {added}, {drive}, method {method}."
+
+
+def _fit(identification: Identification) -> str:
+    """Say how well free runs reproduce the logs."""
+    fit, data = identification.fit, identification.data
+    measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
+    worst = min(identification.fits, key=lambda name: identification.fits[name])
+    looped = any(log.closed and log.servo for log in data.logs)
+    given = "set-point" if looped else "recorded input"
+    velocity = ""
+    if measured == "angle" and math.isfinite(identification.velocity_fit.median):
+        velocity = f"; velocity {fit_text(identification.velocity_fit.median)} %"
+    return (
+        f"Given only the {given}{_start(fit, data)}, the model reproduces the measured {measured} "
+        f"with a median FIT of {fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst "
+        f"{fit_text(fit.worst)} %, {worst}){velocity}."
+    )
 
 
 def tables(identification: Identification, truth: LumpedParameters | None) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
     columns = {
-        "symbol": "",
+        "name": "",
         "true": "true",
         "deviation": "deviation",
         "value": "estimate",
         "error": "std error",
         "interval": "95 % interval",
         "unit": "unit",
-        "left_out": "one mass left out",
+        "left_out": "leave-one-mass-out",
+        "meaning": "meaning",
     }
     texts = map(parameter_texts, estimate.table(truth))
     rows = [[row[column] for column in columns] for row in texts]
@@ -142,12 +164,11 @@ def _health(data: DataSet) -> str:
     return f"Health of the {conditions_text(conditions)}{where}"
 
 
-def _stretch(fit: FitSummary, data: DataSet) -> str:
+def _start(fit: FitSummary, data: DataSet) -> str:
     if fit.horizon is None:
         moving = any(log.initial_state.velocity for log in data.logs)
-        fitted = " (where a log begins in motion, from a start that was fitted to it)"
-        return f"from the first sample on{fitted if moving else ''}"
-    return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"
+        return " and a fitted initial state" if moving else ""
+    return f" and a fitted initial state every {fit.horizon:g} s"
 
 
 def held_out_sentences(fits: Mapping[str, float]) -> list[str]:

@@ -1,10 +1,12 @@
-"""What can be concluded from a fit, as data; `report.finding_texts` makes sentences of it."""
+"""Findings about a fit, as data; `report.finding_texts` has their sentences."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
+
+from butterfly.verdict import Level
 
 
 class Ending(StrEnum):
@@ -16,66 +18,63 @@ class Ending(StrEnum):
 
 
 class FindingKind(StrEnum):
-    """What was found; the number that goes with it stands behind."""
+    """What was found, gravest first; the comment says what its number is."""
 
-    UNIT_ERROR = "slip"  # its name; the factor that undoes it
-    # the same, of one that would not move the values beyond limits, or that no motion can tell
-    SUSPECTED = "suspected-slip"
-    POOR_FIT = "poor-fit"  # median FIT in per cent, so low that the model does not follow
+    UNIT_ERROR = "slip"  # name of the error; the factor that undoes it
+    POOR_FIT = "poor-fit"  # median FIT in per cent, too low for a model that follows
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
-    NEGATIVE = "negative"  # what cannot be
+    NEGATIVE = "negative"  # parameters that cannot be
+    SEARCH_STOPPED = "search-stopped"  # seconds; the parameters name what was skipped
+    # a unit error that hardly moves the values, or that no motion can show; the factor
+    SUSPECTED = "suspected-slip"
     EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
-    TOLD_APART = "told-apart"  # standard uncertainties between two things that were told
-    CONTRADICTED = "contradicted"  # physical parameters that would be below 0; standard errors
-    KNOWN_APART = "known-apart"  # share by which the masses would have what was known larger
-    PRIOR_APART = "prior-apart"  # standard errors between what was known and what the logs say
-    LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
-    REST_APART = "rest-apart"  # rad between the rest angles with different masses
-    ZERO_GUESSED = "zero-guessed"  # logs that do not tell where the encoder's angle is 0
-    UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
-    SCANNED = "scanned"  # value of a parameter that was found by trying several
-    HELD = "held"  # value of a parameter that was held there: the data hardly tell it
-    NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
-    INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
-    SEARCH_STOPPED = "search-stopped"  # seconds after which, without what stands for parameters
-    OTHER_END = "other-end"  # cost of the next best end over that of the best
-    COMBINATION = "combination"  # the same, of parameters known in one combination only
-    ON_BOUND = "on-bound"
+    TOLD_APART = "told-apart"  # standard uncertainties between two given values
+    CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
+    KNOWN_APART = "known-apart"  # share by which the masses want a given value larger
+    PRIOR_APART = "prior-apart"  # standard errors between a given value and the logs
     PULLED = "pulled"  # on a bound that the data would cross
-    FEW_MASSES = "few-masses"  # different added masses, too few to leave one out
-    FEW_LOGS = "few-logs"  # how many there are, in blocks of which the scatter was taken
-    SCATTER = "scatter"  # standard deviation from log to log, over the value
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
-    CLOCK_SET = "clock-set"  # the same where all stamps were multiplied by 1 more than it
+    CLOCK_SET = "clock-set"  # the same where all timestamps were multiplied by 1 more than it
     OMEGA_SET = "omega-set"  # or every omega
-    LIKE_CLOCK = "like-clock"  # the same, of a clock that a term looks like
-    SIGN_UNKNOWN = "sign-unknown"
+    LIKE_CLOCK = "like-clock"  # the same, of a clock error that looks like a term
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
+    REST_APART = "rest-apart"  # rad between the rest angles with different masses
+    ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess
+    NO_UNCERTAINTY = "no-uncertainty"  # number of equations
+    COMBINATION = "combination"  # condition number, of parameters known in one combination only
+    FEW_LOGS = "few-logs"  # number of logs; the scatter is that of their blocks
+    SCATTER = "scatter"  # standard deviation between logs, over the value
+    LEFT_OUT = "left-out"  # number of all logs; those named have no response to a sine
+    UNPREDICTABLE = "unpredictable"  # logs that no simulation from the start can follow
     NOT_ESTIMATED = "not-estimated"
     UNDRIVEN = "undriven"
-    NO_UNCERTAINTY = "no-uncertainty"  # equations there are
-    ABSOLUTE = "absolute"
-    RATIOS = "ratios"
+    FEW_MASSES = "few-masses"  # different added masses, too few to leave one out
+    ON_BOUND = "on-bound"
+    SIGN_UNKNOWN = "sign-unknown"
+    OTHER_END = "other-end"  # cost of the next best minimum over that of the best
+    SCANNED = "scanned"  # value of a parameter from a grid search
+    HELD = "held"  # value at which a parameter is fixed: the data hardly constrain it
+    INSEPARABLE = "inseparable"  # terms dropped: not identifiable beside the others
+    NOT_HELPING = "not-helping"  # terms offered that did not help to predict
     # terms that the model lacks, then parameters that they move by more than their intervals; share
     # of the squared residuals that they explain
     MISSING_TERM = "missing-term"
-    FOLLOWED = "followed"  # rms of what free runs leave, over that of the motion
-    MISFIT = "misfit"  # times what sensors explain, that free runs leave
-    NO_MISFIT = "no-misfit"  # the same, where sensors explain it
-    RESTS_ON = "rests-on"  # what no log can show, and was not told with an uncertainty
+    FOLLOWED = "followed"  # rms error of free runs, over the rms motion
+    MISFIT = "misfit"  # error of free runs, over the sensor noise
+    NO_MISFIT = "no-misfit"  # the same, where sensor noise explains it
+    ABSOLUTE = "absolute"
+    RATIOS = "ratios"
+    RESTS_ON = "rests-on"  # scales that no log can show, given without an uncertainty
 
 
 KINDS = frozenset(map(str, FindingKind))
+_GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was found.
-
-    It concerns ``parameters``, and ``logs`` by name (all if none is named); what the number is, its
-    kind says.
-    """
+    """A finding about ``parameters`` and ``logs`` (all if none is named), with its number."""
 
     kind: FindingKind
     parameters: tuple[str, ...] = ()
@@ -85,12 +84,24 @@ class Finding:
 
     @property
     def impossible(self) -> bool:
-        """Whether no joint has such values, or none that could be simulated."""
+        """Whether no joint that can be simulated has such values."""
         if self.kind is FindingKind.POOR_FIT:
             return self.number is not None and not math.isfinite(self.number)
         return self.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}
 
     @property
     def forbids(self) -> bool:
-        """Whether values of which it is true are not to be used."""
+        """Whether it makes the values unusable."""
         return self.impossible or self.kind in {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR}
+
+    @property
+    def level(self) -> Level:
+        """How grave it is."""
+        if self.forbids:
+            return Level.WARNING
+        return Level.CARE if self.gravity <= _GRAVITY[FindingKind.SCATTER] else Level.NOTE
+
+    @property
+    def gravity(self) -> int:
+        """Its place among all kinds, the gravest first."""
+        return _GRAVITY[self.kind]
