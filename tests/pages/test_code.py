@@ -31,7 +31,10 @@ NOT_RUN = {
 }
 """Beginnings of commands that are not run, and why."""
 
-SLOW = {f"docs/{name}.md" for name in ("next-experiment", "orbit", "predictions", "python", "your-robot")}
+SLOW = {
+    f"docs/{name}.md"
+    for name in ("next-experiment", "orbit", "predictions", "python", "your-robot")
+}
 WITH_CODE = [
     page
     for page in PAGES

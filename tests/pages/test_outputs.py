@@ -21,7 +21,5 @@ def test_a_page_shows_what_the_program_prints(page):
     shown = (ROOT / page).read_text(encoding="utf-8")
     printed = outputs.written(shown)
     assert _NUMBER.sub("#", shown) == _NUMBER.sub("#", printed)
-    before, now = (
-        [float(each) for each in _NUMBER.findall(text)] for text in (shown, printed)
-    )
+    before, now = ([float(each) for each in _NUMBER.findall(text)] for text in (shown, printed))
     assert before == pytest.approx(now, rel=0.1, abs=0.05)
