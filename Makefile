@@ -12,7 +12,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -24,9 +24,15 @@ test: $(VENV)/.development
 test-slow: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/pytest -n auto --ignore=tests/benchmarks -m slow
 
-# The documentation as a site in build/site; what its pages lack or link to in vain fails it.
+# The documentation as a site in build/site, which opens from its folder; a broken link fails it.
 docs: $(VENV)/.development
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python docs/site/gather.py
+	$(BIN)/zensical build --clean --strict
+	$(BIN)/python docs/site/gather.py finish
+
+# What the program prints, between marks on pages, written anew.
+outputs: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python docs/site/outputs.py
 
 # The pictures of docs/, drawn anew by the program and by the system's Chromium.
 pictures: $(VENV)/.development

@@ -42,14 +42,14 @@ def test_the_laws_of_servos_stand_in_the_docs_with_their_sources():
 
 
 def test_the_terms_that_each_estimator_offers_stand_in_the_docs():
-    rows = _rows("identification.md")
+    rows = _rows("methods.md")
     for method in {*ESTIMATORS, "re-calibration"} - {"auto"}:
         terms = ", ".join(f"`{name}`" for name in offered(method)) or "–"
         assert f"| `{method}` | {terms} |" in rows
 
 
 def test_every_option_of_every_estimator_stands_in_the_docs():
-    text = (DOCS / "identification.md").read_text(encoding="utf-8")
+    text = (DOCS / "methods.md").read_text(encoding="utf-8")
     for kind in ESTIMATORS.values():
         for option in fields(kind):
             assert f"`{option.name}`" in text

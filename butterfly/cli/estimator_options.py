@@ -117,7 +117,7 @@ def _offers(methods: list[str]) -> str:
     told = [set(offered(method)) for method in methods if offered(method)]
     shared, some = set.intersection(*told), set.union(*told)
     names = [name for name in offered(methods[0]) if name in shared]
-    return f"{', '.join(names)}; {len(some - shared)} more, see docs/identification.md"
+    return f"{', '.join(names)}; {len(some - shared)} more, see docs/methods.md"
 
 
 def _default_text(name: str, owners: list[str]) -> str:

@@ -1,13 +1,14 @@
 """Draw the pictures of docs/ anew: `make pictures`, after pages or figures have changed.
 
-Nearly all come from the quick start, as docs/ten-minutes.md tells to run it: the figures from the
-program, the first screens of its pages from the system's Chromium. The servo's comes from its logs,
-in the folder xl330 of BUTTERFLY_STRANGERS, where that is said.
+Nearly all come from the quick start, as docs/start.md runs it: the figures from the program, the
+first screens of its pages from the system's Chromium. The servo's and the pendulum's come from
+their logs, in the folders xl330 and dfki of BUTTERFLY_STRANGERS, where that is set.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -37,9 +38,11 @@ def main() -> None:
         wrong = text.replace("added_mass: 0.12", "added_mass: 0.13")
         (results / "wrong.yaml").write_text(wrong, encoding="utf-8")
         told = ("identify", "results/quickstart/wrong.yaml", "--report", "wrong.html")
-        _butterfly(*told, folder=folder, ends=3)
+        _butterfly(*told, folder=folder)
         for figure in ("frequency-response", "time"):
             _keep(results / f"report-figures/{figure}.png", figure)
+        _keep(results / "report-figures/parameters.png", "intervals")
+        _pages_of_tasks(folder)
         draw_front_page(results, PICTURES)
         _keep(_first_screen(results / "report.html"), "report")
         _keep(_first_screen(folder / "wrong.html"), "wrong-mass")
@@ -49,6 +52,37 @@ def main() -> None:
             told = ("identify", "servo.yaml", "--report", "servo.html", "--figures")
             _butterfly(*told, folder=folder)
             _keep(folder / "servo-figures/time.png", "servo")
+            shutil.copytree(Path(named) / "dfki", folder / "pendulum")
+            page = (PICTURES.parent / "others-logs.md").read_text(encoding="utf-8")
+            described = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
+            if described:
+                (folder / "pendulum/manifest.yaml").write_text(described[1], encoding="utf-8")
+            _butterfly("identify", "pendulum", "--report", "pendulum.html", folder=folder)
+            _keep(_first_screen(folder / "pendulum.html"), "pendulum")
+
+
+def _pages_of_tasks(folder: Path) -> None:
+    """Draw the first screens of the pages that other tasks write."""
+    data = "results/quickstart"
+    _butterfly("design", data, "--report", "design.html", folder=folder)
+    _butterfly("identify", data, "--save", "result.json", folder=folder)
+    ahead = ("predict", data, "--with", "result.json", "--bands", "--report", "prediction.html")
+    _butterfly(*ahead, folder=folder)
+    sweep = "extends: quickstart.yaml\nname: sweep\nplant: {simulator: grey-box}\n"
+    sweep += (
+        "sweep: {grid: {plant.encoder.steps: [1024, 16384], plant.encoder.noise: [0, 1.0e-3]}}\n"
+    )
+    (folder / "sweep.yaml").write_text(sweep, encoding="utf-8")
+    _butterfly("run", "sweep.yaml", folder=folder)
+    _butterfly("run", "orbit-recalibration", folder=folder)
+    pages = {
+        "design": folder / "design.html",
+        "prediction": folder / "prediction.html",
+        "sweep": folder / "results/sweep/report.html",
+        "orbit": folder / "results/orbit-recalibration/orbit.html",
+    }
+    for name, page in pages.items():
+        _keep(_first_screen(page), name)
 
 
 def _butterfly(*command: str, folder: Path, ends: int = 0) -> None:

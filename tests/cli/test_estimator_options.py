@@ -67,7 +67,7 @@ def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
     assert _help("loss").endswith("Of output-error. Default: linear.")
     assert "spring, stribeck" in _help("terms")
     assert "cogging" not in _help("terms")
-    assert _help("terms").endswith("more, see docs/identification.md.")
+    assert _help("terms").endswith("more, see docs/methods.md.")
     for name, kind in ESTIMATORS.items():
         assert f"{name}: {kind.summary}" in _help("method")
 

@@ -12,11 +12,11 @@ from butterfly.files import shipped
 from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
 
 ELSEWHERE = {
-    "docs/another-robot.md": "tests/examples/test_another_robot_page.py, where the logs are",
     "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
     "docs/hardware.md": "tests/plant/test_bench.py, with a drive on loopback",
+    "docs/others-logs.md": "tests/examples/test_others_logs_page.py, where the logs are",
     "docs/servo.md": "tests/examples/test_servo_page.py, where the logs are",
-    "docs/ten-minutes.md": "below, word by word",
+    "docs/start.md": "below, word by word",
     "docs/torque-joint.md": "tests/examples/test_torque_joint_page.py; to record takes minutes",
 }
 """Pages whose code is run by tests of their own."""
@@ -27,10 +27,14 @@ NOT_RUN = {
     "butterfly identify run7.csv": "a file of somebody; test_refusals has its like",
     "butterfly fetch": "asks the network",
     "butterfly compare result.json next-year.json": "next year; test_change",
+    "butterfly compare spring.json autumn.json": "next year; test_change",
 }
 """Beginnings of commands that are not run, and why."""
 
-SLOW = {f"docs/{name}.md" for name in ("next-experiment", "orbit", "python", "your-robot")}
+SLOW = {
+    f"docs/{name}.md"
+    for name in ("next-experiment", "orbit", "predictions", "python", "your-robot")
+}
 WITH_CODE = [
     page
     for page in PAGES
@@ -103,14 +107,14 @@ def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, quick, quick_dat
 
 
 @pytest.mark.slow
-def test_ten_minutes_says_what_the_program_says(butterfly, tmp_path, monkeypatch):
+def test_start_says_what_the_program_says(butterfly, tmp_path, monkeypatch):
     """Word by word; of numbers that there are some, as digits differ from machine to machine."""
     monkeypatch.chdir(tmp_path)
     text = shipped("experiments/quickstart.yaml").read_text(encoding="utf-8")
     quickstart = tmp_path / "quickstart.yaml"
     quickstart.write_text(text.replace("plant:", "plant:\n  simulator: grey-box", 1))
     reader = _Reader(butterfly, quickstart)
-    page = "docs/ten-minutes.md"
+    page = "docs/start.md"
     reader.follow(page)
     said = {_without_numbers(line) for line in reader.said.splitlines()}
     shown = [

@@ -57,3 +57,10 @@ def test_pictures_are_shown_somewhere_and_small():
     for picture in pictures:
         assert f"pictures/{picture.name}" in text
         assert picture.stat().st_size < LARGEST
+
+
+def test_every_picture_that_a_page_shows_is_there():
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for path in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
+            assert (ROOT / page).parent.joinpath(path).is_file(), (page, path)

@@ -99,7 +99,7 @@ def _full(folder):
 
 
 def _of_strangers(folder):
-    """Describe the logs of others as docs/another-robot.md and their READMEs do."""
+    """Describe the logs of others as docs/others-logs.md and their READMEs do."""
     known = {"p4": 1}
     drawings = {"p3": (2.98, 0.03), "p4": (1, 0.2)}
     three = partial(_of_files, "dfki", THREE, PENDULUM)

@@ -1,4 +1,4 @@
-"""docs/another-robot.md shows what the program says of logs that are not shipped."""
+"""docs/others-logs.md shows what the program says of logs that are not shipped."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ import yaml
 
 import butterfly as bf
 
-PAGE = (Path(__file__).parents[2] / "docs/another-robot.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs/others-logs.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
