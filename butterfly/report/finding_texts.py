@@ -103,7 +103,7 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
         if estimate.ending is not Ending.CONVERGED:
             why.append("The fit did not converge.")
         values = " ".join(why)
-    return Verdict(level, (values, model_sentence(estimate)))
+    return Verdict(level, tuple(filter(None, (values, model_sentence(estimate)))))
 
 
 def require_possible(estimate: Estimate) -> Verdict:
@@ -151,7 +151,7 @@ def model_sentence(estimate: Estimate) -> str:
     """Say how large the error of the free runs is, and which term is missing."""
     found = {each.kind: each for each in estimate.findings}
     if FindingKind.FOLLOWED not in found:
-        return "Model: not simulated."
+        return ""  # nothing was simulated
     share = found[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
         return "Model: some logs cannot be simulated with these values, or show no motion."

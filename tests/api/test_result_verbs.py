@@ -162,7 +162,7 @@ def own(result):
 
 def test_given_parameters_are_judged_by_how_they_move(data, own):
     found = bf.predict(data, own)
-    assert found.summary[0].startswith("Use with care: how exact p1, p4, p2, p3, coulomb and delay")
+    assert found.summary[0].startswith("Use with care: p1, p4, p2, p3, coulomb and delay without")
     assert found.summary[1].startswith("12 logs predicted from the initial angle")
     assert found.drawn is None
     known = bf.predict(data, LumpedParameters(**own), bands=False)

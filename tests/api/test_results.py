@@ -45,8 +45,8 @@ def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results,
     assert each.standing == each.to_dict()["verdict"] == "good"
     lines = each.page().verdict.lines
     assert tuple(each.verdict[:2]) == each.summary[:2] == lines
-    assert lines[0].startswith("Good: p1 within ")
-    assert lines[1].startswith("The model follows to ")
+    assert lines[0].startswith("Good: p1 ±")
+    assert lines[1].startswith("Model: error ")
     assert len(repr(each).splitlines()) == 1
     assert "good" not in repr(each)
     assert len(each.to_dataframe()) == len(each.rows()) > 0
@@ -90,9 +90,9 @@ def test_nothing_is_made_of_values_that_no_joint_has(quick_data, tmp_path):
 
 def test_the_table_of_parameters_is_aligned_and_has_values_units_and_intervals(result):
     assert "p1 0.0032" in repr(result)
-    assert "Good: p1 within " in str(result)
+    assert "Good: p1 ±" in str(result)
     lines = str(result).splitlines()
-    assert [line.split()[0] for line in lines[-6:]] == ["p₁", "p₂", "p₃", "p₄", "T_c", "delay"]
+    assert [line.split()[0] for line in lines[-6:]] == ["p1", "p2", "p3", "p4", "coulomb", "delay"]
     assert len({len(line) for line in lines[-7:]}) == 1
     frame = result.to_dataframe().set_index("parameter")
     assert frame.loc["p1", "value"] == result.parameters.p1
@@ -247,7 +247,7 @@ def test_what_is_no_json_is_refused(tmp_path, text):
 def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_path):
     found = bf.identify(list(data.recorded))
     found.save(tmp_path / "r.json")
-    with pytest.raises(bf.InputError, match="files of one manifest"):
+    with pytest.raises(bf.InputError, match="from one source of files"):
         _ = bf.load(tmp_path / "r.json").data
     assert found.data.logs
 
@@ -309,8 +309,8 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.design(result, terms=()), "with a saved result"),
         (lambda: bf.design(result, swing=-1), "swing: got -1"),
         (lambda: bf.compare(result, logs=[]), "at least one"),
-        (lambda: bf.compare(result, logs=["a"]), "numbers of logs"),
-        (lambda: bf.compare(result, logs=0), "numbers of logs"),
+        (lambda: bf.compare(result, logs=["a"]), "log numbers"),
+        (lambda: bf.compare(result, logs=0), "log numbers"),
         (lambda: bf.simulate(None), "an experiment"),
         (lambda: result.plot.time(1.5), "log: got 1.5"),
         (lambda: bf.AddedMass(mass="a"), "mass: got a"),

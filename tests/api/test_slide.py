@@ -19,7 +19,7 @@ def test_a_slide_s_table_is_in_kilograms_and_it_is_exported_as_a_slide(tmp_path)
     assert "kg m²" not in repr(found) + str(found)
     found.report(tmp_path / "slide.html")
     page = (tmp_path / "slide.html").read_text(encoding="utf-8")
-    assert "p₁ θ̈ + p₂ θ̇ + T_c sgn θ̇ = p₄ u(t − delay), for the bare slide, θ its way." in page
+    assert "p₁ θ̈ + p₂ θ̇ + T_c sgn θ̇ = p₄ u(t − delay), for the bare slide, θ its position." in page
     assert "mass that moves" in page
     assert "Resonances" not in page
     panels = found.plot.frequency_response().to_dict()["layout"]

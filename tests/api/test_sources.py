@@ -109,7 +109,7 @@ def test_a_json_that_leads_nowhere_is_refused(tmp_path, text):
 
 
 def test_what_is_no_data_is_told_apart(tmp_path):
-    with pytest.raises(InputError, match="got an experiment; expected data, as `butterfly run"):
+    with pytest.raises(InputError, match="got an experiment; expected logs; `butterfly run"):
         read(Path("quickstart"))
     (tmp_path / "a.xls").write_text("1 2 3")
     with pytest.raises(InputError, match=r"file name: got \.xls; expected \.mat"):
