@@ -40,14 +40,16 @@ def show(
     size: Annotated[int, Parameter(metavar="N", validator=Number(gte=16, lte=4096))] = 480,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
+    log: Annotated[int | None, Parameter(metavar="N", validator=Number(gte=0))] = None,
 ) -> ExitCode:
     """Watch a run, or save it as a film or picture.
 
-    Opens a window, or with --web a browser page. --out saves a film of an experiment's run, or a
-    picture. Films and pictures need no display if EGL is installed.
+    Opens a window, or with --web a browser page. --out saves a film of an experiment's run, of a
+    saved result's log, or a picture. Films and pictures need no display if EGL is installed.
 
     Examples: butterfly show quickstart --web; butterfly show quickstart --run 5 --out hand.mp4;
-    butterfly show result.json --added-mass 0.05 --out hand.png
+    butterfly show result.json --added-mass 0.05 --out hand.png; butterfly show result.json --log 3
+    --out log.gif
 
     Parameters
     ----------
@@ -72,11 +74,16 @@ def show(
         Width and height in pixels; even for .mp4.
     added_mass
         Added mass in a picture, at --arm.
+    log
+        Number of a saved result's log, from 0: measured solid, simulated as a ghost. A picture
+        shows the instant of the largest error.
     """
     from butterfly.api.sources import is_data  # noqa: PLC0415 - slow to import
     from butterfly.files import locate  # noqa: PLC0415
 
     data = is_data(locate(source))
+    if log is not None:
+        return _show_log(source, log, out, seconds, fps=fps, size=size)
     if out is None:
         if data:
             expected = "a picture file with --out (only an experiment has runs to watch)"
@@ -100,6 +107,47 @@ def show(
     else:
         _film(source, run, out, seconds, fps=fps, size=size)
     return ExitCode.DONE
+
+
+def _show_log(
+    source: Path, number: int, out: Path | None, seconds: float, *, fps: int, size: int
+) -> ExitCode:
+    """Draw a saved result's log, measured, and its free run, as a ghost."""
+    from butterfly.api.verbs import saved_identification  # noqa: PLC0415 - slow to import
+    from butterfly.files import locate  # noqa: PLC0415
+    from butterfly.plant.watch.picture import film, render  # noqa: PLC0415
+
+    result = saved_identification(locate(source))
+    if result is None:
+        raise InputError(source, "--log", number, "a saved result (butterfly identify --save)")
+    if out is None:
+        raise InputError(source, "--out", "missing", "a file for the film or picture of a log")
+    runs = result.free_runs
+    if number >= len(runs):
+        raise InputError(source, "--log", number, f"a number from 0 to {len(runs) - 1}")
+    run = runs[number]
+    if run.log.measures != "angle":
+        raise InputError(run.log.name, "angle", "missing", "a log with a measured angle to draw")
+    if result.judged is not None:
+        say_verdict(result.judged)
+    robot, added = result.model.twin(run.log.added_mass).built
+    time, angle, simulated = run.log.time, run.log.angle, run.simulated
+    if out.suffix.lower() in _FILMS:
+        shown = time <= time[0] + seconds
+        motion = (time[shown] - time[0], angle[shown], out)
+        film(
+            *(robot, added, *motion),
+            fps=fps,
+            size=size,
+            simulated=simulated[shown],
+            track=show_progress,
+        )
+        say(f"Film: {out}")
+    else:
+        worst = int(abs(simulated - angle).argmax())
+        render(robot, added, angle[worst], out, size, ghost=simulated[worst])
+        say(f"Picture: {out}")
+    return ExitCode.of(result.judged)
 
 
 def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:

@@ -11,6 +11,7 @@ import yaml
 from PIL import Image
 from scipy.io import loadmat
 
+import butterfly as bf
 from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
@@ -38,8 +39,8 @@ def painted(monkeypatch):
         def __exit__(self, *_):
             pass
 
-        def frame(self, angle):
-            angles.append(angle)
+        def frame(self, angle, ghost=None):
+            angles.append(angle if ghost is None else (angle, ghost))
             return Image.new("RGB", (self.size, self.size), (len(angles), 0, 0))
 
     monkeypatch.setattr(picture, "Painter", Painter)
@@ -212,3 +213,26 @@ def test_what_is_neither_experiment_nor_data_set_is_refused(answer, tmp_path):
 def test_a_run_that_does_not_exist_cannot_be_filmed(butterfly, tmp_path):
     result = butterfly("show", "quickstart", "--run", 24, "--out", tmp_path / "x.gif")
     assert_one_line_error(result, "--run", "got 24", "from 0 to 23")
+
+
+def test_a_log_is_drawn_beside_its_free_run(butterfly, quick_data, tmp_path, painted):
+    saved, film, still = (tmp_path / name for name in ("r.json", "log.gif", "log.png"))
+    done(butterfly("identify", quick_data, "--save", saved))
+    result = bf.load(saved)
+    out = done(butterfly("show", saved, "--log", 2, "--out", film, "--seconds", 1, "--fps", 10))
+    assert out.startswith("Good: p1 ±")
+    assert out.endswith(f"Film: {film}\n")
+    measured, simulated = zip(*painted, strict=True)
+    run = result.free_runs[2]
+    at = run.log.time[0] + 0.1 * np.arange(len(painted))
+    np.testing.assert_allclose(measured, np.interp(at, run.log.time, run.log.angle))
+    np.testing.assert_allclose(simulated, np.interp(at, run.log.time, run.simulated))
+    done(butterfly("show", saved, "--log", 2, "--out", still))
+    worst = np.argmax(abs(run.simulated - run.log.angle))
+    assert painted[-1] == (run.log.angle[worst], run.simulated[worst])
+    for asked, message in (
+        (("show", saved, "--log", 99, "--out", film), "got 99; expected a number from 0 to 11"),
+        (("show", saved, "--log", 1), "--out: missing"),
+        (("show", "quickstart", "--log", 1, "--out", film), "a saved result"),
+    ):
+        assert_one_line_error(butterfly(*asked), message)

@@ -26,6 +26,7 @@ _LARGE = 1024  # pixels of a picture that is fine enough; a finer one might not 
 _PILLOW = (".gif", ".webp")
 _FFMPEG = ".mp4"
 _LINES = 26  # that a picture is high
+_GHOST = 0.35  # opacity of what is simulated beside what was measured
 _SMALLEST = 8  # pixels of a letter that can be read
 _PLACE = (0.66, 0.025)  # of the corner that the hand leaves free, in parts of the picture
 _INK = (52, 56, 64)
@@ -42,6 +43,7 @@ class Painter:
         model = compile_model(robot, added, scene=True)
         self._finer = _FINER if size <= _LARGE else 1
         drawn = self._finer * size
+        self._ghost = mujoco.MjData(model)
         model.vis.global_.offwidth = model.vis.global_.offheight = drawn
         model.vis.quality.offsamples = 4 if self._finer == 1 else 0
         self._model, self._data = model, mujoco.MjData(model)
@@ -58,20 +60,49 @@ class Painter:
     def __exit__(self, *_: object) -> None:
         self._renderer.close()
 
-    def frame(self, angle: float) -> Image.Image:
-        """Return the picture of the robot turned by ``angle`` rad."""
-        self._data.joint("hinge").qpos[0] = angle
-        mujoco.mj_forward(self._model, self._data)
+    def frame(self, angle: float, ghost: float | None = None) -> Image.Image:
+        """Return the picture of the robot at ``angle`` rad (m of a slide), and of its ghost."""
+        self._turn(self._data, angle)
         self._renderer.update_scene(self._data, CAMERA)
+        if ghost is not None:
+            self._add_ghost(ghost)
         return Image.fromarray(self._renderer.render()).reduce(self._finer)
 
+    def _turn(self, data: mujoco.MjData, angle: float) -> None:
+        data.joint("hinge").qpos[0] = angle
+        mujoco.mj_forward(self._model, data)
 
-def render(robot: Robot, added: AddedMass, angle: float, path: Path, size: int = 640) -> None:
-    """Draw the robot at ``angle`` rad into an image file, in the format of its ending."""
+    def _add_ghost(self, angle: float) -> None:
+        """Add what moves once more to the scene, translucent, at another angle."""
+        self._turn(self._ghost, angle)
+        scene = self._renderer.scene
+        solid = scene.ngeom
+        mujoco.mjv_addGeoms(
+            self._model,
+            self._ghost,
+            mujoco.MjvOption(),
+            mujoco.MjvPerturb(),
+            mujoco.mjtCatBit.mjCAT_DYNAMIC.value,
+            scene,
+        )
+        for geom in scene.geoms[solid : scene.ngeom]:
+            geom.rgba[3] *= _GHOST
+
+
+def render(
+    robot: Robot,
+    added: AddedMass,
+    angle: float,
+    path: Path,
+    size: int = 640,
+    *,
+    ghost: float | None = None,
+) -> None:
+    """Draw the robot at ``angle`` rad into an image file; its ``ghost`` at another angle."""
     if path.suffix.lower() not in Image.registered_extensions():
         raise InputError(path, "file name", path.suffix or "no ending", ".png, .jpg or .webp")
     with Painter(robot, added, size) as painter:
-        picture = painter.frame(angle)
+        picture = painter.frame(angle, ghost)
     with replacing(path) as draft:
         picture.save(draft)
 
@@ -85,20 +116,28 @@ def film(
     *,
     fps: int = 30,
     size: int = 480,
+    simulated: Samples | None = None,
     track: Track = untracked,
 ) -> None:
-    """Draw a motion, (n,) instants in s and angles in rad, as a film of the file's format."""
+    """Draw a motion, (n,) instants in s and angles in rad, as a film of the file's format.
+
+    Where (n,) ``simulated`` angles are given, the robot at them is drawn as a ghost.
+    """
     ending = path.suffix.lower()
     if ending not in (*_PILLOW, _FFMPEG):
         raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
     if ending == _FFMPEG and not (find_spec("imageio") and find_spec("imageio_ffmpeg")):
         raise InputError(path, "file name", ending, ".gif or .webp, or the extra 'video' installed")
     instants = np.arange(times[0], times[-1], 1 / fps)
-    motion = list(zip(instants.tolist(), np.interp(instants, times, angles).tolist(), strict=True))
+    drawn = np.interp(instants, times, angles).tolist()
+    ghosts = [None] * len(drawn)
+    if simulated is not None:
+        ghosts = np.interp(instants, times, simulated).tolist()
+    motion = list(zip(instants.tolist(), drawn, ghosts, strict=True))
     with Painter(robot, added, size) as painter:
         frames = [
-            captioned(painter.frame(angle), instant, angle)
-            for instant, angle in track(motion, "Drawing frames")
+            captioned(painter.frame(angle, ghost), instant, angle, ghost)
+            for instant, angle, ghost in track(motion, "Drawing frames")
         ]
     with replacing(path) as draft:
         if ending == _FFMPEG:
@@ -115,9 +154,13 @@ def film(
             first.save(draft, save_all=True, append_images=rest, duration=1000 / fps, loop=0)
 
 
-def captioned(picture: Image.Image, instant: float, angle: float) -> Image.Image:
-    """Write a time in s and an angle in rad into a picture, and return it."""
+def captioned(
+    picture: Image.Image, instant: float, angle: float, ghost: float | None = None
+) -> Image.Image:
+    """Write a time in s and an angle in rad, and its ghost's, into a picture, and return it."""
     text = caption_text(instant, angle, "θ").replace("-", "−")
+    if ghost is not None:
+        text += f"\nghost (simulated)\n    {ghost:+z.3f} rad".replace("-", "−")
     place = (_PLACE[0] * picture.width, _PLACE[1] * picture.width)
     ImageDraw.Draw(picture).multiline_text(place, text, _INK, _letters(picture.width // _LINES))
     return picture

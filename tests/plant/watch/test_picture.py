@@ -6,7 +6,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from butterfly.errors import InputError
-from butterfly.plant.watch.picture import caption_text, captioned, film
+from butterfly.plant.watch.picture import Painter, caption_text, captioned, film
 from tests.plant.setting import ADDED, robot, skip_where_nothing_is_drawn
 
 ROBOT = robot()
@@ -78,3 +78,35 @@ def test_the_caption_fits_into_its_corner(size):
     assert ink[:, 0].max() < 0.2 * size
     assert ink[:, 1].min() > 0.6 * size
     assert ink[:, 1].max() < size - 1
+
+
+def _blue(picture):
+    """Pixels of the plates."""
+    pixels = np.asarray(picture.convert("RGB")).astype(int)
+    return pixels[..., 2] - pixels[..., 0] > 30
+
+
+def _painted(size, *angles):
+    with Painter(ROBOT, ADDED, size) as painter:
+        return painter.frame(*angles)
+
+
+def test_a_ghost_is_drawn_where_the_simulation_is_and_lets_the_solid_be_seen():
+    alone, beside, same = (_painted(200, *each) for each in ((0.6,), (0.6, -0.2), (0.6, 0.6)))
+    added = _blue(beside) & ~_blue(alone)
+    assert added.sum() > 200
+    colours = [np.asarray(each)[mask] for each, mask in ((beside, added), (alone, _blue(alone)))]
+    assert colours[0].mean() > colours[1].mean() + 20  # the paper shines through
+    assert not (_blue(same) & ~_blue(alone)).sum() > 50
+
+
+def test_shadows_are_soft_and_edges_smooth_at_any_size():
+    for size in (640, 1280):
+        grey = np.asarray(_painted(size, 0.6).convert("L")).astype(int)
+        shadow = grey[int(0.93 * size) :, int(0.75 * size) :]
+        levels = np.unique(shadow[shadow < 240])
+        assert shadow.min() < 215
+        assert len(levels) >= 5
+        row = grey[size // 2, : size // 4]  # the ring's left edge
+        steps = np.abs(np.diff(row))
+        assert np.count_nonzero(steps > 8) >= 3 > np.count_nonzero(steps > 60)
