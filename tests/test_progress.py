@@ -50,9 +50,9 @@ def test_an_estimate_that_was_not_searched_to_the_end_says_so_and_is_not_good(da
     assert found.estimate.ending is Ending.STOPPED
     assert found.estimate.level is Level.WARNING
     sentence = next(line for line in found.summary if line.startswith(STOPPED))
-    assert sentence in found.verdict
+    assert sentence == found.notes[0]
     again = bf.Identification.from_dict(found.to_dict())
-    assert sentence in again.verdict
+    assert sentence == again.notes[0]
 
 
 def test_a_settled_estimate_whose_search_was_stopped_is_to_be_used_with_care(data):

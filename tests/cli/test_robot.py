@@ -232,7 +232,7 @@ def test_a_log_is_drawn_beside_its_free_run(butterfly, quick_data, tmp_path, pai
     assert painted[-1] == (run.log.angle[worst], run.simulated[worst])
     for asked, message in (
         (("show", saved, "--log", 99, "--out", film), "got 99; expected a number from 0 to 11"),
-        (("show", saved, "--log", 1), "--out: missing"),
+        (("show", saved, "--log", 1), "--out: got missing"),
         (("show", "quickstart", "--log", 1, "--out", film), "a saved result"),
     ):
         assert_one_line_error(butterfly(*asked), message)

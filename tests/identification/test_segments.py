@@ -144,7 +144,7 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
     assert (truth <= found.estimate.upper[places]).all()
     said = summary(found)
     assert said[0].startswith("Good")
-    assert any("Simulated over segments of 0.8 s, each from a start" in each for each in said)
+    assert any("and a fitted initial state every 0.8 s" in each for each in said)
     assert found.fit.over == " over segments of 0.8 s"
     assert found.fit.median > 99
     assert not residuals_of(noisy, found.estimate).beyond_sensors

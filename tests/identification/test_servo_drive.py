@@ -296,7 +296,7 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
     assert rows["by the drive alone, held out"][0] == fit_text(found.drive_fits["1"])
     (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]
     assert f"{rows['in the loop'][3]} mrad off on average; by the drive alone" in line
-    assert "in the loop of a servo (pid-voltage)" in " ".join(found.summary)
+    assert "servo loop (pid-voltage)" in " ".join(found.summary)
     page = identification_page(found)
     assert [fact.label for fact in page.facts][2] == "FIT, by the drive alone"
     drawn = page.series["time"]

@@ -63,7 +63,7 @@ def test_what_a_free_run_leaves_is_the_noise_of_the_velocity_not_its_integral(wh
     np.testing.assert_allclose(sensor, NOISE, rtol=0.05)
     np.testing.assert_allclose([run.rms for run in found.free_runs], NOISE, rtol=0.05)
     assert found.residuals.times == pytest.approx(1.0, abs=0.1)
-    assert "follows the measured velocity (no angle was recorded) with" in str(found)
+    assert "reproduces the measured velocity (no angle was recorded)" in str(found)
 
 
 def test_predictions_and_simulations_are_of_the_velocity(wheel):

@@ -88,7 +88,7 @@ def test_the_encoder_s_zero_is_taken_off_and_a_pause_begins_anew(log):
 def test_what_the_motion_so_far_cannot_tell_is_refused(log):
     for until in (0.1, 0.9, 2.0):
         online, _ = _fed(log, 20.0, until=until)
-        with pytest.raises(IdentifiabilityError, match="too little"):
+        with pytest.raises(IdentifiabilityError, match="too short"):
             online.estimate()
     still = replace(log, angle=0.3 * np.sin(4 * log.time), input=0.0 * log.time)
     online, _ = _fed(still, 20.0)

@@ -80,8 +80,8 @@ def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, kind, stiffness, damp
     ("loop", "said"),
     [
         ({"law": "dynamixel-x", "kp": 400}, "needs its supply in V"),
-        ({"law": "pid-torque", "ki": 1.0}, "kp of the loop (pid-torque) is not known"),
-        ({"law": "pid-torque", "kp": 1.0, "ki": 2.0}, "ki 2.0 is left out"),
+        ({"law": "pid-torque", "ki": 1.0}, "kp of the loop (pid-torque) is unknown"),
+        ({"law": "pid-torque", "kp": 1.0, "ki": 2.0}, "Not included from that loop: ki 2.0"),
     ],
 )
 def test_what_is_missing_of_a_loop_is_said(loop, said):

@@ -147,10 +147,10 @@ def test_a_feetech_has_its_gain_and_its_slower_goal():
     ("more", "said"),
     [
         ({"kind": InputKind.DUTY}, "input: got duty"),
-        ({"servo": None}, "--actuator: got nothing; expected one of xl330"),
+        ({"servo": None}, "--actuator: got missing; expected BAM's name of the servo: xl330"),
         ({"actuator": "xl33"}, "--actuator: got xl33"),
         ({"ratios": True}, "parameters: got ratios"),
-        ({"known": Prior.of({"p4": 1})}, "parameters: got in units in which p4 is 1"),
+        ({"known": Prior.of({"p4": 1})}, "parameters: got relative to p4 = 1"),
         ({"joint": replace(JOINT, p2=0.0, back_emf=0.0)}, "p2: got 0.0"),
     ],
 )
