@@ -13,6 +13,7 @@ from butterfly.identification.estimators.gauss_newton import (
     Equations,
     LogEquations,
     Loss,
+    bounded_step,
     minimise,
     outlying,
 )
@@ -119,6 +120,14 @@ def test_bounds_hold_as_scipy_s_do(seed, floor):
     expected = least_squares(residuals, start, lambda _: slopes, (lower, np.inf), **exactly)
     assert np.all(found.point >= lower)
     np.testing.assert_allclose(found.point, expected.x, atol=1e-5)
+
+
+def test_a_step_holds_what_a_box_has_no_width_for_and_the_rest_is_best_beside_it():
+    slopes = np.random.default_rng(0).standard_normal((9, 3))
+    at = _equations(slopes @ [1.0, 2.0, 3.0], slopes)
+    step = bounded_step(at, np.array([-9.0, -1.0, -9.0]), np.array([9.0, -1.0, 9.0]))
+    beside = np.linalg.lstsq(slopes[:, [0, 2]], -slopes @ [1.0, 1.0, 3.0], rcond=None)[0]
+    np.testing.assert_allclose(step, [beside[0], -1.0, beside[1]], rtol=1e-9)
 
 
 def test_a_valley_that_bends_is_followed_to_its_end_or_said_not_to_be():

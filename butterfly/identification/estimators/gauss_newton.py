@@ -317,4 +317,8 @@ def bounded_step(at: Equations, lowest: Samples, reach: float | Samples) -> Samp
     roots = np.sqrt(np.where(told, curvatures, 0.0))
     pull = np.divide(axes.T @ at.gradient, roots, out=np.zeros_like(roots), where=told)
     rows = roots[:, None] * axes.T
-    return np.asarray(lsq_linear(rows, -pull, (lowest, reach), method="bvls", tol=1e-12).x)
+    step, highest = lowest.copy(), np.broadcast_to(reach, lowest.shape)
+    free = lowest < highest  # the others are held: `lsq_linear` refuses a box without width
+    left, box = -pull - rows[:, ~free] @ step[~free], (lowest[free], highest[free])
+    step[free] = lsq_linear(rows[:, free], left, box, method="bvls", tol=1e-12).x
+    return step
