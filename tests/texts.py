@@ -1,7 +1,6 @@
 """Every text that a user can see, listed from the code: `python -m tests.texts [PATH ...]`.
 
-Sentences of the program (messages, verdicts, help, labels) and public docstrings, one a line with its
-place, for a person to read.
+Messages, help and labels, and public docstrings, one a line with its place, for a person to read.
 """
 
 from __future__ import annotations
