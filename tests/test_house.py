@@ -18,8 +18,8 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 211,
-    "lines of the package": 41_986,
-    "lines of tests": 33_044,
+    "lines of the package": 41_989,
+    "lines of tests": 33_152,
     "names of classes that exist twice": 0,
     "modules in import circles": 6,
     "tuned numbers of identification": 66,

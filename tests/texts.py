@@ -1,6 +1,6 @@
 """Every text that a user can see, listed from the code: `python -m tests.texts [PATH ...]`.
 
-Messages, verdicts, help, labels and public docstrings, one per line with file and line, to be read.
+Messages, help and labels, and public docstrings, one a line with its place, for a person to read.
 """
 
 from __future__ import annotations
@@ -9,45 +9,58 @@ import argparse
 import ast
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 PACKAGE = Path(__file__).parents[1] / "butterfly"
-TEMPLATES = (".j2", ".js")
 _FEWEST_WORDS = 3
+_OF_TEMPLATES = re.compile(r">([^<>{}]+)<|[\"'`]([^\"'`]+ [^\"'`]+)[\"'`]")
 
 
-@dataclass(frozen=True)
-class Text:
-    """A text, its kind (``message``, ``docstring`` or ``template``) and its place."""
+class Text(NamedTuple):
+    """A text, and its line and kind: ``message``, ``docstring`` or ``template``."""
 
-    path: Path
     line: int
     kind: str
     words: str
 
 
-def texts_of(path: Path) -> Iterator[Text]:
-    """Yield the texts of a Python file or a template."""
-    source = path.read_text(encoding="utf-8")
-    if path.suffix in TEMPLATES:
-        for number, line in enumerate(source.splitlines(), 1):
-            for words in re.findall(r">([^<>{}]+)<|[\"'`]([^\"'`]+ [^\"'`]+)[\"'`]", line):
-                if "".join(words).strip():
-                    yield Text(path, number, "template", "".join(words).strip())
-        return
+def words_of(node: ast.AST, *, filled: bool = True) -> str | None:
+    """Return a string of the code as read; None of other nodes.
+
+    What it is ``filled`` with is its expression in braces, or nothing.
+    """
+    if isinstance(node, ast.JoinedStr):
+        blank = "{{{}}}" if filled else ""
+        parts = (words_of(each) or blank.format(ast.unparse(each.value)) for each in node.values)
+        return "".join(parts)
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+
+
+def texts_of_code(source: str) -> Iterator[Text]:
+    """Yield the texts of a module."""
     tree = ast.parse(source)
     docstrings = dict(_docstrings(tree))
     for node, public in docstrings.items():
         if public:
-            yield Text(path, node.lineno, "docstring", _plain(node))
-    for node in _outermost(tree):
-        if node not in docstrings and len(_plain(node).split()) >= _FEWEST_WORDS:
-            yield Text(path, node.lineno, "message", _plain(node))
+            yield Text(node.lineno, "docstring", node.value)
+    for node, words in _outermost(tree):
+        if node not in docstrings and len(words.split()) >= _FEWEST_WORDS:
+            yield Text(node.lineno, "message", words)
+
+
+def texts_of_template(source: str) -> Iterator[Text]:
+    """Yield the texts of a page's template or script."""
+    for number, line in enumerate(source.splitlines(), 1):
+        found = map("".join, _OF_TEMPLATES.findall(line))
+        yield from (Text(number, "template", words) for words in found if words.strip())
+
+
+READERS = {".py": texts_of_code, ".j2": texts_of_template, ".js": texts_of_template}
 
 
 def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.Constant, bool]]:
-    """Yield each docstring, and whether its object is public."""
+    """Yield each string that stands as a statement, and whether what it describes is public."""
     for node in ast.walk(tree):
         private = (getattr(node, "name", "") or "").startswith("_")
         body = getattr(node, "body", None)
@@ -57,26 +70,14 @@ def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.Constant, bool]]:
                 yield value, not private
 
 
-def _outermost(tree: ast.AST) -> Iterator[ast.Constant | ast.JoinedStr]:
-    """Yield strings; a formatted string as a whole."""
+def _outermost(tree: ast.AST) -> Iterator[tuple[ast.expr, str]]:
+    """Yield strings with their words, of formatted ones the whole alone."""
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.JoinedStr) or (
-            isinstance(node, ast.Constant) and isinstance(node.value, str)
-        ):
-            yield node
-        else:
+        words = words_of(node)
+        if words is None:
             yield from _outermost(node)
-
-
-def _plain(node: ast.Constant | ast.JoinedStr) -> str:
-    """Return a string's text, with inserted expressions in braces."""
-    if isinstance(node, ast.Constant):
-        return str(node.value)
-    parts = (
-        part.value if isinstance(part, ast.Constant) else "{" + ast.unparse(part.value) + "}"
-        for part in node.values
-    )
-    return "".join(map(str, parts))
+        else:
+            yield node, words
 
 
 def main() -> None:
@@ -85,14 +86,12 @@ def main() -> None:
     parser.add_argument("paths", nargs="*", type=Path, default=[PACKAGE])
     parser.add_argument("--kind", choices=["message", "docstring", "template"])
     options = parser.parse_args()
-    for given in options.paths:
-        files = [given] if given.is_file() else sorted(given.rglob("*"))
-        for path in files:
-            if path.suffix in (".py", *TEMPLATES):
-                for text in sorted(texts_of(path), key=lambda each: each.line):
-                    if options.kind in (None, text.kind):
-                        words = " ".join(text.words.split())
-                        print(f"{path}:{text.line}: {text.kind}: {words}")
+    paths = [each for given in options.paths for each in (given, *sorted(given.rglob("*")))]
+    for path in (each for each in paths if each.suffix in READERS):
+        texts = READERS[path.suffix](path.read_text(encoding="utf-8"))
+        for line, kind, words in sorted(texts, key=lambda each: each.line):
+            if options.kind in {None, kind}:
+                print(f"{path}:{line}: {kind}: {' '.join(words.split())}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Literal
@@ -44,7 +45,7 @@ DEFAULTS = Options()
 
 def xml_comment(sentence: str) -> str:
     """Return a sentence as a comment of XML, which holds no two hyphens in a row."""
-    return f"<!-- {sentence.replace('--', '- -')} -->"
+    return f"<!-- {re.sub('-(?=-)', '- ', sentence)} -->"
 
 
 def write_as(form: str, twin: Twin, options: Options = DEFAULTS) -> Written:

@@ -24,7 +24,7 @@ from butterfly.model.terms import BEYOND_MUJOCO
 from butterfly.plant.mjcf import built, hinge_of, named, text_of
 from butterfly.plant.robot import Robot, Shape
 from butterfly.twin.accuracy import Mover, Yardstick
-from butterfly.twin.forms import DEFAULTS, Options
+from butterfly.twin.forms import DEFAULTS, Options, xml_comment
 from butterfly.twin.twin import NO_DELAY, Accuracy, Twin, Written, unheard
 
 _GRIPS = (0.12, 0.25, 0.06)  # steps: time constants with which dry friction stops the joint
@@ -69,13 +69,11 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
         f"{twin.name}: a complete model for plain MuJoCo. ctrl[0] (motor) is the command, as its "
         "mean over each step; leave other ctrl at 0."
     )
-    for k, sentence in enumerate([first, *made.left_out, *made.accuracy.lines]):
-        comment = ElementTree.Comment(f" {sentence.replace('--', '- -')} ")
-        comment.tail = "\n  "
-        made.root.insert(k, comment)
+    head, rest = text_of(made.root).split("\n", 1)
+    comments = map(xml_comment, [first, *made.left_out, *made.accuracy.lines])
     step = f"steps of {1e3 * options.timestep:g} ms by {options.integrator}"
     return Written(
-        text=text_of(made.root),
+        text="\n  ".join([head, *comments, rest.lstrip()]),
         about=f"{name} in {step}",
         left_out=made.left_out,
         accuracy=made.accuracy,

@@ -15,6 +15,7 @@ from butterfly.identification.inference.conditions import Condition
 from butterfly.model.parameters import JointKind
 from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.finding_texts import finding_text
+from tests.texts import words_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
@@ -86,15 +87,9 @@ def _written():
     """Return every text that stands in the package's sources, without what it is filled with."""
     texts = []
     for path in (ROOT / "butterfly").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.JoinedStr):
-                parts = (
-                    each.value if isinstance(each, ast.Constant) else "" for each in node.values
-                )
-                texts.append("".join(parts))
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                texts.append(node.value)
-    return [" ".join(text.split()) for text in texts]
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        texts += [words_of(node, filled=False) for node in nodes]
+    return [" ".join(text.split()) for text in texts if text is not None]
 
 
 @pytest.mark.parametrize("quoted", QUOTED)

@@ -319,3 +319,9 @@ def test_a_joint_that_nothing_drives_is_exported_too(form):
     written = write_as(form, _twin(falls))
     assert written.text
     assert written.accuracy is None or written.accuracy.worst < 1e-4
+
+
+@pytest.mark.parametrize("form", ["mjcf", "snippet", "urdf"])
+def test_hyphens_of_a_name_end_no_comment(form):
+    text = write_as(form, replace(_twin(PLAIN), name="a--b---c")).text
+    assert not any("--" in each for each in re.findall(r"<!--(.*?)-->", text, re.DOTALL))
