@@ -4,6 +4,7 @@ const still = matchMedia("(prefers-reduced-motion: reduce)");
 const STEPS = 100;  // of a slider, from the estimate to either end
 const STILL_FRAME = 0.5;  // s between pictures where motion is to be reduced
 const SWING = 0.6;  // rad, to which small swings can be magnified
+const signed = new Intl.NumberFormat("en", {signDisplay: "exceptZero", maximumSignificantDigits: 3});
 const view = {log: null, simulated: null, fit: NaN, from: 0, to: 1, instant: 0, playing: false, before: 0};
 
 async function opened(number) {
@@ -29,7 +30,7 @@ function moves() {
 }
 function label(slider) {
   const input = at(slider.name), value = valueOf(slider), unit = slider.unit === "–" ? "" : ` ${slider.unit}`;
-  const share = slider.value ? ` (${(100 * (value / slider.value - 1)).toFixed(2)} %)` : "", text = textOf(slider, value);
+  const share = slider.value ? `, ${signed.format(100 * (value / slider.value - 1))} %` : "", text = textOf(slider, value);
   at(`${slider.name}-value`).textContent = text;
   at(`${slider.name}-interval`).textContent = `${textOf(slider, slider.value)} ± ${slider.half.toPrecision(2)}`;
   input.setAttribute("aria-valuetext", Number(input.value) ? `${text}${unit}${share}` : `${text}${unit}, as identified`);
