@@ -47,7 +47,7 @@ function range(slider) {
 const colours = () => {
   const css = getComputedStyle(document.documentElement);
   const of = (name, onPaper) => view.printed ? onPaper : css.getPropertyValue(name).trim();
-  return {ink: of("--ink", "#1b1f24"), faint: of("--faint", "#56606a"), rule: of("--rule", "#d8dde2"), shade: of("--shade", "#f3f6f8"),
+  return {ink: of("--ink", "#1b1f24"), faint: of("--faint", "#56606a"), rule: of("--rule", "#d8dde2"),
     measured: of("--accent", "#0072B2"), simulated: of("--second", "#E69F00")};
 };
 function cleared(canvas) {
