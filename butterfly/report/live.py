@@ -134,12 +134,13 @@ def _carried(
     for mass in data.masses:
         own = [k for k in order if data.logs[k].added_mass == mass]
         chosen += own[len(own) // 2 :][:1]
-    kept, room = [], ROOM
+    kept: list[LiveLog] = []
+    room = ROOM
     for number in dict.fromkeys(chosen):
         room -= logs[number].size
         kept += [logs[number]] if room >= 0 or not kept else []
     which = f"{len(kept)} of {every}, the {_WORST} with the lowest FIT and the median one of each "
-    return kept, f"{which}added mass"
+    return kept, f"{which}added mass: {'; '.join(each.label for each in kept)}"
 
 
 def _rendered(
@@ -152,6 +153,7 @@ def _rendered(
     best = max(logs, key=lambda each: each.raw)
     middling = sorted(logs, key=lambda each: each.raw)[len(logs) // 2]
     differences = [each.fit(each.setting.parameters) - each.raw for each in logs]
+    zooms = _zooms(sliders, best)
     content = {
         "sliders": [asdict(each) for each in sliders],
         "logs": [each.document() for each in logs],
@@ -172,8 +174,8 @@ def _rendered(
             program=program,
             content=json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
             chosen=logs.index(middling),
-            zooms=_zooms(sliders, best),
-            note=_note(logs, which, differences),
+            zooms=zooms,
+            note=_note(logs, which, differences, zooms[1:]),
         )
     )
 
@@ -193,14 +195,16 @@ def _zooms(sliders: Sequence[Slider], log: LiveLog) -> list[int]:
     return offered
 
 
-def _note(logs: Sequence[LiveLog], which: str, differences: Sequence[float]) -> str:
-    """Say what the page has of the logs, and how far its FIT is from that of the raw ones."""
+def _note(
+    logs: Sequence[LiveLog], which: str, differences: Sequence[float], farther: Sequence[int]
+) -> str:
+    """Say what the page has of the logs, how far its FIT is from theirs, what sliders reach."""
     steps = sorted({f"{1e3 * each.step:.3g}" for each in logs}, key=float)
     grid = steps[0] if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
-    worst = max(differences, key=abs)
+    more = f", or {' or '.join(map(str, farther))} times as far" * bool(farther)
     return (
-        f"On this page: {which}. Grid: {grid} ms; FIT on it differs from FIT of the raw log by "
-        f"{worst:+.2f} points at most. Each log starts from the state that its free run starts "
-        f"from. Sliders reach {_INTERVALS} times the ± beside them, the half-width of the 95 % "
-        "interval; where that is too narrow to see, ten or a hundred times as far."
+        f"On this page: {which}. Grid: {grid} ms; FIT on it differs from FIT of the raw log by at "
+        f"most {max(map(abs, differences)):.2f} points. Each log starts from the state that its "
+        f"free run starts from. Sliders reach {_INTERVALS} times the ± beside them, the half-width "
+        f"of the 95 % interval{more}."
     )

@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -37,15 +35,10 @@ from butterfly.report.sweep_page import sweep_page
 from butterfly.thesis.method import Thesis
 from tests.identification.simulated import estimate_of
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
+from tests.report.browser import HASTE, needs_chromium, seen_by_chromium
 
 pytestmark = pytest.mark.slow
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-FLAGS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-extensions "
-    "--disable-background-networking --disable-component-update --disable-sync "
-    "--virtual-time-budget=10000 --enable-logging=stderr --dump-dom"
-)
 KINDS = ("identification", "three-way", "leaderboard", "orbit", "sweep", "prediction")
 ROUGH = plant({"coulomb": 1e-4})
 
@@ -196,18 +189,15 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, written, kind)
             assert (folder / f"r-figures/{name}.{suffix}").stat().st_size > 3000
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
+@needs_chromium
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_browser_draws_every_figure_without_error_or_request(pages, written, kind, tmp_path):
-    command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}"]
-    command.append((written / kind / "r.html").as_uri())
-    seen = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603 - our own page
-    assert "CONSOLE" not in seen.stderr
+    dom = seen_by_chromium(written / kind / "r.html", tmp_path, HASTE)
     page = pages[kind]
-    assert len(re.findall(r'class="figure js-plotly-plot"', seen.stdout)) == len(page.figures)
-    assert len(re.findall(r'class="series js-plotly-plot"', seen.stdout)) == len(page.series)
+    assert len(re.findall(r'class="figure js-plotly-plot"', dom)) == len(page.figures)
+    assert len(re.findall(r'class="series js-plotly-plot"', dom)) == len(page.series)
     picked = any(table.picks for part in page.parts for table in part.tables)
-    assert ('aria-current="true"' in seen.stdout) == picked
+    assert ('aria-current="true"' in dom) == picked
 
 
 def test_a_line_of_all_fields_at_once_is_an_estimate(pages):

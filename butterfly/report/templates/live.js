@@ -4,54 +4,13 @@ const still = matchMedia("(prefers-reduced-motion: reduce)");
 const STEPS = 100;  // of a slider, from the estimate to either end
 const STILL_FRAME = 0.5;  // s between pictures where motion is to be reduced
 const SWING = 0.6;  // rad, to which small swings can be magnified
-const view = {log: null, simulated: null, fit: NaN, from: 0, to: 1, instant: 0, playing: false, before: 0};
+const signed = new Intl.NumberFormat("en", {signDisplay: "exceptZero", maximumSignificantDigits: 3});
+const view = {log: null, simulated: null, fit: NaN, from: 0, to: 1, instant: 0, playing: false, before: 0, printed: false};
 
-// ---- the model: columns as packed by live_log.py, and the joint's own step
-
-async function unpacked({begin, quantum, order, data}) {
-  const packed = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const count = planes.length / 3, values = new Float64Array(count);
-  for (let k = 0; k < count; k++) {
-    const folded = planes[k] + 256 * planes[count + k] + 65536 * planes[2 * count + k];
-    values[k] = folded % 2 ? -(folded + 1) / 2 : folded / 2;
-  }
-  for (let round = 0; round < order; round++) for (let k = 1; k < count; k++) values[k] += values[k - 1];
-  return values.map((level) => begin + level * quantum);
-}
 async function opened(number) {
   const log = live.logs[number];
   if (!log.u) [log.u, log.q] = await Promise.all([unpacked(log.commands), unpacked(log.measured)]);
   return log;
-}
-function simulated({parameters, added, step: h, u, q, spare, starts, zero, integrated}, moves) {
-  const bare = {...parameters};
-  for (const [name, by] of Object.entries(moves)) bare[name] += by;
-  const c = joint.constants(bare, added), late = (moves.delay ?? 0) / h;
-  const whole = Math.floor(late + 1e-9), first = late - whole > 1e-9 ? late - whole : 0;
-  const drives = u.map((command) => c.p4 * joint.delivered(command, c)), last = u.length - 1;
-  const result = new Float64Array(q.length), which = integrated ? 1 : 0;
-  let state = [0, 0, 0, 0], piece = 0;
-  for (let k = 0; k < q.length; k++) {
-    if (k > 0) {
-      const newer = Math.min(Math.max(spare + k - 1 - whole, 0), last), older = Math.max(newer - 1, 0);
-      if (first) state = joint.step(state, drives[older], first * h, c);
-      state = joint.step(state, drives[newer], (1 - first) * h, c);
-    }
-    if (piece < starts.length && starts[piece][0] === k) state = [...starts[piece++].slice(1), 0, 0];
-    result[k] = zero + state[which];
-  }
-  return result;
-}
-function fitOf(measured, model) {
-  const mean = measured.reduce((sum, each) => sum + each, 0) / measured.length;
-  let error = 0, motion = 0;
-  for (let k = 0; k < measured.length; k++) {
-    error += (model[k] - measured[k]) ** 2;
-    motion += (measured[k] - mean) ** 2;
-  }
-  return {fit: 100 * (1 - Math.sqrt(error / motion)), rms: Math.sqrt(error / measured.length)};
 }
 
 // ---- sliders
@@ -59,9 +18,10 @@ function fitOf(measured, model) {
 const zoomed = () => Number(at("zoom")?.value ?? 1);
 function decimals({half}) { return Math.min(Math.max(2 - Math.floor(Math.log10(half)), 0), 12); }
 function textOf(slider, value) {
-  const digits = decimals(slider);
-  return digits > 6 && Math.abs(value) < 1e-2 ? value.toExponential(Math.max(Math.min(digits + Math.floor(Math.log10(Math.abs(value) || 1)), 7), 2)) : value.toFixed(digits);
+  const digits = decimals(slider), shown = Math.max(Math.min(digits + Math.floor(Math.log10(Math.abs(value) || 1)), 7), 2);
+  return (digits > 6 && Math.abs(value) < 1e-2 ? value.toExponential(shown) : value.toFixed(digits)).replace(/^-/, "−");
 }
+const halfOf = ({half}) => half < 1e-4 ? half.toExponential(1) : half.toPrecision(2);
 function valueOf(slider) {
   const place = Number(at(slider.name).value), value = slider.value + place / STEPS * live.intervals * zoomed() * slider.half;
   return slider.least === null ? value : Math.max(value, slider.least);
@@ -71,9 +31,9 @@ function moves() {
 }
 function label(slider) {
   const input = at(slider.name), value = valueOf(slider), unit = slider.unit === "–" ? "" : ` ${slider.unit}`;
-  const share = slider.value ? ` (${(100 * (value / slider.value - 1)).toFixed(2)} %)` : "", text = textOf(slider, value);
+  const share = slider.value ? `, ${signed.format(100 * (value / slider.value - 1))} %` : "", text = textOf(slider, value);
   at(`${slider.name}-value`).textContent = text;
-  at(`${slider.name}-interval`).textContent = `${textOf(slider, slider.value)} ± ${slider.half.toPrecision(2)}`;
+  at(`${slider.name}-interval`).textContent = `${textOf(slider, slider.value)} ± ${halfOf(slider)}`;
   input.setAttribute("aria-valuetext", Number(input.value) ? `${text}${unit}${share}` : `${text}${unit}, as identified`);
 }
 function range(slider) {
@@ -86,9 +46,9 @@ function range(slider) {
 
 const colours = () => {
   const css = getComputedStyle(document.documentElement);
-  const of = (name, other) => css.getPropertyValue(name).trim() || other;
-  return {ink: of("--ink", "#1b1f24"), faint: of("--faint", "#56606a"), rule: of("--rule", "#d8dde2"), shade: of("--shade", "#f3f6f8"),
-    measured: of("--accent", "#0072B2"), simulated: of("--second", "#D55E00")};
+  const of = (name, onPaper) => view.printed ? onPaper : css.getPropertyValue(name).trim();
+  return {ink: of("--ink", "#1b1f24"), faint: of("--faint", "#56606a"), rule: of("--rule", "#d8dde2"),
+    measured: of("--accent", "#0072B2"), simulated: of("--second", "#E69F00")};
 };
 function cleared(canvas) {
   const scale = devicePixelRatio || 1, {clientWidth: width, clientHeight: height} = canvas;
@@ -101,28 +61,35 @@ function cleared(canvas) {
 }
 function ticks(least, most, count) {
   const rough = (most - least) / count || 1, power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [1, 2, 5, 10].find((each) => each * power >= rough);
+  const step = power * [1, 2, 5, 10].find((each) => each * power >= 0.75 * rough);
   const digits = Math.max(-Math.floor(Math.log10(step) + 1e-9), 0);
   return Array.from({length: Math.floor(most / step + 1e-9) - Math.ceil(least / step - 1e-9) + 1}, (_, k) => {
     const value = (Math.ceil(least / step - 1e-9) + k) * step;
-    return [value, (Math.abs(value) < step / 2 ? 0 : value).toFixed(digits)];
+    return [value, (Math.abs(value) < step / 2 ? 0 : value).toFixed(digits).replace("-", "−")];
   });
+}
+function extremes(values, begin, end) {
+  let low = Infinity, high = -Infinity;
+  for (let k = begin; k < end; k++) {
+    if (values[k] < low) low = values[k];
+    if (values[k] > high) high = values[k];
+  }
+  return [low, high];
 }
 function panel({to, colour, left, right, top, bottom, title, curves, across}) {
   const {from, to: until, log: {step}} = view, begin = Math.floor(from / step), end = Math.min(Math.ceil(until / step) + 1, curves[0].values.length);
-  let least = Infinity, most = -Infinity;
+  const every = Math.max(Math.floor((end - begin) / (right - left)), 1);  // samples of a pixel
+  let [least, most] = [Infinity, -Infinity];
   for (const {values, bounds = true} of curves) {
-    for (let k = begin; bounds && k < end; k++) {
-      if (values[k] < least) least = values[k];
-      if (values[k] > most) most = values[k];
-    }
+    const [low, high] = bounds ? extremes(values, begin, end) : [least, most];
+    [least, most] = [Math.min(least, low), Math.max(most, high)];
   }
   if (!(least < most)) [least, most] = Number.isFinite(least) ? [least - 1e-6, most + 1e-6] : [-1, 1];
   const margin = 0.06 * (most - least), x = (t) => left + (t - from) / (until - from) * (right - left);
   [least, most] = [least - margin, most + margin];
   const y = (value) => bottom - (value - least) / (most - least) * (bottom - top);
   Object.assign(to, {lineWidth: 1, strokeStyle: colour.rule, fillStyle: colour.faint, textAlign: "right", textBaseline: "middle"});
-  for (const [value, text] of ticks(least, most, Math.max((bottom - top) / 45, 2))) {
+  for (const [value, text] of ticks(least, most, Math.max((bottom - top) / 24, 3))) {
     to.beginPath(); to.moveTo(left, y(value)); to.lineTo(right, y(value)); to.stroke();
     to.fillText(text, left - 6, y(value));
   }
@@ -134,13 +101,16 @@ function panel({to, colour, left, right, top, bottom, title, curves, across}) {
   Object.assign(to, {textAlign: "left", textBaseline: "bottom", fillStyle: colour.ink});
   to.fillText(title, left, top - 4);
   to.save(); to.beginPath(); to.rect(left, top, right - left, bottom - top); to.clip();
-  for (const {values, stroke, dash = [], width = 1.5} of curves) {
-    to.beginPath(); to.setLineDash(dash);
+  for (const {values, stroke, width = 1.5} of curves) {
+    to.beginPath();
     Object.assign(to, {strokeStyle: stroke, lineWidth: width});
-    for (let k = begin; k < end; k++) to.lineTo(x(k * step), y(values[k]));
+    for (let k = begin; k < end; k += every) {
+      const [low, high] = extremes(values, k, Math.min(k + every, end));
+      to.lineTo(x(k * step), y(low));
+      if (high > low) to.lineTo(x(k * step), y(high));
+    }
     to.stroke();
   }
-  to.setLineDash([]);
   Object.assign(to, {strokeStyle: colour.ink, lineWidth: 1});
   to.beginPath(); to.moveTo(x(view.instant), top); to.lineTo(x(view.instant), bottom); to.stroke();
   to.restore();
@@ -148,10 +118,10 @@ function panel({to, colour, left, right, top, bottom, title, curves, across}) {
 function plot() {
   const {log, simulated: model} = view, {to, width, height} = cleared(at("plot")), colour = colours();
   const residual = log.q.map((each, k) => each - model[k]), left = 58, right = width - 10, split = 0.6 * height;
-  const what = log.integrated ? "velocity" : live.shape === "slide" ? "position" : "angle", short = view.to - view.from < log.step * (log.q.length - 1) - 1e-6;
+  const what = log.integrated ? "velocity" : live.shape === "slide" ? "position" : "angle";
   const common = {to, colour, left, right};
   panel({...common, top: 20, bottom: split, title: `${what} in ${log.unit}`, curves: [
-    {values: model, stroke: colour.simulated, dash: short ? [6, 4] : [], width: 2, bounds: false}, {values: log.q, stroke: colour.measured}]});
+    {values: model, stroke: colour.simulated, width: 4, bounds: false}, {values: log.q, stroke: colour.measured}]});
   panel({...common, top: split + 26, bottom: height - 36, across: true, title: `residual (measured − simulated) in ${log.unit}`, curves: [{values: residual, stroke: colour.ink, width: 1}]});
   Object.assign(to, {textAlign: "center", textBaseline: "bottom", fillStyle: colour.faint});
   to.fillText("time from the start of the log in s", (left + right) / 2, height - 2);
@@ -285,4 +255,5 @@ setTimeout(() => choose(Number(at("log").value)).then(() => {  // after the firs
   draw();
   new ResizeObserver(() => soon(draw)).observe(at("plot"));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  for (const printed of [true, false]) addEventListener(printed ? "beforeprint" : "afterprint", () => { view.printed = printed; draw(); });
 }).catch((error) => { at("waiting").textContent = `No simulation: this browser cannot run it (${error.message}).`; }));

@@ -1,0 +1,228 @@
+"""The page's JavaScript simulates a log as the compiled kernel does, on the same grid."""
+
+import html
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import butterfly.report
+from butterfly.identification.data import DataSet
+from butterfly.identification.free_run import Setting
+from butterfly.identification.identify import identify
+from butterfly.identification.segments import Segments
+from butterfly.logs.log import Log, Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.sensors import Clock
+from butterfly.report.identification_page import identification_page
+from butterfly.report.live_log import Column, LiveLog
+from butterfly.report.page import write_page
+from butterfly.twin import c
+from butterfly.twin.javascript import as_javascript
+from tests.orbit.setting import plant
+from tests.report.browser import needs_chromium, seen_by_chromium
+from tests.twin.compiled import GEAR, drawn, needs_node, said
+
+MODEL = Path(butterfly.report.__file__).parent / "templates/live_model.js"
+READER = Path(__file__).parent / "reader.js"
+HEARD = """window.errors = [];
+addEventListener("error", (event) => window.errors.push(event.message));
+addEventListener("unhandledrejection", (event) => window.errors.push(String(event.reason)));"""
+DRIVER = """
+(async () => {{
+  const log = {log}, runs = [];
+  [log.u, log.q] = await Promise.all([unpacked(log.commands), unpacked(log.measured)]);
+  for (const moves of {moves}) {{
+    const motion = simulated(log, moves);
+    runs.push({{motion: [...motion], ...fitOf(log.q, motion)}});
+  }}
+  console.log(JSON.stringify({{measured: [...log.q], runs}}));
+}})();
+"""
+EXACT = 1e-9  # rad
+KINDS = {
+    "smooth": {},
+    "stribeck": {"load_friction": 0.05},
+    "lag and stribeck": {},
+    "gear": {},
+    "base and friction": {},
+    "drive": {},
+    "slide": {},
+    "pulled": {},
+}
+"""What joints have beside that which they are drawn with."""
+
+
+def _log_of(kind, seed=1, noise=1e-3):
+    """A joint of a kind with a delay, and a log of it that it does not quite follow."""
+    twin, step, commands = drawn(seed, kind)
+    added = AddedMass() if kind == "slide" else AddedMass(mass=0.05, arm=0.1)
+    parameters = replace(twin.parameters, **KINDS.get(kind, {}))
+    twin = replace(twin, parameters=parameters, added=added, limit=np.inf, resolution=0.0)
+    delivered = np.asarray(parameters.delivered(commands))
+    angle = c.mover(step, 1)(twin, np.zeros(64), delivered, 0.0, 0.0)[:-1]
+    rng = np.random.default_rng(seed)
+    log = Log(
+        time=step * np.arange(commands.size),
+        input=commands,
+        angle=0.02 + angle + noise * rng.normal(size=angle.size),
+        input_kind=twin.kind,
+        added_mass=added,
+    )
+    return twin, log
+
+
+def _live(twin, log, reach=0.01, horizon=None):
+    setting = Setting(parameters=twin.parameters, zero=0.02)
+    simulation = setting.simulation(log)
+    if horizon:
+        simulation = Segments(log, twin.parameters, horizon)
+    return LiveLog.of(simulation, setting, 0.0, reach)
+
+
+def _in_node(twin, live, moves, folder):
+    """What the page computes for a log: the measured motion, and runs with moved parameters."""
+    script = DRIVER.format(log=json.dumps(live.document()), moves=json.dumps(moves))
+    text = "\n".join([as_javascript(twin), MODEL.read_text(encoding="utf-8"), script])
+    (folder / "live.js").write_text(text, encoding="utf-8")
+    return json.loads(said("node", folder / "live.js"))
+
+
+def _is_the_same(twin, live, moves, folder):
+    seen, bare = _in_node(twin, live, moves, folder), twin.parameters
+    assert np.abs(np.subtract(seen["measured"], live.measured.values)).max() < EXACT
+    found = []
+    for each, run in zip(moves, seen["runs"], strict=True):
+        moved = replace(bare, **{name: getattr(bare, name) + by for name, by in each.items()})
+        ours = live.simulated(moved)
+        assert np.abs(np.subtract(run["motion"], ours)).max() < EXACT
+        assert run["fit"] == pytest.approx(live.fit(moved), abs=1e-6)
+        error = np.sqrt(np.mean((ours - live.measured.values) ** 2))
+        assert run["rms"] == pytest.approx(error, rel=1e-6)
+        found.append(run["fit"])
+    return found
+
+
+@needs_node
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_page_simulates_a_log_as_the_compiled_kernel(kind, tmp_path):
+    twin, log = _log_of(kind)
+    p = twin.parameters
+    assert p.delay > 0
+    moves = [{}, {"p1": 0.02 * p.p1}, {"p4": -0.03 * p.p4, "p2": 0.1 * p.p2, "delay": 0.0037}]
+    moves += [{"delay": -0.6 * p.delay}, *({name: 0.1 * getattr(p, name)} for name in _terms(p))]
+    first, *others = _is_the_same(twin, _live(twin, log), moves, tmp_path)
+    assert first > 90
+    assert all(abs(each - first) > 1e-6 for each in others)
+
+
+def _terms(p):
+    return [
+        each for each in ("coulomb", "stribeck", "bias", "dead_zone", *GEAR) if getattr(p, each)
+    ]
+
+
+@needs_node
+def test_every_segment_of_a_log_starts_where_its_free_run_does(tmp_path):
+    twin, log = _log_of("stribeck")
+    live = _live(twin, log, horizon=0.7)
+    assert len(live.starts) > 3
+    _is_the_same(twin, live, [{}, {"p3": 0.05}, {"delay": 0.0021}], tmp_path)
+
+
+@needs_node
+def test_a_log_of_velocities_is_simulated_in_velocities(tmp_path):
+    twin, log = _log_of("slide", noise=0.0)
+    velocity = np.gradient(log.angle, log.time)
+    log = Log(time=log.time, input=log.input, velocity=velocity, input_kind=log.input_kind)
+    live = _live(twin, log)
+    assert live.document()["integrated"]
+    assert _is_the_same(twin, live, [{}, {"p2": 0.001}], tmp_path)[0] > 80
+
+
+@pytest.mark.parametrize("kind", ["smooth", "stribeck", "base and friction", "pulled"])
+def test_on_the_grid_a_log_is_simulated_almost_as_its_free_run(kind):
+    twin, log = _log_of(kind)
+    live = _live(twin, log)
+    run = live.setting.run(live.simulation)
+    instants = log.time[0] + live.step * np.arange(live.measured.levels.size)
+    ours = live.simulated(twin.parameters)
+    assert np.abs(np.interp(instants, log.time, run.simulated) - ours).max() < 3e-3 * np.ptp(ours)
+    assert live.fit(twin.parameters) == pytest.approx(run.fit, abs=0.3)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=50))
+def test_a_column_is_rounded_to_its_range_and_no_more(values):
+    column = Column.of(np.array(values))
+    assert np.abs(column.values - values).max() <= np.ptp(values) / 20_000
+    assert column.values[0] == values[0]
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """What a reader of the page of a small data set sees in Chromium."""
+    folder = tmp_path_factory.mktemp("live")
+    bench = plant({"coulomb": 1e-4})
+    clock = Clock(step=0.004)
+    rig = Rig(robot=bench.robot, simulator=Simulator.GREY_BOX, encoder=bench.encoder, clock=clock)
+    sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
+    runs = [(AddedMass(mass=mass, arm=0.1), sine) for mass in (0.0, 0.05) for sine in sines]
+    seeds = np.random.SeedSequence(0).spawn(len(runs))
+    data = DataSet.of(list(simulate_runs(rig, runs, 20.0, seeds)), name="four sines")
+    page = folder / "r.html"
+    write_page(identification_page(identify(data)), page)
+    text, reader = page.read_text(encoding="utf-8"), READER.read_text(encoding="utf-8")
+    text = text.replace("<head>", f"<head><script>{HEARD}</script>", 1)
+    page.write_text(text.replace("</body>", f"<script>{reader}</script></body>", 1), "utf-8")
+    (found,) = re.findall('<pre id="seen">(.*?)</pre>', seen_by_chromium(page, folder), re.DOTALL)
+    return json.loads(html.unescape(found))
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_a_page_simulates_without_error_or_request(seen):
+    assert seen["errors"] == seen["requests"] == []
+    assert float(seen["first"]["fit"].removesuffix(" %")) > 90
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_a_slider_changes_the_fit_and_as_identified_restores_it(seen):
+    first, moved, reset = (seen[name] for name in ("first", "moved", "reset"))
+    assert first["fit"] in first["identified"]
+    assert moved["fit"] != first["fit"]
+    assert moved["residual"] != first["residual"]
+    assert moved["pictures"][0] != first["pictures"][0]
+    assert moved["fit"] in moved["plot"]
+    assert reset == first
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_a_screen_reader_names_every_slider_and_its_value(seen):
+    assert len({each["name"] for each in seen["controls"]}) == len(seen["controls"]) > 4
+    assert all(each["name"] and each["text"] for each in seen["controls"])
+    texts = {each["id"]: each["text"] for each in seen["controls"]}
+    moved = {each["id"]: each["text"] for each in seen["moved_controls"]}
+    assert {name for name, text in moved.items() if text != texts[name]} == {"live-p1"}
+    assert texts["live-p1"].endswith("as identified")
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_the_joint_plays_and_another_log_is_shown(seen):
+    reset, played, whole, other = (seen[name] for name in ("reset", "played", "whole", "other"))
+    assert played["clock"] != reset["clock"]
+    assert played["pictures"][1] != reset["pictures"][1]
+    assert seen["scrubbed"]["clock"] == "20.00 s"
+    assert whole["clock"] == "0.00 s"
+    assert whole["pictures"][0] != reset["pictures"][0]
+    assert whole["fit"] == reset["fit"] != other["fit"]
+    assert other["plot"] != whole["plot"]
