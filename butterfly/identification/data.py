@@ -104,7 +104,9 @@ class DataSet:
             raise InputError(name, "logs", "none", "at least one log")
         joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
         if len(joints) > 1:
-            raise InputError(name, "gravity", "different ones", "one joint under one gravity")
+            raise InputError(
+                name, "gravity", "different values", "the same joint and gravity in all logs"
+            )
         recorded = with_unique_names(recorded)
         try:
             examined = [examine(log, repairs) for log in recorded]
@@ -113,7 +115,9 @@ class DataSet:
         logs = [thinned(driven(log)) for log, _ in examined]
         kinds = sorted({log.input_kind for log in logs} - {InputKind.NONE})
         if len(kinds) > 1:
-            raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
+            raise InputError(
+                name, "input", " and ".join(kinds), "the same kind of input in all logs"
+            )
         given = _of_logs(logs) | known
         return cls(
             name=name,
@@ -237,10 +241,10 @@ class DataSet:
         lacking = next((log for log in self.recorded if log.integrated), None)
         if lacking is not None and needed:
             expected = (
-                f"an angle, for {needed[0]} (weak-form and output-error do without one where no "
-                "gravity acts: --gravity 0, --joint slide, or --known p3=0 of a balanced joint)"
+                f"an angle, which {needed[0]} needs (without gravity, weak-form and output-error "
+                "need none: --gravity 0, --joint slide, or --known p3=0 for a balanced joint)"
             )
-            raise InputError(lacking.source, "angle", "a velocity alone", expected)
+            raise InputError(lacking.source, "angle", "only a velocity", expected)
 
     def __repr__(self) -> str:
         return (
@@ -320,7 +324,7 @@ class DataSet:
         whole, count = self.whole, len(self.logs)
         kept = [k for k in range(count) if k not in rows]
         if not kept:
-            raise InputError(self.name, "holdout", "all logs", "some left to estimate from")
+            raise InputError(self.name, "holdout", "all logs", "at least one log to estimate from")
         test_logs = whole.take([*rows, *range(count, len(whole.logs))])
         return replace(whole.take(kept), test_logs=test_logs)
 
@@ -362,7 +366,7 @@ def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
     first = logs[0]
     moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
-        raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
+        raise InputError("known", "p3", moment, "0, as no gravity acts on this joint")
     known = implied(given, first.input_kind, first.added_mass.joint)
     return beside_masses(known, [log.added_mass for log in logs])
 
