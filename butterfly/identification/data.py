@@ -44,31 +44,31 @@ _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DataSet:
-    """Logs and what was read off them.
+    """Logs, checked and repaired, ready for an estimator.
 
     Parameters
     ----------
     name, description
         Of the data set.
     manifest
-        What it was read by; None if its logs came from no files.
+        The manifest it was read from; None if the logs came from no files.
     input_kind
-        What its input commands.
+        Kind of input.
     given
-        What its owner knows of the robot.
+        Known values, as given.
     known
-        That, and what it implies of the parameters (see `implied` of derived_quantities).
+        The same, with the parameters that follow from them.
     recorded
-        The logs as they were recorded.
+        The logs as recorded.
     logs, health
-        The logs, repaired and, if they are very long, thinned (see `butterfly.logs.thinning`), and
-        the record of what was found in each.
+        The logs, repaired and, if very long, thinned (see `butterfly.logs.thinning`), and the
+        findings on each.
     points
-        The steady response of each log, None where the input is no sine.
+        The steady response of each log; None if its input is not a sine.
     test_logs
-        Logs that are not to be used, only to be predicted; None if there are none.
+        Held-out logs, which are predicted but not fitted; None if there are none.
     correction
-        What was corrected in ``logs`` besides repairs, if anything.
+        Correction of ``logs`` besides repairs, if any.
     """
 
     name: str
@@ -98,7 +98,7 @@ class DataSet:
     ) -> DataSet:
         """Check and repair logs, and fit the steady response of those whose input is a sine.
 
-        An InputError if there is none, one cannot be used, or they are of different kinds.
+        InputError if there is no log, one is unusable, or they are of different kinds.
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
@@ -134,7 +134,7 @@ class DataSet:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What every result says of the data that it rests on."""
+        """Description of the data, as every result has it."""
         carrier = self.logs[0].added_mass
         return {
             "name": self.name,
@@ -148,7 +148,7 @@ class DataSet:
 
     @property
     def sines(self) -> list[ResponsePoint]:
-        """The responses of the logs that have one."""
+        """Steady responses of the sine logs."""
         return [point for point in self.points if point is not None]
 
     @property
@@ -253,7 +253,7 @@ class DataSet:
         )
 
     def knowing(self, known: Prior) -> DataSet:
-        """Return the data set of a robot of which more is known."""
+        """Return the data set with further known values."""
         if not known:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
@@ -313,7 +313,7 @@ class DataSet:
     def holding_out(self, names: Sequence[str]) -> DataSet:
         """Return the data set with some logs, by name or glob pattern, as `test_logs`.
 
-        An InputError if there is no such log, or none is left.
+        InputError if there is no such log, or none remains.
         """
         return self.holding(numbers_named(self.logs, names, self.name)) if names else self
 

@@ -1,4 +1,4 @@
-"""What is left out together, in turns, to be predicted from the rest."""
+"""Splits of the data for cross-validation."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
 
 Samples = Mapping[int, slice]
-"""Numbers of logs, and which samples of each are left out."""
+"""Numbers of logs, and the held-out samples of each."""
 
 
 class Split(StrEnum):
-    """What is left out together."""
+    """What is held out together."""
 
     AUTO = "auto"
     MASS = "mass"
@@ -36,7 +36,7 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Division:
-    """Logs divided into parts, of which one is left out at a time."""
+    """Logs divided into parts; one is held out at a time."""
 
     split: Split  # what the samples of a part have in common; never `Split.AUTO`
     why: str  # why this split was taken, in words

@@ -25,7 +25,7 @@ from butterfly.progress import Track, out_of_time, untracked
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossValidation:
-    """Prediction of what was left out."""
+    """Prediction of held-out data."""
 
     division: Division  # what was left out together
     # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
@@ -71,11 +71,11 @@ def cross_validate(
     folds: int | None = None,
     track: Track = untracked,
 ) -> CrossValidation:
-    """Estimate from all logs but a part, predict that part, and go on to the next.
+    """Estimate from all logs except one part, predict that part, and repeat for each part.
 
-    Logs are simulated from their first sample on, also where a stretch of them was left out, whose
-    FIT alone counts. Where the estimator finds no zero of the encoder, that of a left-out added
-    mass is the mean angle of its own logs.
+    Logs are simulated from their first sample, also if a stretch of time is held out; only the
+    FIT of that stretch counts. If the estimator finds no encoder zero, a held-out added mass takes
+    the mean angle of its own logs.
 
     InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
     fewer than two parts, or the rest cannot determine the parameters.
@@ -123,7 +123,7 @@ def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """A set of terms and how well it does: FIT in sample, and of logs left out."""
+    """A set of terms with its FIT, in sample and held out."""
 
     terms: tuple[str, ...]
     in_sample: FitSummary
@@ -138,7 +138,7 @@ def select_terms(
     *,
     track: Track = untracked,
 ) -> list[Structure]:
-    """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
+    """Add terms greedily, each time the one that most improves the mean held-out FIT.
 
     That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
     raises it by a tenth of a per cent, and by more than that gain's own standard error over logs.

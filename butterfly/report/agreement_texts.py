@@ -1,4 +1,4 @@
-"""What contrasts between conditions mean in words: what follows what, and what may be the cause."""
+"""Texts on parameters that differ between conditions, with possible causes."""
 
 from __future__ import annotations
 
@@ -117,5 +117,5 @@ def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
         )
         for each in contrasts
     ]
-    columns = ("parameter", "follows", "from", "to", "explains", "perhaps")
+    columns = ("parameter", "follows", "from", "to", "explains", "possible causes")
     return TextTable("Parameters that differ between conditions", columns, rows)

@@ -1,4 +1,4 @@
-"""What `butterfly inspect` says about logs: in lines, in rows, and on the page of one."""
+"""Texts, tables and page of `butterfly inspect`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uni
 from butterfly.verdict import Level
 
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
-"""What may be done with a log, in a word or two."""
+"""Condition of a log, in a word or two."""
 
 _TOLD = {
     Level.GOOD: "ok",
@@ -39,7 +39,7 @@ _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
 @dataclass(frozen=True, kw_only=True)
 class Inspected:
-    """A log of a data set, looked at."""
+    """A log of a data set, with the findings on it."""
 
     name: str  # Of the log
     log: Log | None = None  # The log, repaired; None if it cannot be used
@@ -48,7 +48,7 @@ class Inspected:
 
     @property
     def condition(self) -> Level:
-        """What may be done with it."""
+        """The worst condition of the remarks."""
         return Level.worst(remark.condition for remark in self.remarks)
 
     @property

@@ -1,4 +1,4 @@
-"""Residuals: of all logs in sentences and a table, of one log on a page."""
+"""Residuals of all logs in sentences and a table, of one log on a page."""
 
 from __future__ import annotations
 

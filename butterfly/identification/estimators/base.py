@@ -14,12 +14,12 @@ from butterfly.model.terms import DRIVE, GEAR, PARAMETERS, TERMS, offered
 
 @dataclass(frozen=True, kw_only=True)
 class Estimator:
-    """Base of the estimators: frozen, its options are its fields; called with a data set.
+    """Base class of the estimators: frozen, with its options as fields; call it with a data set.
 
     Parameters
     ----------
     method
-        Name of the estimator, which nothing else can have.
+        Name of the estimator.
     """
 
     method: str = ""
@@ -28,7 +28,7 @@ class Estimator:
     """What it does, in a few words."""
 
     def __call__(self, data: DataSet) -> Estimate:
-        """Estimate the parameters of the robot that made the logs.
+        """Estimate the parameters of the robot from its logs.
 
         Raises
         ------

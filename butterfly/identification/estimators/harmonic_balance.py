@@ -73,12 +73,12 @@ _NAME = "harmonic balance"
 
 @dataclass(frozen=True, kw_only=True)
 class HarmonicBalance(Estimator):
-    """p1..p4, Coulomb torque, delay and terms from the steady responses of all sines.
+    """Estimate p1..p4, coulomb, delay and terms from the steady responses to sines.
 
-    At least four logs, of two different added masses (none counts as one) or of a robot of which
-    enough is known. The covariance is the cluster-robust one over logs; the intervals are widened
-    to hold the estimates that leave one added mass out, and those with other terms that predict as
-    well. Stribeck velocity is scanned.
+    Needs at least four logs with two different added masses (none counts as one), or enough known
+    values. The covariance is cluster-robust over logs; the intervals are widened to include the
+    leave-one-mass-out estimates, and those with other terms that predict as well. The Stribeck
+    velocity comes from a grid search.
 
     Parameters
     ----------
@@ -213,11 +213,10 @@ class HarmonicBalance(Estimator):
 
 @dataclass(frozen=True, kw_only=True)
 class Linear(Estimator):
-    """p1..p4 of the linearisation from the steady responses of all sines.
+    """Estimate p1..p4 of the linearisation from the steady responses to sines.
 
-    For swings so small that sin th = th, without Coulomb friction and delay: what is left of the
-    harmonic balance is the joint linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 =
-    (Z w^2 - X) G.
+    For small swings (sin th = th) without Coulomb friction and delay, harmonic balance reduces to
+    the linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 = (Z w^2 - X) G.
     """
 
     method: Literal["linear"] = "linear"
