@@ -42,11 +42,11 @@ _MOST = 6000  # instants of a panel
 def residual_sentences(residuals: Residuals) -> list[str]:
     """Say how large the residuals of all logs are, and what explains them."""
     count = len(residuals.logs)
-    their = "log the error exceeds its" if count == 1 else "logs the error exceeds their"
+    logs = "log" if count == 1 else "logs"
     return [
-        f"In {residuals.outside} of {count} {their} sensor noise (95 % bands). Over all logs the "
-        f"error is {100 * residuals.relative:.2g} % of the motion, {100 * residuals.left:.2g} % "
-        f"after small changes of the parameters; sensor noise is "
+        f"In {residuals.outside} of {count} {logs} the error exceeds sensor noise (95 % bands). "
+        f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
+        f"{100 * residuals.left:.2g} % after small changes of the parameters; sensor noise is "
         f"{100 * residuals.explained:.2g} %.",
         *(finding_text(each, {}) for each in residuals.findings),
     ]
