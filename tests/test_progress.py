@@ -45,8 +45,8 @@ def test_an_estimate_that_was_not_searched_to_the_end_says_so_and_is_not_good(da
     with budget(0.0):
         found = bf.identify(data, "output-error")
     (stopped,) = [e for e in found.estimate.findings if e.kind is FindingKind.SEARCH_STOPPED]
-    assert stopped.parameters[0] == "steps of a fit that had not settled"
-    assert "fits from other first guesses" in stopped.parameters
+    assert stopped.parameters[0] == "iterations of a fit that had not converged"
+    assert "fits from other initial guesses" in stopped.parameters
     assert found.estimate.ending is Ending.STOPPED
     assert found.estimate.level is Level.WARNING
     sentence = next(line for line in found.summary if line.startswith(STOPPED))

@@ -77,7 +77,7 @@ class Case:
 CASES = {
     "nothing tells the scale": Case(
         f"identify bare.yaml {WEAK}",
-        "all logs carry no added mass, so p1..p4 are known only up to a common factor",
+        "all logs have no added mass, so p1..p4 are identifiable only up to a common factor",
         (
             f"identify two.yaml {WEAK}",
             f"identify bare.yaml {WEAK} {GAIN}",
@@ -88,17 +88,17 @@ CASES = {
     ),
     "one added mass only": Case(
         f"identify one.yaml {WEAK}",
-        "all logs carry the same added mass, so p1..p4 are known only up to a common factor",
+        "all logs have the same added mass, so p1..p4 are identifiable only up to a common factor",
         (f"identify two.yaml {WEAK}", f"identify one.yaml {WEAK} {GAIN}"),
     ),
     "a slide whose motor has no gear ratio": Case(
         f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1",
-        "all logs carry no added mass, so p1..p4 are known only up to a common factor",
+        "all logs have no added mass, so p1..p4 are identifiable only up to a common factor",
         (f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1,gear_ratio=1",),
     ),
     "logs that nothing drives": Case(
         f"identify decays.yaml {WEAK}",
-        "the input is zero throughout, so that p4 and the delay are not seen",
+        "the input is always zero, so p4 and delay are not identifiable",
         (f"identify driven.yaml {WEAK}", f"identify decays.yaml {WEAK} --known p4=0.5,delay=0"),
     ),
     "no input column, as nothing drives the joint": Case(
@@ -112,7 +112,7 @@ CASES = {
     ),
     "a velocity without an angle": Case(
         f"identify speed.yaml {WEAK} {GAIN}",
-        "speed.csv: angle: got a velocity alone; expected an angle, for gravity",
+        "speed.csv: angle: got only a velocity; expected an angle, which gravity needs",
         (
             f"identify speed.yaml {WEAK} {GAIN} --gravity 0",
             f"identify speed.yaml {WEAK} {GAIN} --joint slide",
@@ -121,7 +121,7 @@ CASES = {
     ),
     "no sines, for a method that wants them": Case(
         f"identify unsaid-sines.yaml {BALANCE} {GAIN}",
-        "no log says that its input was a sine",
+        "no log is marked as a sine",
         (f"identify sines.yaml {BALANCE} {GAIN}", f"identify unsaid-sines.yaml {WEAK} {GAIN}"),
     ),
     "too few sines": Case(
@@ -185,7 +185,7 @@ CASES = {
     ),
     "milliseconds taken for s": Case(
         f"identify ms.yaml {WEAK} {GAIN}",
-        "ms: time: got a mean step of 2.5 s; expected seconds. The stamps look like milliseconds",
+        "time: got a mean step of 2.5 s; expected seconds. The timestamps look like milliseconds",
         (f"identify ms.yaml {WEAK} {GAIN} --units time=ms",),
     ),
     "a clock that starts again": Case(
@@ -229,12 +229,12 @@ CASES = {
     ),
     "no mass can be left out": Case(
         "validate bare-known.yaml --split mass --method weak-form --terms=",
-        "all logs carry no added mass: none can be left out",
+        "all logs have no added mass: none can be held out",
         ("validate bare-known.yaml --split time --method weak-form --terms=",),
     ),
     "one mass of two would be left": Case(
         "validate two.yaml --split mass --method weak-form --terms=",
-        "without the logs with no added mass there is one added mass left of two",
+        "without the logs with no added mass, only one added mass remains",
         (
             "validate two.yaml --split time --method weak-form --terms=",
             "validate two-known.yaml --split mass --method weak-form --terms=",
@@ -242,7 +242,7 @@ CASES = {
     ),
     "all logs held out": Case(
         f"identify two.yaml {WEAK} {GAIN} --holdout *",
-        "two: holdout: got all logs; expected some left to estimate from",
+        "two: holdout: got all logs; expected at least one log to estimate from",
         (f"identify two.yaml {WEAK} {GAIN} --holdout 1.csv",),
     ),
     "knowledge that the method cannot use": Case(
@@ -252,7 +252,7 @@ CASES = {
     ),
     "two exact values that differ": Case(
         f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4",
-        "known: p4: got 0.4; expected 0.5, which follows from the others, or an uncertainty",
+        "known: p4: got 0.4; expected 0.5, by the other known values, or an uncertainty",
         (
             f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.5",
             f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4+-0.1",
@@ -265,7 +265,7 @@ CASES = {
     ),
     "given parameters without p4": Case(
         "predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008",
-        "predict: p4: got nothing; expected a value: no log is a sine",
+        "predict: p4: got nothing; expected a value, as there is no sine log",
         ("predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008,p4=0.5",),
     ),
     "a piece outside the log": Case(
@@ -275,7 +275,7 @@ CASES = {
     ),
     "a log too short for the weak form": Case(
         f"identify bare.yaml {WEAK} {GAIN} --from 11.6",
-        "0.csv: time: got 0.398 s; expected 0.505 s or more",
+        "0.csv: time: got 0.398 s; expected at least 0.505 s",
         (f"identify bare.yaml {WEAK} {GAIN} --from 9",),
     ),
 }

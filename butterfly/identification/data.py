@@ -44,31 +44,31 @@ _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DataSet:
-    """Logs and what was read off them.
+    """Logs, checked and repaired, ready for an estimator.
 
     Parameters
     ----------
     name, description
         Of the data set.
     manifest
-        What it was read by; None if its logs came from no files.
+        The manifest it was read from; None if the logs came from no files.
     input_kind
-        What its input commands.
+        Kind of input.
     given
-        What its owner knows of the robot.
+        Known values, as given.
     known
-        That, and what it implies of the parameters (see `implied` of derived_quantities).
+        The same, with the parameters that follow from them.
     recorded
-        The logs as they were recorded.
+        The logs as recorded.
     logs, health
-        The logs, repaired and, if they are very long, thinned (see `butterfly.logs.thinning`), and
-        the record of what was found in each.
+        The logs, repaired and, if very long, thinned (see `butterfly.logs.thinning`), and the
+        findings on each.
     points
-        The steady response of each log, None where the input is no sine.
+        The steady response of each log; None if its input is not a sine.
     test_logs
-        Logs that are not to be used, only to be predicted; None if there are none.
+        Held-out logs, which are predicted but not fitted; None if there are none.
     correction
-        What was corrected in ``logs`` besides repairs, if anything.
+        Correction of ``logs`` besides repairs, if any.
     """
 
     name: str
@@ -98,13 +98,15 @@ class DataSet:
     ) -> DataSet:
         """Check and repair logs, and fit the steady response of those whose input is a sine.
 
-        An InputError if there is none, one cannot be used, or they are of different kinds.
+        InputError if there is no log, one is unusable, or they are of different kinds.
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
         joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
         if len(joints) > 1:
-            raise InputError(name, "gravity", "different ones", "one joint under one gravity")
+            raise InputError(
+                name, "gravity", "different values", "the same joint and gravity in all logs"
+            )
         recorded = with_unique_names(recorded)
         try:
             examined = [examine(log, repairs) for log in recorded]
@@ -113,7 +115,9 @@ class DataSet:
         logs = [thinned(driven(log)) for log, _ in examined]
         kinds = sorted({log.input_kind for log in logs} - {InputKind.NONE})
         if len(kinds) > 1:
-            raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
+            raise InputError(
+                name, "input", " and ".join(kinds), "the same kind of input in all logs"
+            )
         given = _of_logs(logs) | known
         return cls(
             name=name,
@@ -130,7 +134,7 @@ class DataSet:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What every result says of the data that it rests on."""
+        """Description of the data, as every result has it."""
         carrier = self.logs[0].added_mass
         return {
             "name": self.name,
@@ -144,7 +148,7 @@ class DataSet:
 
     @property
     def sines(self) -> list[ResponsePoint]:
-        """The responses of the logs that have one."""
+        """Steady responses of the sine logs."""
         return [point for point in self.points if point is not None]
 
     @property
@@ -237,10 +241,10 @@ class DataSet:
         lacking = next((log for log in self.recorded if log.integrated), None)
         if lacking is not None and needed:
             expected = (
-                f"an angle, for {needed[0]} (weak-form and output-error do without one where no "
-                "gravity acts: --gravity 0, --joint slide, or --known p3=0 of a balanced joint)"
+                f"an angle, which {needed[0]} needs (without gravity, weak-form and output-error "
+                "need none: --gravity 0, --joint slide, or --known p3=0 for a balanced joint)"
             )
-            raise InputError(lacking.source, "angle", "a velocity alone", expected)
+            raise InputError(lacking.source, "angle", "only a velocity", expected)
 
     def __repr__(self) -> str:
         return (
@@ -249,7 +253,7 @@ class DataSet:
         )
 
     def knowing(self, known: Prior) -> DataSet:
-        """Return the data set of a robot of which more is known."""
+        """Return the data set with further known values."""
         if not known:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
@@ -309,7 +313,7 @@ class DataSet:
     def holding_out(self, names: Sequence[str]) -> DataSet:
         """Return the data set with some logs, by name or glob pattern, as `test_logs`.
 
-        An InputError if there is no such log, or none is left.
+        InputError if there is no such log, or none remains.
         """
         return self.holding(numbers_named(self.logs, names, self.name)) if names else self
 
@@ -320,7 +324,7 @@ class DataSet:
         whole, count = self.whole, len(self.logs)
         kept = [k for k in range(count) if k not in rows]
         if not kept:
-            raise InputError(self.name, "holdout", "all logs", "some left to estimate from")
+            raise InputError(self.name, "holdout", "all logs", "at least one log to estimate from")
         test_logs = whole.take([*rows, *range(count, len(whole.logs))])
         return replace(whole.take(kept), test_logs=test_logs)
 
@@ -362,7 +366,7 @@ def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
     first = logs[0]
     moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
-        raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
+        raise InputError("known", "p3", moment, "0, as no gravity acts on this joint")
     known = implied(given, first.input_kind, first.added_mass.joint)
     return beside_masses(known, [log.added_mass for log in logs])
 

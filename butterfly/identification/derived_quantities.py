@@ -21,7 +21,7 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior
 
-BEST_SPEED = "speed at which friction is known best"
+BEST_SPEED = "speed where friction is known best"
 """Where errors of p2 and T_c, which logs at one speed cannot tell apart, undo each other."""
 
 
@@ -41,10 +41,10 @@ _OF_PARTS = {
     "gear_ratio": Symbol("N", "gear ratio", "–", "rad/m"),
     "motor_current": Symbol("1/(N k_t) p₄", "current per unit of command", "A/unit", "A/unit"),
     "viscous_friction": Symbol("k_f", "viscous friction without back EMF", "N m s/rad", "N s/m"),
-    "rotor_inertia": Symbol("J_r", "inertia of the rotor", "kg m²", "kg m²"),
+    "rotor_inertia": Symbol("J_r", "rotor inertia", "kg m²", "kg m²"),
     "hand_mass": Symbol("m_p", "mass", "kg", "kg"),
     "com_distance": Symbol("l_c", "pivot to centre of mass", "m", "–"),
-    "com_offset": Symbol("l_o", "centre of mass beside its line", "m", "–"),
+    "com_offset": Symbol("l_o", "lateral offset of the centre of mass", "m", "–"),
     "hand_inertia": Symbol("J_p + m_p l²", "inertia about the pivot, without rotor", "kg m²", "–"),
     "inertia": Symbol("J_p", "inertia about the centre of mass", "kg m²", "–"),
     "inertia_with_rotor": Symbol(
@@ -173,21 +173,21 @@ WAYS = (
         "resonance",
         ("p1", "p2", "p3"),
         lambda of: np.sqrt(of["p3"] / of["p1"] - (of["p2"] / of["p1"]) ** 2 / 2),
-        symbol=Symbol("ω_r", "resonance of small swings, of the bare hand", "rad/s", "–"),
+        symbol=Symbol("ω_r", "resonance of small swings, bare joint", "rad/s", "–"),
         without=_STIFFER,
     ),
     Way(
         "damping_ratio",
         ("p1", "p2", "p3"),
         lambda of: of["p2"] / (2 * np.sqrt(of["p1"] * of["p3"])),
-        symbol=Symbol("ζ", "damping ratio of small swings, of the bare hand", "–", "–"),
+        symbol=Symbol("ζ", "damping ratio of small swings, bare joint", "–", "–"),
         without=_STIFFER,
     ),
     Way(
         "decay_time",
         ("p1", "p2"),
         lambda of: of["p1"] / of["p2"],
-        symbol=Symbol("p₁/p₂", "time constant of the speed, of the bare hand", "s", "s"),
+        symbol=Symbol("p₁/p₂", "time constant of the speed, bare joint", "s", "s"),
         without=("time_constant",),
         joint=None,
     ),
@@ -195,7 +195,7 @@ WAYS = (
         "speed_gain",
         ("p2", "p4"),
         lambda of: of["p4"] / of["p2"],
-        symbol=Symbol("p₄/p₂", "speed gained per unit of input", "rad/s/unit", "m/s/unit"),
+        symbol=Symbol("p₄/p₂", "speed per unit of input", "rad/s/unit", "m/s/unit"),
         without=("drag",),
         joint=None,
     ),
@@ -203,14 +203,14 @@ WAYS = (
         "stiffness_ratio",
         ("p1", "p3"),
         lambda of: of["p3"] / of["p1"],
-        symbol=Symbol("p₃/p₁", "gravity moment per inertia, of the bare hand", "1/s²", "–"),
+        symbol=Symbol("p₃/p₁", "gravity moment over inertia, bare joint", "1/s²", "–"),
         combined=True,
     ),
     Way(
         "friction_speed",
         (BEST_SPEED, "p2", "coulomb"),
         lambda of: of[BEST_SPEED],
-        symbol=Symbol("v", "speed at which friction is known best", "rad/s", "m/s"),
+        symbol=Symbol("v", "speed where friction is known best", "rad/s", "m/s"),
         combined=True,
         joint=None,
     ),
@@ -308,7 +308,7 @@ def _both(name: str, given: Known, follows: Known) -> Known:
     """Return what two sources say together."""
     if given.fixed and follows.fixed:
         if not math.isclose(given.value, follows.value, rel_tol=SHOWS):
-            expected = f"{follows.value:.5g}, which follows from the others, or an uncertainty"
+            expected = f"{follows.value:.5g}, by the other known values, or an uncertainty"
             raise InputError("known", name, f"{given.value:g}", expected)
         return given
     weight = follows.uncertainty**2 / (given.uncertainty**2 + follows.uncertainty**2)

@@ -57,7 +57,7 @@ class Candidate:
         if self.servo is None:
             return self._input
         if isinstance(self.signal, FreeDecay):
-            return f"fall from {self.signal.angle:g} rad with the torque off"
+            return f"release from {self.signal.angle:g} rad with the torque off"
         gains = ((name, getattr(self.servo, name).value) for name in ("kp", "ki", "kd"))
         told = ", ".join(f"{name} {gain:g}" for name, gain in gains if gain)
         unit = "rad/s" if self.servo.of_speed else "rad"
@@ -70,7 +70,7 @@ class Candidate:
         if isinstance(self.signal, Multisine):
             lines = ", ".join(map(str, self.signal.harmonics))
             return (
-                f"multisine of base {self.signal.base:g} rad/s, harmonics {lines}, "
+                f"multisine, base {self.signal.base:g} rad/s, harmonics {lines}, "
                 f"peak {self.signal.peak:g}"
             )
         return f"free decay from {initial_angle(self.signal):g} rad"
@@ -102,7 +102,7 @@ def rank_experiments(
     require_number("design", positive=True, unit="rad", swing=largest_swing)
     if not np.isfinite(estimate.covariance).all():
         raise IdentifiabilityError(
-            f"the method {estimate.method!r} gives no covariance to improve on"
+            f"the method {estimate.method!r} gives no covariance, which a design needs"
         )
     jobs: list[tuple[AddedMass, Excitation, Log | None]] = [
         (mass, each, None)
@@ -238,13 +238,13 @@ def judged_candidate(
     friction = parameters.with_added_mass(mass).coulomb
     warning = ""
     if swing > limit:
-        warning = f"swings {swing:.2g} {mass.joint.way}"
+        warning = f"swings too wide: {swing:.2g} {mass.joint.way}"
     elif loop is not None and not loop.of_speed and swing < LOST * _peak(signal) < math.inf:
-        warning = f"follows its set-point to {100 * swing / _peak(signal):.0f} % only"
+        warning = f"reaches only {100 * swing / _peak(signal):.0f} % of its set-point"
     elif loop is None and drive < _OF_FRICTION * friction:
         warning = "the drive hardly exceeds Coulomb friction"
     elif spread > LOST:
-        warning = f"hypersensitive: its angle is known to {100 * spread:.0f} % of its swing only"
+        warning = f"hypersensitive: its angle is uncertain by {100 * spread:.0f} % of its swing"
     return Candidate(
         added_mass=mass,
         signal=signal,

@@ -155,8 +155,8 @@ def draw_parameters(
             break
     else:
         raise IdentifiabilityError(
-            f"the intervals are so wide that hardly any of {count**2} sets of parameters "
-            "makes a joint: one with inertia, and with friction that brakes"
+            f"the intervals are too wide: hardly any of {count**2} drawn sets of parameters is "
+            "physical (positive inertia, friction that brakes)"
         )
     return ParameterDraws(
         estimate=estimate, values=estimate.values + found[:count], weights=np.full(count, 1 / count)
@@ -172,7 +172,7 @@ def honest_covariance(estimate: Estimate) -> Samples:
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
         raise IdentifiabilityError(
-            f"the method {estimate.method!r} gives no covariance to draw parameters from"
+            f"the method {estimate.method!r} gives no covariance, which drawing parameters needs"
         )
     apart = list(estimate.left_out.values())
     if estimate.freedom is not None:

@@ -45,10 +45,10 @@ _NAMES = (*_GRAVITY, "p2", "coulomb", "drag", "p4", "delay")
 class OffsetKind(StrEnum):
     """How a zero was found."""
 
-    TOLD = "told"
+    TOLD = "given"
     SWING = "steady swing"
-    FIT = "the motion itself"
-    GUESS = "a guess"
+    FIT = "from the motion"
+    GUESS = "guess"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,7 +60,7 @@ class Regression:
     def solve(self, use: NDArray[np.bool_] | slice = slice(None)) -> Solution:
         """Return the values that fit the rows to use best, within their bounds."""
         if "p4" in self.names and not self.rows[use, self.names.index("p4")].any():
-            raise IdentifiabilityError("the input is zero throughout: add logs of a driven joint")
+            raise IdentifiabilityError("the input is always zero: add logs of the driven joint")
         more, wanted = self.known_rows
         rows = np.concatenate([self.rows[use], more])
         target = np.concatenate([self.target[use], wanted])
@@ -305,7 +305,7 @@ class CellEquations:
         basis, singular, _ = np.linalg.svd(unit_columns(flat)[0], full_matrices=False)
         told = basis[:, singular > ROUNDING * singular.max(initial=0.0)]
         if not told.size:
-            raise IdentifiabilityError("these logs do not move any parameter")
+            raise IdentifiabilityError("no parameter is identifiable from these logs")
         covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
         found = float(np.mean(np.diag(covariance)))
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):

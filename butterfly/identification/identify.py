@@ -154,7 +154,7 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
         if wrong:
             raise IdentifiabilityError(
-                f"the equations of these logs lead to no numbers for {', '.join(wrong)}"
+                f"the equations of these logs give no finite {', '.join(wrong)}"
             )
     except ButterflyError as error:
         raise with_unit_errors(error, find_unit_errors_of_refused(data, estimator)) from None

@@ -100,11 +100,11 @@ def best_gain(
     faster than any log could show.
     """
     if not data.sines:
-        expected = "a value: no log is a sine, which would tell the best one"
+        expected = "a value, as there is no sine log to estimate it from"
         raise InputError(source, "p4", "nothing", expected)
     fastest, seen = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
     if fastest > seen:
-        expected = f"at most the {seen:.3g} rad/s that samples show, or p4 too"
+        expected = f"at most {seen:.3g} rad/s, which the sampling rate resolves; or give p4 too"
         raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
     unit = replace(parameters, p4=1.0)
     ratios = [
@@ -120,7 +120,7 @@ def best_gain(
         return -float(np.median(data.simulations.fits_with(trial)))
 
     coarse = np.linspace(-_DECADES, _DECADES, _GRID)
-    start = coarse[np.argmin([loss(x) for x in track(coarse, "Finding the best p4")])]
+    start = coarse[np.argmin([loss(x) for x in track(coarse, "Searching for the best p4")])]
     width = coarse[1] - coarse[0]
     fine = minimize_scalar(loss, bounds=(start - width, start + width), method="bounded")
     return float(guess * 10**fine.x)

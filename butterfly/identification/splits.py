@@ -1,4 +1,4 @@
-"""What is left out together, in turns, to be predicted from the rest."""
+"""Splits of the data for cross-validation."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
 
 Samples = Mapping[int, slice]
-"""Numbers of logs, and which samples of each are left out."""
+"""Numbers of logs, and the held-out samples of each."""
 
 
 class Split(StrEnum):
-    """What is left out together."""
+    """What is held out together."""
 
     AUTO = "auto"
     MASS = "mass"
@@ -36,7 +36,7 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Division:
-    """Logs divided into parts, of which one is left out at a time."""
+    """Logs divided into parts; one is held out at a time."""
 
     split: Split  # what the samples of a part have in common; never `Split.AUTO`
     why: str  # why this split was taken, in words
@@ -45,13 +45,13 @@ class Division:
     @property
     def said(self) -> str:
         """Which split was taken, and why."""
-        return f"Left out by {self.split}: {self.why}."
+        return f"Held out by {self.split}: {self.why}."
 
     @property
     def left_out(self) -> str:
         """What is left out at a time, in words."""
         if self.split is Split.LOG and all(len(part) == 1 for part in self.parts.values()):
-            return "one log left out"
+            return "one log held out"
         return _LEFT_OUT[self.split]
 
     def kept(self, data: DataSet, name: str) -> DataSet:
@@ -81,14 +81,14 @@ def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -
     """
     counted = isinstance(folds, Integral) and folds >= 2  # noqa: PLR2004 - to leave one out
     if folds is not None and (split is Split.MASS or not counted):
-        expected = "a whole number, 2 or more, with split frequency, log or time"
+        expected = "a whole number of at least 2, with split frequency, log or time"
         raise InputError("validate", "folds", folds, expected)
-    why = "as asked"
+    why = "as requested"
     if split is Split.AUTO:
         split, why = _suited(data, folds)
     parts = _parts(data, split, folds)
     if len(parts) < 2:  # noqa: PLR2004 - nothing would be left to estimate from
-        raise IdentifiabilityError(f"{_why_alike(data, split)}: none can be left out{remedy(data)}")
+        raise IdentifiabilityError(f"{_why_alike(data, split)}: none can be held out{remedy(data)}")
     return Division(split=split, why=why, parts=parts)
 
 
@@ -104,15 +104,15 @@ def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
     masses, omegas, count = len(data.masses), len(_frequencies(data)), len(data.logs)
     if masses >= FEW and folds is None:
         return Split.MASS, f"there are {masses} added masses"
-    few = f"{'one' if masses == 1 else masses} added mass{'es' if masses > 1 else ''} only"
+    few = f"only {'one' if masses == 1 else masses} added mass{'es' if masses > 1 else ''}"
     if masses >= FEW:
-        few = "folds were asked for"
+        few = "folds were requested"
     sines = all(log.excitation for log in data.logs)
     if sines and omegas >= FOLDS and _works(data, Split.FREQUENCY, folds):
-        return Split.FREQUENCY, f"{few}, but sines of {omegas} frequencies"
+        return Split.FREQUENCY, f"{few}, but sines at {omegas} frequencies"
     if count >= FEW and _works(data, Split.LOG, folds):
         return Split.LOG, f"{few}, but {count} logs"
-    return Split.TIME, f"{few}, and too few logs to leave one out"
+    return Split.TIME, f"{few}, and too few logs to hold one out"
 
 
 def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
@@ -170,7 +170,7 @@ def _frequencies(data: DataSet) -> list[float]:
 
 def _count(folds: int | None, available: int, what: str) -> int:
     if folds is not None and folds > available:
-        raise InputError("validate", "folds", folds, f"at most {available}, as there are {what}")
+        raise InputError("validate", "folds", folds, f"at most {available}, the number of {what}")
     return folds or min(FOLDS, available)
 
 
@@ -178,17 +178,17 @@ def _why_alike(data: DataSet, split: Split) -> str:
     """Return why all logs are of one part."""
     if split is Split.MASS:
         (mass,) = data.masses
-        return f"all logs carry {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
+        return f"all logs have {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
     if split is Split.FREQUENCY:
         return "all sines have the same frequency" if _frequencies(data) else "no log is a sine"
-    return "there is one log only"
+    return "there is only one log"
 
 
 _LEFT_OUT = {
-    Split.MASS: "one added mass left out",
-    Split.FREQUENCY: "some frequencies left out",
-    Split.LOG: "some logs left out",
-    Split.TIME: "a stretch of time left out",
+    Split.MASS: "one added mass held out",
+    Split.FREQUENCY: "some frequencies held out",
+    Split.LOG: "some logs held out",
+    Split.TIME: "a stretch of time held out",
 }
 
 

@@ -227,7 +227,7 @@ class Averaging:
         if margin not in self._places:
             time = self._grid
             if time.size < 2 * margin + 1:
-                longer = f"{2 * margin * self._step:.3g} s or more"
+                longer = f"at least {2 * margin * self._step:.3g} s"
                 raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
             lead = margin if self._rests else 0
             size = time.size + lead

@@ -25,7 +25,7 @@ from butterfly.progress import Track, out_of_time, untracked
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossValidation:
-    """Prediction of what was left out."""
+    """Prediction of held-out data."""
 
     division: Division  # what was left out together
     # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
@@ -71,11 +71,11 @@ def cross_validate(
     folds: int | None = None,
     track: Track = untracked,
 ) -> CrossValidation:
-    """Estimate from all logs but a part, predict that part, and go on to the next.
+    """Estimate from all logs except one part, predict that part, and repeat for each part.
 
-    Logs are simulated from their first sample on, also where a stretch of them was left out, whose
-    FIT alone counts. Where the estimator finds no zero of the encoder, that of a left-out added
-    mass is the mean angle of its own logs.
+    Logs are simulated from their first sample, also if a stretch of time is held out; only the
+    FIT of that stretch counts. If the estimator finds no encoder zero, a held-out added mass takes
+    the mean angle of its own logs.
 
     InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
     fewer than two parts, or the rest cannot determine the parameters.
@@ -84,8 +84,8 @@ def cross_validate(
     squares = np.zeros((len(data.logs), 2))
     estimates: dict[str, Estimate] = {}
     horizon = math.inf
-    for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
-        if estimates and out_of_time("parts of the data that were to be left out"):
+    for name, samples in track(division.parts.items(), f"Cross-validation, {division.left_out}"):
+        if estimates and out_of_time("some parts of the cross-validation"):
             break
         try:
             found = estimator(division.kept(data, name))
@@ -114,8 +114,8 @@ def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
     part = f"the logs with {name}" if split is Split.MASS else name
     if split is Split.MASS and len(data.masses) == FEW - 1:
         return (
-            f"without {part} there is one added mass left of two, which tells p1..p4 but for a "
-            "common factor unless one of them is known (known: {p4: ...}, say)"
+            f"without {part}, only one added mass remains, and p1..p4 are identifiable only up to "
+            "a common factor unless one of them is known (such as known: {p4: ...})"
             f"{remedy(data, besides=split)}"
         )
     return f"without {part}: {error}{remedy(data, besides=split)}"
@@ -123,7 +123,7 @@ def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """A set of terms and how well it does: FIT in sample, and of logs left out."""
+    """A set of terms with its FIT, in sample and held out."""
 
     terms: tuple[str, ...]
     in_sample: FitSummary
@@ -138,7 +138,7 @@ def select_terms(
     *,
     track: Track = untracked,
 ) -> list[Structure]:
-    """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
+    """Add terms greedily, each time the one that most improves the mean held-out FIT.
 
     That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
     raises it by a tenth of a per cent, and by more than that gain's own standard error over logs.
@@ -158,7 +158,7 @@ def select_terms(
             break
         scores = {
             term: fits.score((*chosen, term), first)
-            for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
+            for term in track(rest, f"Trying a term besides {', '.join(chosen) or 'the first six'}")
             if not out_of_time("further terms")
         }
         if len(scores) < len(rest):
@@ -177,7 +177,7 @@ def select_terms(
             held_out={split: fits.judge(terms, split).summary for split in splits},
             gain=gain,
         )
-        for terms, gain in track(passed, "Judging the structures")
+        for terms, gain in track(passed, "Comparing the structures")
     ]
 
 
@@ -318,7 +318,7 @@ def bootstrap(
     values: list[Samples] = []
     failures = 0
     for _ in track(range(repetitions), "Bootstrap"):
-        if len(values) >= DRAWS and out_of_time("some repetitions of the bootstrap"):
+        if len(values) >= DRAWS and out_of_time("some bootstrap repetitions"):
             break
         while True:
             rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
@@ -326,7 +326,9 @@ def bootstrap(
                 found = held(data.take(rows))
                 if lost := [name for name in estimate.names if name not in found.names]:
                     listed = ", ".join(lost)
-                    raise IdentifiabilityError(f"draws of these logs cannot tell {listed}")
+                    raise IdentifiabilityError(
+                        f"{listed} cannot be identified from draws of these logs"
+                    )
             except IdentifiabilityError:
                 failures += 1
                 if failures > repetitions:

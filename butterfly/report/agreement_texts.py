@@ -1,4 +1,4 @@
-"""What contrasts between conditions mean in words: what follows what, and what may be the cause."""
+"""Texts on parameters that differ between conditions, with possible causes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from butterfly.identification.parameter import unit_of
 from butterfly.model.parameters import JointKind
 from butterfly.result import TextTable
 
-_WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a base that gives")
-_FRICTION = ("a friction term that the model lacks",)
+_WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a moving base")
+_FRICTION = ("a friction term missing in the model",)
 _PLAY = ("backlash", "an eccentric encoder")
-_WARM = ("friction that changes within a log, as it warms up",)
+_WARM = ("friction that changes within a log (warm-up)",)
 _SCATTER = (
-    "a resistance that differs from log to log",
-    "a saturation of the drive",
-    "a base that gives",
+    "a resistance that varies between logs",
+    "drive saturation",
+    "a moving base",
 )
 _FOLLOWS = {
     Condition.MASS: "the added mass",
@@ -36,23 +36,23 @@ _FOLLOWS = {
 _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.MASS, "p1"): _WITH_MASS,
     (Condition.MASS, "p2"): ("friction that grows with the load", *_WITH_MASS),
-    (Condition.MASS, "p3"): ("how the masses were weighed", *_WITH_MASS),
-    (Condition.MASS, "p4"): ("the motor's resistance", "how the masses were weighed", *_WITH_MASS),
+    (Condition.MASS, "p3"): ("wrongly weighed masses", *_WITH_MASS),
+    (Condition.MASS, "p4"): ("the motor's resistance", "wrongly weighed masses", *_WITH_MASS),
     (Condition.MASS, "coulomb"): ("friction that grows with the load", *_WITH_MASS),
     (Condition.SWING, "p1"): _PLAY,
     (Condition.SWING, "p2"): _FRICTION,
     (Condition.SWING, "p3"): ("a spring, such as a cable", *_PLAY),
     (Condition.SWING, "p4"): (*_PLAY, "a spring, such as a cable"),
     (Condition.SWING, "coulomb"): (*_FRICTION, "backlash"),
-    (Condition.FREQUENCY, "p1"): ("a base that gives", "a spring", "a lag of the drive"),
+    (Condition.FREQUENCY, "p1"): ("a moving base", "a spring", "drive lag"),
     (Condition.FREQUENCY, "p2"): _FRICTION,
-    (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a base that gives"),
-    (Condition.FREQUENCY, "p4"): ("a lag of the drive", "a base that gives"),
+    (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a moving base"),
+    (Condition.FREQUENCY, "p4"): ("drive lag", "a moving base"),
     (Condition.FREQUENCY, "coulomb"): _FRICTION,
     (Condition.REGIME, "delay"): (
-        "the two regimes of the clock have a delay each, which output-error fits (slow_delay)",
+        "the two regimes of the clock have different delays (term slow_delay of output-error)",
     ),
-    (Condition.TIME, "p4"): ("the motor's resistance, which grows as it warms up", "the supply"),
+    (Condition.TIME, "p4"): ("the motor's resistance, which grows with temperature", "the supply"),
 }
 """What may make a parameter follow a condition, the likeliest first."""
 
@@ -62,17 +62,20 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
     condition, name = contrast.condition, contrast.parameter
     if condition is Condition.COMMAND:
         # the condition is 1 over the command, so that what grows with it falls with the command
-        drive = "a saturation of the drive" if contrast.grows else "a dead zone of the drive"
+        drive = "drive saturation" if contrast.grows else "a dead zone of the drive"
         return (drive,) if name == "p4" else (*_FRICTION, drive)
     if condition is Condition.SPEED:
         # the condition is 1 over the speed; a lag that a faster joint has more of is no gap
         return ("backlash",) if contrast.grows else _FRICTION
     if condition is Condition.LOG:
-        return _SCATTER if name == "p4" else ("friction that differs from log to log",)
+        return _SCATTER if name == "p4" else ("friction that varies between logs",)
     if condition is Condition.WEIGHED:
         return ("weighed wrong", *_WITH_MASS)
     if condition is Condition.DIRECTION:
-        return ("friction that differs between the directions", "a drive that does")
+        return (
+            "friction that differs between directions",
+            "a drive that differs between directions",
+        )
     return _CAUSES.get((condition, name), _WARM)
 
 
@@ -83,21 +86,21 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
     if contrast.condition is Condition.WEIGHED:
         given, wanted = 1e3 * contrast.first, 1e3 * contrast.last
         return (
-            f"The logs with the added mass of {given:.4g} g would agree with the others if it was "
+            f"The logs with the added mass of {given:.4g} g agree with the others if it is really "
             f"{wanted:.4g} g: {first}{alike}?"
         )
     if contrast.play > 0:
         size = f"{contrast.play:.2g} {estimate.joint.way}"
         if estimate.joint is JointKind.HINGE:
             size += f" ({math.degrees(contrast.play):.2g}°)"
-        first = f"{first}, about {size} from stop to stop"
+        first = f"{first}, about {size} in total"
     unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
     low, high = contrast.first, contrast.last
     if contrast.condition in {Condition.COMMAND, Condition.SPEED}:  # the condition is 1 over it
         low, high = high, low
     way = f"{'grows' if high > low else 'falls'} with {_FOLLOWS[contrast.condition]}"
     if contrast.condition is Condition.LOG:
-        way = "differs from log to log"
+        way = "varies between logs"
     return f"{contrast.parameter} {way}, from {low:.3g} to {high:.3g} {unit}: {first}{alike}?"
 
 
@@ -114,5 +117,5 @@ def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
         )
         for each in contrasts
     ]
-    columns = ("parameter", "follows", "from", "to", "explains", "perhaps")
-    return TextTable("What is not the same under all conditions", columns, rows)
+    columns = ("parameter", "follows", "from", "to", "explains", "possible causes")
+    return TextTable("Parameters that differ between conditions", columns, rows)

@@ -144,7 +144,7 @@ class IdentificationPlots:
         return figure
 
     def frequency_response(self) -> Figure:
-        """Draw gain and phase over frequency, measured and modelled, and what is left.
+        """Draw gain and phase over frequency, measured and modelled, and the residual.
 
         The model is shown at the swing of the logs by its describing functions: the lines pass
         through what it says of each log, and take a swing in between where no log is. Of logs

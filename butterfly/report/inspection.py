@@ -1,4 +1,4 @@
-"""What `butterfly inspect` says about logs: in lines, in rows, and on the page of one."""
+"""Texts, tables and page of `butterfly inspect`."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uni
 from butterfly.verdict import Level
 
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
-"""What may be done with a log, in a word or two."""
+"""Condition of a log, in a word or two."""
 
 _TOLD = {
     Level.GOOD: "ok",
     Level.NOTE: "with a note",
-    Level.CARE: "to take care of",
-    Level.WARNING: "that cannot be used",
+    Level.CARE: "to check",
+    Level.WARNING: "unusable",
 }
 _ADVICE = {
-    Level.GOOD: "Nothing was found that speaks against this log.",
-    Level.NOTE: "What was found needs nothing done.",
-    Level.CARE: "Look at what was found before you trust what this log tells.",
+    Level.GOOD: "No check found a problem with this log.",
+    Level.NOTE: "Nothing needs to be done.",
+    Level.CARE: "Check the findings before you use this log.",
 }
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inspected:
-    """A log of a data set, looked at."""
+    """A log of a data set, with the findings on it."""
 
     name: str  # Of the log
     log: Log | None = None  # The log, repaired; None if it cannot be used
@@ -48,7 +48,7 @@ class Inspected:
 
     @property
     def condition(self) -> Level:
-        """What may be done with it."""
+        """The worst condition of the remarks."""
         return Level.worst(remark.condition for remark in self.remarks)
 
     @property
@@ -60,7 +60,7 @@ class Inspected:
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:
     """Look at every log of a data set; the worst come first."""
     seen = _turned(
-        [_inspected(manifest, entry) for entry in track(manifest.logs, "Looking at logs")]
+        [_inspected(manifest, entry) for entry in track(manifest.logs, "Inspecting logs")]
     )
     return sorted(seen, key=lambda each: -list(Level).index(each.condition))
 
@@ -100,7 +100,7 @@ def _turned(seen: list[Inspected]) -> list[Inspected]:
         for number, each in enumerate(seen)
         if each.health is not None and 0.0 < each.health.turns <= 1.0  # on a slide there is none
     }
-    home, where = 0.0, "the encoder's 0"
+    home, where = 0.0, "the encoder's zero"
     if len(middles) > 1:
         home, where = sorted(middles.values(), key=abs)[(len(middles) - 1) // 2], "the others"
     result = list(seen)
@@ -131,7 +131,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
             f"{1e3 * health.step:.3f} ms, jitter {1e3 * health.jitter:.3f} ms rms",
         ),
         ("longest interval", f"{1e3 * health.longest_gap:.2f} ms"),
-        ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
+        ("input", f"{log.input.min():.5g} … {log.input.max():.5g} {log.input_kind.unit}"),
         *_servo_rows(log),
         (log.measures, f"{measured.min():.5g} … {measured.max():.5g} {way}"),
         (
@@ -139,7 +139,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
             f"{rms_amplitude(swing):.4g} {way} (√2 rms), mean {measured.mean():.4g} {way}",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
-        ("file", ", ".join(log.reading.layout) or "as usual"),
+        ("file", ", ".join(log.reading.layout) or "default layout"),
         *((f"{name} from", each.text) for name, each in health.columns.items()),
     ]
 

@@ -183,7 +183,7 @@ def correlation_figure(log: LogResiduals) -> Figure:
         edge = {"mode": "lines", "line": dashed, "hoverinfo": "skip"}
         add(figure, row, lag, lower, showlegend=False, **edge)
         shade = {"fill": "tonexty", "fillcolor": _SHADE, "showlegend": row == 1}
-        name = f"{100 * CONFIDENCE:.0f} % band of the sensors"
+        name = f"{100 * CONFIDENCE:.0f} % band of sensor noise"
         add(figure, row, lag, upper, name=name, **shade, **edge)
         line = {"color": PALETTE[0], "width": 1.4}
         add(figure, row, lag, values, mode="lines", line=line, name="the log", showlegend=row == 1)

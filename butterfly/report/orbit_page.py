@@ -35,17 +35,16 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     sections = [
         Section(
             title="Amplitude per round",
-            text="Each round holds the orbit with what the round before has found; the first goes "
-            "by the model that was given or identified from small swings.",
+            text="Each round stabilises the orbit with the model from the previous round; the "
+            "first uses the given model, or one identified from small swings.",
             tables=(_rounds_table(rounds),),
             figures={"amplitude": _amplitude_figure(rounds)},
         ),
         Section(
             title="Phase plane and invariant",
-            text="The run of the first and of the last round that starts farthest from the orbit, "
-            "and the orbit that was to be held. The invariant I = E − E* by the re-calibrated "
-            "model decays as exp(−p₄γ∫θ̇² dt) predicts where the controller's model is right and "
-            "no dither is added; dotted.",
+            text="From the first and the last round, the run that starts farthest from the orbit, "
+            "and the target orbit. Dotted: the decay exp(−p₄γ∫θ̇² dt) of the invariant I = E − E*, "
+            "which holds if the controller's model is right and no dither is added.",
             figures={"phase-plane": _phase_figure(study), "invariant": _invariant_figure(study)},
         ),
         Section(
@@ -54,9 +53,9 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             text="\n".join(estimate_notes(study.estimate)),
         ),
         Section(
-            title="Free-run prediction next to the orbit",
-            text=f"Over {PERIODS} periods of a run that was used for nothing else, simulated from "
-            "its first sample with the recorded input.",
+            title="Free-run prediction near the orbit",
+            text=f"Over {PERIODS} periods of a held-out run, simulated from its initial state with "
+            "the recorded input.",
             tables=(PageTable(headers=("model", "rms error in °"), rows=errors),),
         ),
     ]
@@ -64,8 +63,8 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         sections.append(
             Section(
                 title="Calibrated at one orbit, used at another",
-                text="Rms error of free runs in °: the model re-calibrated at the orbit of the "
-                "row, on a run at the orbit of the column.",
+                text="Rms error of free runs in °: row, the orbit of the re-calibration; column, "
+                "the orbit of the run.",
                 figures={"cross-orbit": _cross_figure(study)},
             )
         )
@@ -101,7 +100,7 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
         content["truth"] = lumped_numbers(truth, log.input_kind)
     return document(
         "orbit",
-        f"{study.name!r} re-calibrated next to its orbit",
+        f"{study.name!r} re-calibrated near its orbit",
         content,
         verdict=verdict,
         summary=(*verdict.lines, *_sentences(study)),
@@ -118,16 +117,16 @@ def _sentences(study: OrbitStudy) -> list[str]:
     rejected = ", ".join(recalibration.rejected) or "none"
     begun = study.small_swings
     return [
-        f"The hand was to swing {math.degrees(wanted):.2f}° and swung "
+        f"Target amplitude {math.degrees(wanted):.2f}°; reached "
         + ", ".join(degrees_said(each.amplitude) for each in rounds)
         + f"° in {len(rounds)} rounds; {study.calibration.ending}.",
-        f"Next to the orbit the re-calibrated model's free run is off by "
-        f"{degrees_said(study.errors['re-calibrated'])}° rms, the model it began with by "
-        f"{degrees_said(generic)}°: {better:.3g} times less.",
+        f"Near the orbit, the error of the free run is "
+        f"{degrees_said(study.errors['re-calibrated'])}° rms with the re-calibrated model and "
+        f"{degrees_said(generic)}° with the initial model: {better:.3g} times less.",
         f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.estimate.names)}; "
         f"terms that did not help on held-out data: {rejected}.",
         *estimate_notes(study.estimate),
-        *([] if begun is None else [f"What it began with: {estimate_verdict(begun).lines[0]}"]),
+        *([] if begun is None else [f"Initial model: {estimate_verdict(begun).lines[0]}"]),
     ]
 
 
@@ -143,7 +142,7 @@ def _facts(study: OrbitStudy) -> list[Fact]:
     return [
         Fact("amplitude reached", f"{degrees_said(last.amplitude)}°", wanted),
         Fact("rounds", str(len(study.calibration.rounds))),
-        Fact("error of a free run next to it", f"{after}°", f"rms; before, {before}°"),
+        Fact("error of a free run near it", f"{after}°", f"rms; before, {before}°"),
     ]
 
 
@@ -159,8 +158,7 @@ def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
             )
             for number, each in enumerate(rounds)
         ],
-        caption="The ratios are what the controller of that round believed, of the hand with what "
-        "it carries.",
+        caption="The ratios are those of the controller in that round, including the added mass.",
     )
 
 
@@ -186,8 +184,8 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
             (name, value, whisker, *cells)
             for (name, value, cells), whisker in zip(texts, whiskers, strict=True)
         ],
-        caption=f"{forest_caption(whiskers)} SI units; ratios where no known mass was changed. "
-        "Intervals include the estimates without one of the runs.",
+        caption=f"{forest_caption(whiskers)} SI units; ratios if the added mass was not changed. "
+        "Intervals include the leave-one-run-out estimates.",
     )
 
 

@@ -20,7 +20,7 @@ from butterfly.result import Result
 from butterfly.verdict import Level, Verdict
 
 _HEADERS: tuple[str, ...] = (
-    *("estimator", "verdict", "left out: median", "left out: worst"),
+    *("estimator", "verdict", "held out: median", "held out: worst"),
     *("in sample: median", "in sample: worst"),
     *("time in s", "p1", "p2", "p3", "p4", "coulomb", "remark"),
 )
@@ -125,7 +125,7 @@ def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
 def structures_table(passed: Sequence[Structure]) -> PageTable:
     """Make a table with a row for each structure, FIT in per cent."""
     splits = tuple(passed[0].held_out)
-    kinds = ("in sample", *(f"{split} left out" for split in splits))
+    kinds = ("in sample", *(f"{split} held out" for split in splits))
     rows = []
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
@@ -153,14 +153,14 @@ def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -
         ],
         summary=result.notes,
         lead=Section(
-            title="FIT by what is fitted",
+            title="FIT by fitted terms",
             text="Median FIT in %, in sample and held out; the latter decides."
             if len(passed) > 1
             else "No further term improves the prediction of held-out data.",
             figures={"fit": _structures_figure(passed)} if len(passed) > 1 else {},
         ),
         sections=[
-            Section(title="FIT in %, in sample and left out", tables=(structures_table(passed),))
+            Section(title="FIT in %, in sample and held out", tables=(structures_table(passed),))
         ],
         numbers=result.to_dict(),
         verdict=result.judged,
@@ -172,7 +172,7 @@ def _structures_figure(passed: Sequence[Structure]) -> Figure:
     names = [_BASIC, *(f"+ {each.terms[-1]}" for each in passed[1:])]
     fits = {"in sample": [each.in_sample.median for each in passed]}
     for split in passed[0].held_out:
-        fits[f"{split} left out"] = [each.held_out[split].median for each in passed]
+        fits[f"{split} held out"] = [each.held_out[split].median for each in passed]
     for number, (name, values) in enumerate(fits.items()):
         colour, symbol = look(number)
         marker = {"color": colour, "symbol": symbol, "size": 9}
@@ -210,7 +210,7 @@ class TablePlots:
         """Draw the mean of the standard errors after each of the first candidates, over now's."""
         rows = self.result.rows()[:count]
         names = [f"{row['input']}, {row['added mass']}" for row in rows]
-        figure = logs_panel(names, "standard errors after it, in % of those now")
+        figure = logs_panel(names, "standard errors after this run, in % of the present ones")
         ends = [min(0.0, *(100 * row["mean"] for row in rows)), 105.0]
         return figure.update_xaxes(range=ends).add_scatter(
             x=[100 * row["mean"] for row in rows],

@@ -86,7 +86,7 @@ def run_verdict(record: RunRecord) -> Verdict | None:
     }
     if record.orbit is not None and record.orbit.verdict is not None:
         level = Level.of_verdict(record.orbit.verdict)
-        found["next to the orbit"] = Verdict(level, (f"{level.verdict}.",))
+        found["near the orbit"] = Verdict(level, (f"{level.verdict}.",))
     if len(found) == 1:
         return next(iter(found.values()))
     return Verdict.of_several(found) if found else None

@@ -1,4 +1,4 @@
-"""Residuals: of all logs in sentences and a table, of one log on a page."""
+"""Residuals of all logs in sentences and a table, of one log on a page."""
 
 from __future__ import annotations
 
@@ -18,15 +18,23 @@ from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.verdict import Verdict
 
 HEADERS = (
-    *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),
+    *(
+        "log",
+        "error in % of motion",
+        "after small changes",
+        "sensor noise in %",
+        "times noise",
+        "bands",
+    ),
     "missing terms explain in %",
 )
 
 _CAPTION = (
-    "Error: rms of measured less simulated motion, averaged over steps of the simulation, over the "
-    "rms motion. The next column is what no small change of the parameters takes away, the one "
-    "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
-    "with the input stay where those of such sensors do; of good logs one in twenty leaves."
+    "Error: rms of measured minus simulated motion, in % of the rms motion, averaged over steps of "
+    "the simulation. Next: the part that no small change of the parameters removes, and the error "
+    "that encoder resolution and noise explain. Bands: whether autocorrelation and "
+    "cross-correlation with the input stay within 95 % bands of sensor noise; one good log in "
+    "twenty does not."
 )
 _MOST = 6000  # instants of a panel
 
@@ -34,11 +42,11 @@ _MOST = 6000  # instants of a panel
 def residual_sentences(residuals: Residuals) -> list[str]:
     """Say how large the residuals of all logs are, and what explains them."""
     count = len(residuals.logs)
-    leave = "log leaves more than its" if count == 1 else "logs leave more than their"
+    logs = "log" if count == 1 else "logs"
     return [
-        f"{residuals.outside} of {count} {leave} sensors explain "
-        f"(95 % bands); over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
-        f"{100 * residuals.left:.2g} % after small changes of the parameters, and the sensors' is "
+        f"In {residuals.outside} of {count} {logs} the error exceeds sensor noise (95 % bands). "
+        f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
+        f"{100 * residuals.left:.2g} % after small changes of the parameters; sensor noise is "
         f"{100 * residuals.explained:.2g} %.",
         *(finding_text(each, {}) for each in residuals.findings),
     ]
@@ -68,26 +76,26 @@ def residual_page(
     what, unit = ("force", "N") if joint is JointKind.SLIDE else ("torque", "N m")
     torque = Section(
         title=f"Residual {what}",
-        text="Averaged over short bumps, where the joint moves; against time, angle and velocity. "
-        "What depends on one of them alone is a curve there.",
+        text="Averaged over short intervals in which the joint moves, against time, angle and "
+        "velocity. A missing term that depends on one of them shows as a curve.",
         figures={"torque": _torque_figure(residual, f"{what} in {unit}", joint.way)},
     )
     errors = Section(
-        title="The errors of the free run",
-        text="How like itself the error is a while later, and how like the input before it. Where "
-        "encoder and noise explain it, both curves stay inside the bands.",
+        title="Residual of the free run",
+        text="Autocorrelation of the residual, and its cross-correlation with past input. If "
+        "sensor noise explains the residual, both curves stay within the bands.",
         figures={"correlations": correlation_figure(residuals)},
     )
     return Page(
         name=residual.label,
-        description="What the model, all its terms, leaves of one log",
+        description="Residual of one log",
         kind="residual",
         verdict=verdict,
         facts=[
             Fact(
                 "error of the free run", f"{100 * residuals.relative:.2g} %", "of the motion, rms"
             ),
-            Fact("beside its sensor", f"{residuals.times:.3g} ×", "what encoder and noise explain"),
+            Fact("over sensor noise", f"{residuals.times:.3g} ×", "encoder resolution and noise"),
             Fact("correlations", "outside" if residuals.outside else "inside", "bands"),
         ],
         summary=[*summary],

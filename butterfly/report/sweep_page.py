@@ -128,7 +128,9 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
         coverage = _percent(table.coverage)
         facts += [
             Fact("deviation from the truth", f"{100 * np.median(size):.2g} %", "median"),
-            Fact("95 % intervals hold the truth", coverage if coverage == "–" else f"{coverage} %"),
+            Fact(
+                "95 % intervals contain the truth", coverage if coverage == "–" else f"{coverage} %"
+            ),
             Fact("FIT of a run's logs", f"{np.median(table['fit_median']):.2f} %", "median"),
         ]
     return facts
@@ -249,11 +251,11 @@ def _orbits_table(runs: pa.Table) -> PageTable:
 
 def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:
     done = int((status == OK).sum())
-    varied = ", ".join(map(field_name, fields)) or "nothing but the seed"
-    sentences = [f"{status.size} runs, {done} of them with a result; varied: {varied}."]
+    varied = ", ".join(map(field_name, fields)) or "only the seed"
+    sentences = [f"{status.size} runs, {done} with a result; varied: {varied}."]
     missing = int((status == MISSING).sum())
     if missing:
-        sentences.append(f"{missing} of them are still to be done.")
+        sentences.append(f"{missing} have not run yet.")
     count = len(table.by_estimate("ending"))
     if count:
         counts, missed = table.verdicts.values(), table.unconverged
@@ -269,9 +271,9 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         )
         if math.isfinite(table.coverage):
             share = f"{100 * table.coverage:.1f} %"
-            sentences.append(f"The 95 % intervals hold the truth in {share} of the cases.")
+            sentences.append(f"The 95 % intervals contain the truth in {share} of the cases.")
         sentences.append(
-            "The models follow their logs with a median FIT of "
+            "The models reproduce their logs with a median FIT of "
             f"{np.median(table['fit_median']):.2f} %."
         )
     return sentences

@@ -21,8 +21,11 @@ SAYS = {
     "identify {data} -m output-error --loss soft_l1": ("output",),
     "identify {data} -m weak-form": ("weak",),
     "identify {data} -m linear": ("linear",),
-    "validate {data} --split mass --bootstrap 20": ("Left out by mass: as asked", *LEFT_OUT),
-    "validate {data} --split frequency --bootstrap 20": ("out by frequency: as asked", *LEFT_OUT),
+    "validate {data} --split mass --bootstrap 20": ("Held out by mass: as requested", *LEFT_OUT),
+    "validate {data} --split frequency --bootstrap 20": (
+        "out by frequency: as requested",
+        *LEFT_OUT,
+    ),
     "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
     "residual {data}": ("of 12 logs",),
     "design {data} --limit 3": (r"^ +3  ",),

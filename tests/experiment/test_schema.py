@@ -108,7 +108,7 @@ SLIPS = [
     (_drawn(log_uniform=[0, 1]), "must be positive"),
     (_drawn(normal=[1, 0]), "a positive standard"),
     ({"method": "magic"}, r"method: got 'magic'; expected 'harmonic-balance'"),
-    ({"method": "linear", "terms": ["drag"]}, "terms: got drag; expected no option terms"),
+    ({"method": "linear", "terms": ["drag"]}, "terms: got drag; expected no terms"),
     ({"terms": ["drg"]}, r"s\.yaml:4: terms: got drg; expected 'drag'"),
     (LINEAR | _estimators(LINEAR), "either estimators"),
     (_estimators(LINEAR, LINEAR), "the same name"),

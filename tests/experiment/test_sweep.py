@@ -153,7 +153,7 @@ def test_what_a_run_simulates_first_takes_nothing_of_its_time_to_search(quick):
         assert perform(experiment).record.stopped_after is None
     with budget(0.0) as search:
         assert perform(experiment).record.stopped_after == 0.0
-    assert search.left_out == ["parts of the data that were to be left out"]
+    assert search.left_out == ["some parts of the cross-validation"]
 
 
 def test_planning_and_writing_the_tables_tell_how_far_they_are(folder):

@@ -78,7 +78,7 @@ def test_so_are_those_of_the_weak_form(cases, case):
 def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
     with pytest.raises(IdentifiabilityError) as refused:
         _identified(cases / "torque-steps-one-level")
-    assert "do not determine p1 and coulomb separately" in str(refused.value)
+    assert "p1 and coulomb cannot be identified separately" in str(refused.value)
     assert not re.search("degrees|counts|delay", str(refused.value))
     told = re.search(r"p1 \+ (\S+) coulomb is (\S+), p1 at most that", str(refused.value))
     truth, torque = 8.6e-4, 0.05 - 2.1e-3  # N m left over at that level, and the slope of both

@@ -78,7 +78,7 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
     assert [log.name for log in piece.holding_out(["a.mat [part 2]"]).logs] == ["a.mat"]
     with pytest.raises(InputError, match=r"bench: holdout: got d; expected .* such as"):
         data.holding_out(["d"])
-    with pytest.raises(InputError, match="some left to estimate from"):
+    with pytest.raises(InputError, match="at least one log to estimate from"):
         data.holding_out(["*"])
 
 

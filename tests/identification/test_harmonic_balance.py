@@ -119,7 +119,7 @@ def test_the_input_s_unit_and_sign_change_p4_alone_and_the_order_of_logs_nothing
         ({"omegas": [3.0]}, "equations for 6 parameters"),
         (
             {"masses": [AddedMass(mass=0.02 * k, arm=0.104) for k in range(8)], "omegas": [3.0]},
-            "do not determine",
+            "cannot be identified",
         ),
     ],
     ids=[*("one added mass leaves the scale free",) * 3, "too few logs", "one frequency only"],

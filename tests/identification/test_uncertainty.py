@@ -144,7 +144,7 @@ def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, s
 
 def test_a_scale_is_not_uncertain_beside_an_exact_value(sines):
     known = Prior.of({"p4": 0.025, "input_scale": (1.0, 0.01)})
-    with pytest.raises(InputError, match="beside what is uncertain"):
+    with pytest.raises(InputError, match="although masses or scales are uncertain"):
         HarmonicBalance(terms=())(replace(sines, known=known))
 
 

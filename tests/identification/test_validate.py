@@ -113,7 +113,7 @@ def test_a_choice_is_judged_by_what_it_has_not_seen(real):
     ("logs", "refusal"),
     [
         (14, r"same added mass .*; split frequency works"),  # one mass
-        (27, r"one added mass left of two.*; split freq"),
+        (27, r"only one added mass remains.*; split freq"),
     ],
 )
 def test_too_few_masses_are_refused_with_the_split_that_works(real, logs, refusal):

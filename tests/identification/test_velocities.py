@@ -116,7 +116,9 @@ GRAVITY = {"added_mass": AddedMass()}
 )
 def test_what_depends_on_the_angle_is_refused_by_name(wheel, estimator, known, about, needed):
     logs = [replace(log, **about) for log in wheel]
-    with pytest.raises(InputError, match=f"angle: got a velocity alone; expected .*for {needed} "):
+    with pytest.raises(
+        InputError, match=f"angle: got only a velocity; expected .*which {needed} needs"
+    ):
         bf.identify(bf.read(logs, known={"p4": 0.05} | known), estimator)
 
 

@@ -67,7 +67,7 @@ CAUSES = {  # the last two are not seen in steady responses, or not told apart b
     "control": (None, ""),
     "backlash": (("delay", Condition.SPEED), "backlash"),
     "falling friction": (("p2", Condition.TIME), "as it warms up"),
-    "friction by log": (("p2", Condition.LOG), "differs from log to log"),
+    "friction by log": (("p2", Condition.LOG), "varies between logs"),
 }
 
 
@@ -101,7 +101,7 @@ def test_a_resistance_that_friction_by_load_hides_is_seen_by_free_runs():
     """p4 is 11 % off, with the masses: its interval holds what it is if logs differ."""
     robot = defects.draw("resistance", 1, 2203)
     found = identify(DataSet.of(robot.logs), METHODS["harmonic-balance"])
-    assert "a resistance that differs" in " ".join(found.notes[:3])
+    assert "a resistance that varies" in " ".join(found.notes[:3])
     assert found.judged.level is not Level.GOOD
     (p4,) = (row for row in found.estimate.table() if row.name == "p4")
     assert p4.lower < robot.truth["p4"] < p4.upper

@@ -145,7 +145,7 @@ def test_a_velocity_is_not_taken_for_what_another_column_may_be(sine_log):
 
 def test_a_velocity_alone_is_not_written_where_it_would_be_read_as_an_angle(tmp_path, sine_log):
     speed = Log(sine_log.time, sine_log.input, velocity=sine_log.angle)
-    with pytest.raises(InputError, match="angle: got a velocity alone"):
+    with pytest.raises(InputError, match="angle: got only a velocity"):
         write_log(speed, tmp_path / "log.mat")
 
 

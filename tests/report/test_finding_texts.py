@@ -171,7 +171,7 @@ _TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors e
             [FOLLOWED, MISFIT],
             (WITH_MASS,),
             f"{_TIMES}. p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
-            "own inertia (or its arm, the clock, a base that gives)?",
+            "own inertia (or its arm, the clock, a moving base)?",
         ),
     ],
 )
@@ -226,9 +226,9 @@ def test_a_sentence_depends_on_the_number(kind, number, text):
     [
         ((24, 0, 0, 0), "24 logs: all ok."),
         ((1, 0, 0, 0), "1 log: ok."),
-        ((10, 31, 0, 0), "41 logs: 10 ok, 31 with a note, none to take care of."),
-        ((1, 1, 1, 0), "3 logs: 1 ok, 1 with a note, 1 to take care of."),
-        ((0, 0, 0, 1), "1 log: 1 that cannot be used."),
+        ((10, 31, 0, 0), "41 logs: 10 ok, 31 with a note, none to check."),
+        ((1, 1, 1, 0), "3 logs: 1 ok, 1 with a note, 1 to check."),
+        ((0, 0, 0, 1), "1 log: 1 unusable."),
     ],
 )
 def test_health_is_told_by_severity(counts, text):

@@ -200,7 +200,7 @@ def _windows_of(data: DataSet) -> list[Windows]:
     windows = []
     for log in data.logs:
         if np.ptp(log.angle) == 0:
-            raise IdentifiabilityError("a joint that does not move")
+            raise IdentifiabilityError("the joint does not move in these logs")
         omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
         third = 2 * math.pi / (3 * omegas[np.argmax(power)])
         width = min(max(third, 12 * log.mean_step), (log.time[-1] - log.time[0]) / 20)
@@ -226,7 +226,7 @@ class _Search:
         likely = [each for each in tried if each.misfit < LOST * none]
         held: list[tuple[_Mistake, Estimate]] = []
         for each in likely[:_FITS]:
-            if out_of_time("mistakes of units and masses"):
+            if out_of_time("the search for wrong units and masses"):
                 break
             if held and each.misfit > _AS_GOOD * held[0][0].misfit:
                 break

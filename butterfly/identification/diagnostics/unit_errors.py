@@ -63,8 +63,8 @@ class Unit(NamedTuple):
 
 _LOOKS = {
     "angle": "The angle looks",
-    "time": "The stamps look",
-    "omega": "The manifest's omegas look",
+    "time": "The timestamps look",
+    "omega": "The omegas in the manifest look",
     "arm": "The arms look",
 }
 
@@ -84,15 +84,15 @@ TABLE = {
 """What is mistaken for SI units; all else has a text of its own."""
 
 _OF_INPUT = {
-    UnitError.SWAPPED: "Input and angle look swapped: the other way round the logs agree with a "
-    "joint. The manifest's key columns, or --columns, says which is which.",
-    UnitError.SETPOINT: "The input looks like a set-point that the joint follows. Say input: "
-    "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}, in the manifest.",
-    UnitError.GAIN: "The P gain of the servo's loop looks wrong: times {:.3g} the logs agree with "
-    "a joint. Check law and kp of its loop.",
-    UnitError.GEAR: "The angle looks like one on the other side of a gear: times {:.4g} the logs "
-    "agree with a joint. The manifest's key encoder says on which side it is, and known: "
-    "{{gear_ratio: ...}} the ratio.",
+    UnitError.SWAPPED: "Input and angle look swapped: exchanged, the logs agree with a joint. Set "
+    "columns in the manifest, or --columns.",
+    UnitError.SETPOINT: "The input looks like a set-point that the joint follows. In the manifest, "
+    "set input: setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
+    UnitError.GAIN: "The P gain of the servo's loop looks wrong: multiplied by {:.3g}, the logs "
+    "agree with a joint. Check law and kp of the loop.",
+    UnitError.GEAR: "The angle looks measured on the other side of a gear: multiplied by {:.4g}, "
+    "the logs agree with a joint. In the manifest, set the side with encoder and the ratio with "
+    "known: {{gear_ratio: ...}}.",
 }
 
 RATIOS = (*range(2, 11), 12, 15, 16, 20, 25, 30, 36, 40, 50, 64, 80, 100, 120, 150, 200)
@@ -130,27 +130,29 @@ def unit_error_text(finding: Finding) -> str:
         case UnitError.OMEGA:
             at = f" ({more[0]})" if more else ""
             return (
-                f"The manifest's omega looks wrong for {where}: times {number:.4g} it is the "
-                f"frequency of the recorded input{at}."
+                f"The omega in the manifest looks wrong for {where}: multiplied by {number:.4g}, "
+                f"it is the frequency of the recorded input{at}."
             )
         case UnitError.MASS:
             given, ways = more
             choice = (
-                "" if ways == "1" else f"; one of {ways} ways, of which the motion tells no more"
+                ""
+                if ways == "1"
+                else f" This is one of {ways} explanations; the motion alone cannot tell which."
             )
             return (
-                f"The added masses contradict each other: if {given} was {1e3 * number:.3g} g"
-                f"{' in ' * bool(where)}{where}, the logs agree with a joint{choice}."
+                "The added masses contradict each other: the logs agree with a joint if "
+                f"{given} is really {1e3 * number:.3g} g{' in ' * bool(where)}{where}.{choice}"
             )
         case UnitError.LATE:
             return (
-                f"In {where} the input looks {'early' if number < 0 else 'late'} beside the angle: "
-                f"moved by {1e3 * abs(number):.3g} ms the logs agree with a joint."
+                f"In {where} the input looks {'early' if number < 0 else 'late'} relative to the "
+                f"angle: shifted by {1e3 * abs(number):.3g} ms, the logs agree with a joint."
             )
         case UnitError.GRAMS:
             return (
                 f"Is an added mass of {number:.4g} kg right? The motion cannot tell kilograms from "
-                "grams. If these are grams, all values but the delay are a thousand times too "
+                "grams. If it is in grams, all values except the delay are a thousand times too "
                 f"large. {_advice('mass', 'g')}"
             )
         case UnitError.COUNTS:
@@ -162,11 +164,11 @@ def unit_error_text(finding: Finding) -> str:
     agree = "the logs agree with a joint"
     then = "they are the frequencies of the recorded inputs" if unit.column == "omega" else agree
     looks = f"{_LOOKS[unit.column]} like {unit.name}"
-    return f"{looks}: times {unit.times} {then}. {_advice(unit.column, unit.key)}"
+    return f"{looks}: multiplied by {unit.times}, {then}. {_advice(unit.column, unit.key)}"
 
 
 def _advice(what: str, unit: str) -> str:
-    return f"Say so: --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
+    return f"Set --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
 
 
 def with_unit_errors(error: ButterflyError, errors: Sequence[Finding]) -> ButterflyError:

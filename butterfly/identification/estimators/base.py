@@ -14,12 +14,12 @@ from butterfly.model.terms import DRIVE, GEAR, PARAMETERS, TERMS, offered
 
 @dataclass(frozen=True, kw_only=True)
 class Estimator:
-    """Base of the estimators: frozen, its options are its fields; called with a data set.
+    """Base class of the estimators: frozen, with its options as fields; call it with a data set.
 
     Parameters
     ----------
     method
-        Name of the estimator, which nothing else can have.
+        Name of the estimator.
     """
 
     method: str = ""
@@ -28,7 +28,7 @@ class Estimator:
     """What it does, in a few words."""
 
     def __call__(self, data: DataSet) -> Estimate:
-        """Estimate the parameters of the robot that made the logs.
+        """Estimate the parameters of the robot from its logs.
 
         Raises
         ------
@@ -63,7 +63,12 @@ class Estimator:
     def with_terms(self, terms: tuple[str, ...]) -> Self:
         """Return the estimator with other terms."""
         if not hasattr(self, "terms"):
-            raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
+            raise InputError(
+                self.method,
+                "terms",
+                ", ".join(terms) or "none",
+                "no terms: this method has no such option",
+            )
         options: dict[str, Any] = {"terms": terms}
         return replace(self, **options)
 
@@ -97,7 +102,7 @@ def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETER
     So does knowledge of all that is to be found, some names at least.
     """
     if not known.open(names):
-        expected = "some of them to be found (`predict` takes parameters that are known)"
+        expected = "at least one unknown parameter (to use known ones only: `predict`)"
         raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)
     for name in known.parameters.keys() - usable(method, known).parameters.keys():
         each = known.parameters[name]

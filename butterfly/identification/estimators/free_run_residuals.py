@@ -234,7 +234,7 @@ class FreeRunResiduals:
             evaluations += end.evaluations
             initial, before, at = end.point, at, end.at
             if not end.converged and evaluations < most:
-                out_of_time("steps of a fit that had not settled")
+                out_of_time("iterations of a fit that had not converged")
             if not end.converged or self.weighed(at, initial).weigh_as(before):
                 break
         return replace(end, evaluations=evaluations)
@@ -405,8 +405,8 @@ def _rms_motion(log: Log, first: int) -> float:
     """Return that of what was measured from a sample on, by which its errors are divided."""
     motion = float(np.std(log.measured[first:])) if first < log.angle.size else 0.0
     if not motion > ROUNDING:
-        found = f"{motion:.1g} {log.unit} of motion in what counts"
-        raise InputError(log.source, log.measures, found, "a joint that moves: leave the log out")
+        found = f"{motion:.1g} {log.unit} rms motion in the samples that are fitted"
+        raise InputError(log.source, log.measures, found, "a moving joint: exclude this log")
     return motion
 
 

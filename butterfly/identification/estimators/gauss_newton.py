@@ -242,8 +242,8 @@ def minimise(
     at, evaluations = (expand(point, np.inf), 1) if known is None else (known, 0)
     if not at.is_finite:
         raise IdentifiabilityError(
-            "the model diverges with the parameters from which the fit would start: they are not "
-            "those of a joint (see what a closed form says of these logs, such as the weak form)"
+            "the simulation diverges at the initial parameters of the fit, so they are not those "
+            "of a joint: try --method weak-form, which needs no simulation"
         )
     count = sum(log.residuals.size for log in at.logs)
     reach, kept, last, bends = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0, 1.0

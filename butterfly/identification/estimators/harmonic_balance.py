@@ -73,24 +73,24 @@ _NAME = "harmonic balance"
 
 @dataclass(frozen=True, kw_only=True)
 class HarmonicBalance(Estimator):
-    """p1..p4, Coulomb torque, delay and terms from the steady responses of all sines.
+    """Estimate p1..p4, coulomb, delay and terms from the steady responses to sines.
 
-    At least four logs, of two different added masses (none counts as one) or of a robot of which
-    enough is known. The covariance is the cluster-robust one over logs; the intervals are widened
-    to hold the estimates that leave one added mass out, and those with other terms that predict as
-    well. Stribeck velocity is scanned.
+    Needs at least four logs with two different added masses (none counts as one), or enough known
+    values. The covariance is cluster-robust over logs; the intervals are widened to include the
+    leave-one-mass-out estimates, and those with other terms that predict as well. The Stribeck
+    velocity comes from a grid search.
 
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
-        logs that were left out.
+        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
+        prediction of held-out logs.
     """
 
     method: Literal["harmonic-balance"] = "harmonic-balance"
     terms: tuple[str, ...] | None = None
 
-    summary: ClassVar[str] = "joint linear fit of the steady responses"
+    summary: ClassVar[str] = "linear fit of the steady responses to sines"
 
     def __post_init__(self) -> None:
         require_names(self.method, "terms", self.terms or (), offered(self.method))
@@ -213,16 +213,15 @@ class HarmonicBalance(Estimator):
 
 @dataclass(frozen=True, kw_only=True)
 class Linear(Estimator):
-    """p1..p4 of the linearisation from the steady responses of all sines.
+    """Estimate p1..p4 of the linearisation from the steady responses to sines.
 
-    For swings so small that sin th = th, without Coulomb friction and delay: what is left of the
-    harmonic balance is the joint linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 =
-    (Z w^2 - X) G.
+    For small swings (sin th = th) without Coulomb friction and delay, harmonic balance reduces to
+    the linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 = (Z w^2 - X) G.
     """
 
     method: Literal["linear"] = "linear"
 
-    summary: ClassVar[str] = "joint complex fit for small swings without friction"
+    summary: ClassVar[str] = "linear fit of the steady responses, small swings without friction"
 
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
@@ -302,17 +301,17 @@ def _judged(
 def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:
     if steady < sines and 2 * steady <= sought:
         raise IdentifiabilityError(
-            f"of {sines} logs of sines {steady} show a steady swing about a rest angle, too few: "
-            "in the others the hand turns over, rests elsewhere, swings too wide or never settles; "
-            "the methods weak-form and output-error take any motion"
+            f"only {steady} of {sines} sine logs show a steady swing about a rest angle: in the "
+            "others the joint turns over, rests elsewhere, swings too wide or does not settle; use "
+            "weak-form or output-error, which accept any motion"
         )
 
 
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str], known: Prior) -> None:
     if not points:
         raise IdentifiabilityError(
-            "no log says that its input was a sine: give omega and amplitude in the manifest; the "
-            "methods weak-form and output-error take any input"
+            "no log is marked as a sine: set omega and amplitude in the manifest, or use weak-form "
+            "or output-error, which accept any input"
         )
     refuse_without_scale((point.added_mass for point in points), known)
     if 2 * len(points) <= len(names):

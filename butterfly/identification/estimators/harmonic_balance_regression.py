@@ -224,7 +224,7 @@ class HarmonicBalanceFit:
             errors = np.abs(matrix @ unknowns - target) / (slope * swing)
             if not np.isfinite(errors).all():
                 raise IdentifiabilityError(
-                    "no joint's response balances these logs: check their units"
+                    "no joint fits the steady responses of these logs: check their units"
                 )
             spread = _model_variance(errors, phasors.variance / swing**2, count)
             weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))

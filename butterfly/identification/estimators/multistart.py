@@ -74,11 +74,11 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> Iterator[Start]:
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
     said = ", ".join(f"{name} = {value:g}" for name, value in data.known.fixed.items() if value)
-    told = f", of what was said to be known ({said})" if said else ""
+    told = f", the known values ({said})" if said else ""
     return IdentifiabilityError(
-        f"no joint makes these angles from this input: its inertia would be {inertia:.3g}, not "
-        f"more than 0. Check the signs and units of input and angle{told}, whether input and angle "
-        "are of one recording, and whether the input moves the joint at all"
+        f"no joint explains these angles with this input: its inertia would be {inertia:.3g}, "
+        f"which must be positive. Check the signs and units of input and angle{told}, that both "
+        "come from one recording, and that the input moves the joint"
     )
 
 
@@ -160,7 +160,7 @@ def lowest_end(
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
     for problem in problems:
-        if ends and out_of_time("fits from other first guesses"):
+        if ends and out_of_time("fits from other initial guesses"):
             break
         try:
             if not ends:

@@ -64,41 +64,40 @@ from butterfly.signals.frequency_response import STEADY_SECONDS
 
 @dataclass(frozen=True, kw_only=True)
 class OutputError(Estimator):
-    """The parameters whose free-run simulation follows all logs best.
+    """Fit the parameters so that free-run simulations match all logs best.
 
-    Of two different added masses at least (none counts as one), or of a robot of which enough is
-    known. The covariance is the
-    cluster-robust one over logs, of weighted residuals where the loss is robust; the intervals are
-    widened to hold the estimates that leave one added mass out.
+    Needs at least two different added masses (none counts as one), or enough known values. The
+    covariance is cluster-robust over logs, of weighted residuals with a robust loss; the intervals
+    are widened to include the leave-one-mass-out estimates.
 
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay, the others keeping the values of the start;
-        if not given, those that help to predict logs that were left out. Stribeck friction brings
-        its velocity along.
+        Terms fitted besides p1..p4, coulomb and delay, the others keeping their initial values; if
+        not given, those that improve the prediction of held-out logs. Stribeck friction includes
+        its velocity.
     fixed
-        Of all parameters, those that keep the values of the start.
+        Parameters held at their initial values.
     per_mass
-        What is fitted for each added mass: zero (the encoder's), bias, velocity (at the start).
+        Fitted separately for each added mass: zero (of the encoder), bias, velocity (initial).
     per_log
-        What is fitted for each log. The encoder's zero is shared by all if in neither.
+        Fitted separately for each log. Without either, all logs share the encoder's zero.
     window
-        Length in s, at the end of a sine's log, whose errors count: how a joint starts from rest
-        depends on how it came to rest. Logs of other inputs count from their start.
+        Length in s at the end of each sine log that is fitted, as a start from rest depends on how
+        the joint came to rest. Other logs are fitted from their start.
     horizon
-        Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
-        that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
-        away from the upright. The start of each stretch is fitted to it.
+        Longest segment in s that is simulated at once; 0 for whole logs. If not given, as long as
+        initial errors grow less than 30-fold: whole logs if the joint stays away from the upright.
+        The initial state of each segment is fitted.
     loss
-        How residuals count: linear, or robust with soft_l1, huber or cauchy.
+        Loss of the residuals: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
-        Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
+        Periods of the cogging torque per turn; must be known. One period would be the same as p3.
     servo_loop
-        How a servo's logs are simulated for the fit: closed, in its loop from the set-point, or
-        open, by the recorded or rebuilt drive alone.
+        How servo logs are simulated: closed, in the servo's loop from the set-point, or open, from
+        the recorded or reconstructed drive alone.
     workers
-        Threads; 0 for one per core.
+        Number of threads; 0 for one per core.
     """
 
     method: Literal["output-error"] = "output-error"
@@ -113,7 +112,7 @@ class OutputError(Estimator):
     servo_loop: Literal["closed", "open"] = "closed"
     workers: int = 0
 
-    summary: ClassVar[str] = "joint fit of free-run simulations"
+    summary: ClassVar[str] = "nonlinear fit of free-run simulations, for any input"
 
     def __post_init__(self) -> None:
         known = offered(self.method)
@@ -199,7 +198,7 @@ class OutputError(Estimator):
             (each.without(absent) for each in chain([wide], others)), enough=enough
         )
         rivals: tuple[Samples, ...] = ()
-        choosing = self.terms is None and not out_of_time("the choice of terms")
+        choosing = self.terms is None and not out_of_time("the selection of terms")
         if choosing:
             always = tuple(known.uncertain)
             problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always)
@@ -265,15 +264,15 @@ class OutputError(Estimator):
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
         for name in self.fixed:
             if name in known.uncertain:
-                expected = "what is not known with an uncertainty"
+                expected = "a parameter without a prior (an uncertain known value)"
                 raise InputError(self.method, "fixed", name, expected)
         if self.servo_loop == "open" and any(name.startswith("loop_") for name in known.uncertain):
-            expected = "closed, where a gain is uncertain: the drive alone does not tell it"
+            expected = "closed, as a gain is uncertain and the drive alone does not determine it"
             raise InputError(self.method, "servo_loop", "open", expected)
         for field in ("per_mass", "per_log"):
             for name in getattr(self, field):
                 if name in known.parameters:
-                    expected = "what is not known of the robot already"
+                    expected = "a parameter that is not among the known values"
                     raise InputError(self.method, field, name, expected)
 
     def problem(
@@ -395,7 +394,7 @@ def _chosen(
             (problem, end), rivals, said = _helping(*found), (), ()
         tried_next = wide.without(not_tried(problem))
         lacking = None if worse else tried_next.lacking(problem, end.point)
-        if lacking is None or out_of_time("the choice of terms"):
+        if lacking is None or out_of_time("the selection of terms"):
             if plain and contrasts_of(problem.solved(end), problem.conditions):
                 problem, end, rivals, said = plain  # it is no such term
             return problem, end, rivals, said

@@ -18,22 +18,22 @@ _MOST = 0.8  # share of the logs that must have settled
 
 @dataclass(frozen=True, kw_only=True)
 class Suitable(Estimator):
-    """Harmonic balance of sines that settled, output error of all other logs.
+    """Harmonic balance if all logs are steady sines, else output error.
 
-    Of sines, nearly all must have settled, and be more than the parameters that are sought: the
-    errors of a balance are told by how its logs differ.
+    Nearly all sines must be steady, and outnumber the unknown parameters: harmonic balance
+    estimates its errors from the differences between logs.
 
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
-        logs that were left out.
+        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
+        prediction of held-out logs.
     """
 
     method: Literal["auto"] = "auto"
     terms: tuple[str, ...] | None = None
 
-    summary: ClassVar[str] = "harmonic-balance where all logs are sines, else output-error"
+    summary: ClassVar[str] = "harmonic-balance if all logs are sines, else output-error"
 
     def suited(self, data: DataSet) -> Estimator:
         """Return the estimator that suits the logs of a data set."""

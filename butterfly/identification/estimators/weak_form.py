@@ -91,22 +91,22 @@ def fitted_terms(
 
 @dataclass(frozen=True, kw_only=True)
 class WeakForm(Estimator):
-    """p1..p4, Coulomb torque, delay and terms by linear least squares, from any input.
+    """Estimate p1..p4, coulomb, delay and terms by linear least squares, from any input.
 
-    Of two different added masses at least (none counts as one), or of a robot of which enough is
-    known. The covariance is the
-    cluster-robust one over logs; the intervals are widened to hold the estimates that leave one
-    added mass out, and those with other terms that predict as well. Stribeck velocity is scanned.
+    Needs at least two different added masses (none counts as one), or enough known values. The
+    covariance is cluster-robust over logs; the intervals are widened to include the
+    leave-one-mass-out estimates, and those with other terms that predict as well. The Stribeck
+    velocity comes from a grid search.
 
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
-        logs that were left out.
+        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
+        prediction of held-out logs.
     half_width
-        Of the test functions in s; a sine's logs use at most a quarter period.
+        Half width of the test functions in s; sine logs use at most a quarter period.
     cogging_periods
-        Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
+        Periods of the cogging torque per turn; must be known. One period would be the same as p3.
     """
 
     method: Literal["weak-form"] = "weak-form"

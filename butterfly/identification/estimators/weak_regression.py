@@ -302,12 +302,12 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
     """Solve equations that are multiplied by instruments."""
     scale = np.linalg.norm(multiplied, axis=0)
     if not (scale > 0).all():
-        raise IdentifiabilityError("these logs do not move all parameters")
+        raise IdentifiabilityError("these logs do not excite all parameters")
     turned = (multiplied / scale).T
     try:
         return np.asarray(np.linalg.solve(turned @ (rows / scale), turned @ target) / scale)
     except np.linalg.LinAlgError:
-        raise IdentifiabilityError("these logs do not tell the parameters apart") from None
+        raise IdentifiabilityError("the parameters cannot be separated with these logs") from None
 
 
 def offset_covariance(

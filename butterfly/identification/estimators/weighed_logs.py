@@ -174,7 +174,7 @@ def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> We
     followed.
     """
     few = len(at.logs) <= FEW or at.loss is not Loss.LINEAR
-    if few or out_of_time("weights of logs by their scatter"):
+    if few or out_of_time("weighting the logs by their scatter"):
         return None
     return WeighedLogs.of(problem, at, point).next_in(problem)
 
@@ -205,7 +205,7 @@ def chosen_by_weight(
     to log by more than chance, or nothing is lacking.
     """
     chosen: WeighedLogs | None = None
-    while found and found.findings and not out_of_time("the choice of terms"):
+    while found and found.findings and not out_of_time("the selection of terms"):
         every = wide.without(not_tried(found.problem))
         absent = {*every.keys} - {*found.problem.keys}
         offers = [name for name, _ in absent if name in RARER]

@@ -73,8 +73,10 @@ def _moved(cells: CellEquations, by: Mapping[str, Samples]) -> Samples:
         if not change.any():
             continue
         if name not in cells.names:
-            expected = f"masses and scales that are exact, or {name} with an uncertainty"
-            raise InputError("known", name, "an exact value beside what is uncertain", expected)
+            expected = f"exact masses and scales, or {name} with an uncertainty"
+            raise InputError(
+                "known", name, "exact although masses or scales are uncertain", expected
+            )
         result += cells.rows[:, :, cells.names.index(name)] * change[:, None]
     return result
 

@@ -24,9 +24,7 @@ SINGULAR_CONDITION = 1 / ROUNDING
 WEAK_CONDITION = SINGULAR_CONDITION**0.5
 """Above this one, half way to that in digits, one combination is poorly known."""
 
-OTHER_LOGS = (
-    "add logs of other motion, faster and slower, wider and less wide, or with another known mass"
-)
+OTHER_LOGS = "add logs at other speeds and amplitudes, or with another known mass"
 """What helps where logs do not tell enough."""
 
 
@@ -80,8 +78,8 @@ class Conditioning:
         apart = " separately" if len(self.weakest) > 1 else ""
         told = f", but {self.sum}" if self.sum else ""
         return IdentifiabilityError(
-            f"these logs do not determine {' and '.join(self.weakest)}{apart} (condition number "
-            f"{self.number:.1e}){told}: {OTHER_LOGS}"
+            f"{' and '.join(self.weakest)} cannot be identified{apart} from these logs (condition "
+            f"number {self.number:.1e}){told}: {OTHER_LOGS}"
         )
 
     @property
@@ -116,8 +114,8 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
     """
     if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
-            "the input is zero throughout, so that p4 and the delay are not seen: add logs of a "
-            "driven joint, or say what they are (--known p4=...,delay=0)"
+            "the input is always zero, so p4 and delay are not identifiable: add logs of the "
+            "driven joint, or give both (--known p4=...,delay=0)"
         )
     carried = sorted(set(masses))
     scale = [name for name in known.scale(carried[0]) if driven or name != "p4"]
@@ -125,7 +123,7 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
         return
     what = "the same added mass" if carried[0].mass else "no added mass"
     raise IdentifiabilityError(
-        f"all logs carry {what}, so p1..p4 are known only up to a common factor: "
+        f"all logs have {what}, so p1..p4 are identifiable only up to a common factor: "
         f"{'; or '.join(_remedies(carried[0], driven=driven))}"
     )
 
@@ -133,18 +131,18 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
 def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
     """Name what would tell how large the parameters are, of logs that all carry the same."""
     slide = carried.joint is JointKind.SLIDE
-    remedies = ["add a run with another known mass (none counts as one)"]
+    remedies = ["add a log with another known mass (no added mass counts too)"]
     if driven:
         force = "N" if slide else "N m"
         motor = "resistance=...,torque_constant=..." + (",gear_ratio=..." if slide else "")
         remedies.append(
-            f"say what p4 is, {force} per unit of input: --known p4=1 for a command in {force}, "
-            f"--known {motor} of a motor that is fed with a voltage"
+            f"give p4, in {force} per unit of input: --known p4=1 for a command in {force}, "
+            f"--known {motor} for a motor driven by a voltage"
         )
     if carried.gravity:
         remedies.append(
-            "say what p3 is: --known p3=..., the hand's weight in N times l_c in m"
+            "give p3: --known p3=..., the joint's weight in N times l_c in m"
             + (", 0 if it is balanced" if carried.gravity_moment else "")
         )
-    remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
+    remedies.append(f"give p1: --known p1=..., in {'kg' if slide else 'kg m²'}")
     return remedies

@@ -186,8 +186,8 @@ def choose_terms(
     as_good = [trial for trial in trials if _as_good(trial, best)]
     if not as_good:
         raise IdentifiabilityError(
-            "simulations of these logs run away, so that no terms can be chosen by them: the "
-            "method weak-form simulates nothing from the start"
+            "simulations of these logs diverge, so no terms can be selected: try --method "
+            "weak-form, which needs no simulation"
         )
     chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
     if chosen is not best and chosen.disagrees(always) and not best.disagrees(always):

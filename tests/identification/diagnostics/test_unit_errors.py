@@ -83,7 +83,9 @@ def test_a_slip_is_said_first_and_its_factor_with_it(tones):
     (slip, *_), level, said = _named(degrees, WeakForm())
     assert slip.number == pytest.approx(np.pi / 180)
     assert level is Level.WARNING
-    assert said.startswith("Do not use: The angle looks like degrees: times pi/180 (0.01745)")
+    assert said.startswith(
+        "Do not use: The angle looks like degrees: multiplied by pi/180 (0.01745),"
+    )
 
 
 @pytest.mark.slow
@@ -149,7 +151,7 @@ def test_omegas_in_hz_are_named(sines):
         replace(log, excitation=replace(log.excitation, omega=log.excitation.omega / (2 * np.pi)))
         for log in sines
     ]
-    with pytest.raises(InputError, match=r"look like Hz: times 2 pi"):
+    with pytest.raises(InputError, match=r"look like Hz: multiplied by 2 pi"):
         DataSet.of(logs)
 
 

@@ -84,7 +84,7 @@ def test_terms_that_the_data_cannot_tell_apart_are_dropped_and_named():
 
 def test_data_that_do_not_determine_what_every_fit_has_are_refused():
     nested = _nested(truth={"p1": 1}, twins=[("p3", "p1")])
-    with pytest.raises(IdentifiabilityError, match="do not determine p1 and p3"):
+    with pytest.raises(IdentifiabilityError, match="p1 and p3 cannot be identified"):
         choose_terms([nested], always=ALWAYS)
 
 
