@@ -230,11 +230,11 @@ def _response(log: Log) -> ResponsePoint | None:
 
 
 def best_experiment_text(best: Candidate) -> str:
-    """Say which experiment comes first, and what it would leave of the standard errors."""
+    """Say which experiment comes first, and how far it would shrink the standard errors."""
     warning = f"; but: {best.warning}." if best.warning else "."
     return (
-        f"Most telling next: {best.what} with {best.added_mass}, which leaves "
-        f"{100 * best.score:.0f} % of the standard errors on average{warning}"
+        f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard errors "
+        f"to {100 * best.score:.0f} % on average{warning}"
     )
 
 
