@@ -58,9 +58,12 @@ class Verdict:
 
     @classmethod
     def of_several(cls, verdicts: Mapping[str, Verdict]) -> Verdict:
-        """Return the worst of several verdicts by name, with the reasons of all."""
-        reasons = (f"{name}: {line}" for name, each in verdicts.items() for line in each.reasons)
-        return cls(Level.worst(each.level for each in verdicts.values()), tuple(reasons))
+        """Return the worst of several verdicts, by name; a line on each other one follows."""
+        order = [*Level].index
+        (name, worst), *others = sorted(verdicts.items(), key=lambda each: -order(each[1].level))
+        first, *model = worst.reasons
+        rest = (f"{name}: {' '.join(each.lines)}" for name, each in others)
+        return cls(worst.level, (f"{name}: {first}", *model, *rest))
 
     def numbers(self) -> dict[str, Any]:
         """Return the keys ``verdict`` and ``reasons`` of JSON."""

@@ -56,7 +56,13 @@ def test_damage_is_refused(content):
 
 
 def test_of_several_the_worst_counts_and_all_lines_are_said():
-    good, care = Verdict(Level.GOOD, ("p1 within 1 %.",)), Verdict(Level.CARE, ("p1 within 20 %.",))
-    both = Verdict.of_several({"one": good, "other": care})
+    good = Verdict(Level.GOOD, ("p1 ±1 %.", "Model: error 1 % of the motion."))
+    care = Verdict(Level.CARE, ("p1 ±20 %.", "Model: error 5 % of the motion."))
+    both = Verdict.of_several({"one": good, "other": care, "third": good})
     assert both.level is Level.CARE
-    assert both.reasons == ("one: p1 within 1 %.", "other: p1 within 20 %.")
+    assert both.lines == (
+        "Use with care: other: p1 ±20 %.",
+        "Model: error 5 % of the motion.",
+        "one: Good: p1 ±1 %. Model: error 1 % of the motion.",
+        "third: Good: p1 ±1 %. Model: error 1 % of the motion.",
+    )

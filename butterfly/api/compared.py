@@ -15,6 +15,7 @@ from butterfly.identification.diagnostics.residuals import Residuals, residual_u
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import counted
 from butterfly.report.numbers import estimate_numbers, residual_numbers, rests_on
 from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
@@ -96,14 +97,11 @@ def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     apart = max(each.difference for each in compared)
     way = compared[0].log.added_mass.joint.way
     fits = {key: np.array([each.fits[key] for each in compared]) for key in compared[0].fits}
+    said = ", ".join(
+        f"{key} {np.median(fit):.2f} % (worst {fit.min():.2f} %)" for key, fit in fits.items()
+    )
     return [
-        f"{len(compared)} {'log' if len(compared) == 1 else 'logs'}, simulated in MuJoCo and with "
-        "the grey-box model (same parameters, recorded input).",
-        *(
-            f"{key[:1].upper()}{key[1:]}: median FIT {np.median(fit):.2f} % (worst "
-            f"{fit.min():.2f} %)."
-            for key, fit in fits.items()
-        ),
+        f"{counted(len(compared), 'log')}, same parameters and recorded input. Median FIT: {said}.",
         f"Largest difference between the simulators: {apart:.2g} {way}.",
     ]
 

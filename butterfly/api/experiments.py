@@ -32,9 +32,10 @@ from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
-from butterfly.report.records import run_verdict
+from butterfly.report.records import NEAR_ORBIT, run_verdict
 from butterfly.report.sweep_page import sweep_page
 from butterfly.result import Answer, document, write_document
+from butterfly.verdict import Verdict
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -259,31 +260,34 @@ def _kept_run(
     names = [each.estimator for each in record.estimates if each.estimate is not None]
     saved = zip(names, map(Identification.from_dict, content["estimates"]), strict=True)
     answers = made or dict(saved)
-    paragraphs = [text for each in answers.values() for text in each.paragraphs()]
-    of_orbit = [] if content["orbit"] is None else content["orbit"]["summary"]
+    notes = {name: each.paragraphs()[len(each.verdict) :] for name, each in answers.items()}
+    if content["orbit"] is not None:
+        notes |= {NEAR_ORBIT: content["orbit"]["summary"]}
+    named = [f"{f'{name}: ' * (len(notes) > 1)}{each}" for name in notes for each in notes[name]]
+    verdict = Verdict.of_numbers(content)
     return Run.from_dict(
         content,
         record=record,
-        sentences=(*paragraphs, *of_orbit, *_of_record(record)),
+        sentences=(
+            *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
+            *(verdict.lines if verdict else ()),
+            *named,
+            *_held_out(record),
+        ),
         printed=tuple(table for each in answers.values() for table in each.tables(truth)),
         reports=tuple(folder / name for name in _reports(record)),
         identifications=answers,
     )
 
 
-def _of_record(record: RunRecord) -> list[str]:
-    """Return the estimators' errors, and their FIT on held-out logs."""
-    said = []
-    for each in record.estimates:
-        if each.error:
-            said.append(f"{each.estimator}: {each.error}")
-        if each.held_out is not None:
-            fit = each.held_out
-            said.append(
-                f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % "
-                f"(worst {fit_text(fit.worst)} %)."
-            )
-    return said
+def _held_out(record: RunRecord) -> list[str]:
+    """Return the estimators' FIT on held-out logs."""
+    return [
+        f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % (worst "
+        f"{fit_text(fit.worst)} %)."
+        for each in record.estimates
+        if (fit := each.held_out) is not None
+    ]
 
 
 def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:

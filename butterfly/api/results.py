@@ -212,7 +212,7 @@ class Designed(Tabulated):
             for each in ranked
         ]
         return cls(
-            title=f"Next experiments after {data.name!r}: new over present standard errors",
+            title=f"Next experiments for {data.name!r}: new standard errors over the present ones",
             summary=(*verdict.lines, best_experiment_text(ranked[0])),
             judged=verdict,
             content={**rests_on(data, found, estimator), "rows": rows},

@@ -169,7 +169,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         quiet
             Print only the verdict, and no progress.
         verbose
-            Print all findings, not only the verdict and the three gravest sentences.
+            Print all findings, not only the three gravest.
         json
             Write the answer as JSON to this file; - prints only the JSON.
         budget

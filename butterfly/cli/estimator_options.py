@@ -92,7 +92,7 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
     text, _, _ = " ".join((described.description or "").split()).partition(". ")
     text = text.rstrip(".") + "."
     if len(owners) <= _FEW:
-        text += f" Only {' and '.join(owners)}."
+        text += f" Only for {' and '.join(owners)}."
     if name == "terms":
         text += f" Separated by commas, '' for none: {_offers(owners)}."
     else:

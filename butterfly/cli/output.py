@@ -37,6 +37,7 @@ _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
 _KEPT = re.compile(r"(?<=\d) (?=\S)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)")
 _GLUE = "\N{NO-BREAK SPACE}"
+_VERDICT = 2  # lines: values, model
 _FEW = 3  # sentences below a verdict
 _STDOUT = Path("-")
 
@@ -102,8 +103,8 @@ def warn(sentence: str) -> None:
 
 
 def say_verdict(verdict: Verdict) -> None:
-    """Print the lines of a verdict, which --quiet keeps."""
-    for line in () if asked.document_alone else verdict.lines:
+    """Print the two lines of a verdict, which --quiet keeps."""
+    for line in () if asked.document_alone else verdict.lines[:_VERDICT]:
         print(_folded(line))
 
 
@@ -144,7 +145,7 @@ def show(
     """
     if result.judged is not None:
         say_verdict(result.judged)
-    verdict = result.judged.lines if result.judged else ()
+    verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     say_some([each for each in result.paragraphs() if each not in verdict], headed=bool(verdict))
     for table in () if asked.silent else result.tables():
         show_table(table.title, table.headers, table.rows[:rows])
@@ -306,7 +307,7 @@ def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
             if count == 1:  # which takes what its simulations take
                 far = f"{search.simulations - before} simulations of all logs"
             left = f", about {spent / done * (count - done):.0f} s left" if 0 < done < count else ""
-            ends = "" if math.isinf(search.seconds) else f" (searches for {search.seconds:g} s)"
+            ends = "" if math.isinf(search.seconds) else f" (search limit {search.seconds:g} s)"
             print(f"{description}: {far}, {spent:.0f} s{left}{ends}", file=sys.stderr, flush=True)
 
     threading.Thread(target=tell, daemon=True).start()

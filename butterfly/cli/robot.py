@@ -229,7 +229,7 @@ def export(
     asked = Options(timestep=timestep, integrator=integrator, actuator=actuator)
     made = write_as(to, named.twin, asked)
     write_file(out, made.text)
-    say(f"Model: {out}, {made.about}.")
+    say(f"Twin: {out}, {made.about}.")
     for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
         say(sentence)
     if named.note and to in WITH_A_BODY:

@@ -55,8 +55,8 @@ def physical_table(parameters: PhysicalParameters) -> TextTable:
         (
             each.name,
             with_error(each.value, each.standard_error),
-            "–" if or_none(each.standard_error) is None else f"{each.standard_error:#.2g}",
-            interval(each.value - each.reach, each.value + each.reach),
+            f"{each.standard_error:#.2g}" if or_none(each.standard_error) else "–",
+            interval(each.value - each.reach, each.value + each.reach) if each.reach else "–",
             "" if each.told is None else str(each.told),
             each.unit,
             SYMBOLS[each.name].meaning,

@@ -17,6 +17,9 @@ from butterfly.verdict import Level, Verdict
 if TYPE_CHECKING:
     import pyarrow as pa
 
+NEAR_ORBIT = "near the orbit"
+"""Name of an orbit's estimate among those of a run."""
+
 _IN_THEIR_UNIT = {
     *("value", "standard_error", "lower", "upper", "true"),
     *("least_left_out", "largest_left_out"),
@@ -86,7 +89,7 @@ def run_verdict(record: RunRecord) -> Verdict | None:
     }
     if record.orbit is not None and record.orbit.verdict is not None:
         level = Level.of_verdict(record.orbit.verdict)
-        found["near the orbit"] = Verdict(level, (f"{level.verdict}.",))
+        found[NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
     if len(found) == 1:
         return next(iter(found.values()))
     return Verdict.of_several(found) if found else None

@@ -197,20 +197,20 @@ def _thinned(data: DataSet) -> list[str]:
 
 
 def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
-    """Say where the hand hangs in logs, how that was found, and in which of them it is a guess."""
+    """Give the encoder zeros of logs and their sources, then those that are a guess."""
     if not logs or known.weightless(log.added_mass for log in logs):
         return []
     logs = [thinned(log) for log in logs]
     zeros = encoder_offsets(logs, [_response(log) for log in logs])
-    sentences = []
+    found, guessed = [], []
     for zero in dict.fromkeys(zeros):
         own = [log for log, each in zip(logs, zeros, strict=True) if each == zero]
         where = "" if len(own) == len(logs) else f" {_named(own, logs)}"
         if zero.kind is OffsetKind.GUESS:
-            sentences.append(f"Where the hand hangs{where} is a guess: {REMEDY}.")
+            guessed.append(f"The encoder zero{where} is a guess: {REMEDY}.")
         else:
-            sentences.append(f"The hand hangs at {zero}{where}.")
-    return sentences
+            found.append(f"{zero}{where}")
+    return [*([f"Encoder zero: {'; '.join(found)}."] if found else []), *guessed]
 
 
 def _named(own: Sequence[Log], logs: Sequence[Log]) -> str:
@@ -230,11 +230,11 @@ def _response(log: Log) -> ResponsePoint | None:
 
 
 def best_experiment_text(best: Candidate) -> str:
-    """Say which experiment comes first, and what it would leave of the standard errors."""
+    """Say which experiment comes first, and how far it would shrink the standard errors."""
     warning = f"; but: {best.warning}." if best.warning else "."
     return (
-        f"Most telling next: {best.what} with {best.added_mass}, which leaves "
-        f"{100 * best.score:.0f} % of the standard errors on average{warning}"
+        f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard errors "
+        f"to {100 * best.score:.0f} % on average{warning}"
     )
 
 

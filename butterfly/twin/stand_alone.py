@@ -64,7 +64,7 @@ class StandAlone:
 def as_mjcf(twin: Twin, options: Options) -> Written:
     """Return a twin as a file for plain MuJoCo."""
     made = stand_alone(twin, options, scene=True)
-    name = "the Butterfly's hand" if twin.shape is Shape.BUTTERFLY else f"joint {twin.identifier!r}"
+    name = "the butterfly's hand" if twin.shape is Shape.BUTTERFLY else f"joint {twin.identifier!r}"
     first = (
         f"{twin.name}: a complete model for plain MuJoCo. ctrl[0] (motor) is the command, as its "
         "mean over each step; leave other ctrl at 0."

@@ -64,15 +64,15 @@ def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_dat
 def test_of_a_log_of_which_nothing_says_that_it_is_a_sine_the_zero_is_a_guess(butterfly, loose):
     out = done(butterfly("inspect", loose / "a_good.txt", *COLUMNS))
     assert "4000" in out
-    assert "Mass set to" in out
+    assert "The encoder zero is a guess: " in out
     assert "--zero" in out
 
 
 def test_inspect_says_where_the_hand_hangs_and_how_that_is_known(butterfly, log_file, quick_data):
-    assert "hangs at 0.0003 rad" in butterfly("inspect", quick_data)[1]
+    assert "Encoder zero: 0.0003 rad" in butterfly("inspect", quick_data)[1]
     assert "(steady swing)" in butterfly("inspect", quick_data)[1]
     out = butterfly("inspect", quick_data, "--zero", "0.1+-0.02")[1]
-    assert "hangs at 0.1000 ± 0.02 rad (told)" in out
+    assert "Encoder zero: 0.1000 ± 0.02 rad (given)." in out
     assert_one_line_error(butterfly("inspect", log_file, "--zero", "left"), "zero", "left")
 
 
@@ -143,7 +143,7 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     for key, what in (("input", "voltage, torque, current, duty"), ("logs", "added_mass")):
         assert re.search(rf"^# To settle: .*{what}.*\n{key}:", text, re.MULTILINE)
         assert f"- {key}: what" in out
-    assert "Taken for voltage." in out
+    assert "Assumed: voltage." in out
     manifest = read_manifest(loose / "manifest.yaml")
     assert manifest.units == {"time": "ms", "angle": "deg"}
     assert "unwrap" in manifest.repair
@@ -162,7 +162,7 @@ def test_columns_of_other_names_are_asked_for_and_taken_in_their_order(butterfly
 def test_a_manifest_that_is_there_is_not_written_over(butterfly, quick_data, tmp_path):
     path = quick_data / "manifest.yaml"
     before = path.read_bytes()
-    assert_one_line_error(butterfly("manifest", quick_data), path, "expected --out")
+    assert_one_line_error(butterfly("manifest", quick_data), path, "expected another file with --out")
     assert path.read_bytes() == before
     assert butterfly("manifest", quick_data, "--out", tmp_path / "draft.yaml")[0] == 0
 

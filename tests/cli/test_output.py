@@ -86,7 +86,7 @@ def test_what_is_the_same_is_told_once_and_what_is_empty_or_long_not_at_all(caps
     show_rows("runs", TABLE, 50, asked=False)
     out = " ".join(capsys.readouterr().out.split())
     assert "Same in all rows: clock step 0.001 s, status ok." in out
-    for told in ("0.0003", "Not shown: key; --columns"):
+    for told in ("0.0003", "Not shown: key. To show columns: --columns"):
         assert told in out
     assert "ab12" not in out
     assert "orbit" not in out
@@ -202,7 +202,7 @@ def test_one_fit_is_told_by_its_simulations_and_many_by_the_time_that_is_left(ca
             time.sleep(0.05)
     told = capsys.readouterr().err
     assert re.search(
-        r"^Fitting: 7 simulations of all logs, \d+ s \(searches for 50 s\)$", told, re.M
+        r"^Fitting: 7 simulations of all logs, \d+ s \(search limit 50 s\)$", told, re.M
     )
     for _ in show_progress([1, 2, 3], "Counting"):
         time.sleep(0.05)

@@ -130,7 +130,7 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
     assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
     assert re.search(r"p4 +0\.025 N m/V", out)
     out = done(answer("export", "quickstart", "--out", tmp_path / "q.xml"))
-    assert f"Model: {tmp_path / 'q.xml'}, the butterfly's hand in steps of 2 ms by RK4." in out
+    assert f"Twin: {tmp_path / 'q.xml'}, the butterfly's hand in steps of 2 ms by RK4." in out
     assert "Largest error against our own simulation: " in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
     assert model.dof_damping[0] == 2e-4

@@ -1,4 +1,4 @@
-"""Every command whose answer rests on an identification says first whether it may be used."""
+"""Every command whose answer rests on an identification begins with the verdict, in two lines."""
 
 import json
 import re
@@ -48,20 +48,23 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
 ):
     monkeypatch.setenv("COLUMNS", "80")
     out = done(butterfly(*_arguments(butterfly, command, quick_data, tmp_path)))
-    first = out.splitlines()[0]
-    assert re.match("Good: (quickstart, harmonic-balance: )?p1 within ", first)
+    first, model = out.splitlines()[:2]
+    assert re.match("Good: (quickstart, harmonic-balance: )?p1 ±", first)
+    assert re.fullmatch(r"Model: error [\d.]+ % of the motion, [\d.]+ times the sensor noise\.", model)
     assert_tables_fit(out)
     if command in REPORTED:
         assert f"Report: {tmp_path / 'r.html'}" in out
-        assert first[6:] in (tmp_path / "r.html").read_text(encoding="utf-8")
+        page = (tmp_path / "r.html").read_text(encoding="utf-8")
+        assert first[6:] in page
+        assert model in page
     follow_nothing(monkeypatch)
     code, out, err = butterfly(*_arguments(butterfly, command, quick_data, tmp_path))
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
     first, *rest = out.splitlines()
     assert first.startswith("Do not use: ")
     assert "The model does not follow" in first
-    assert rest
-    assert "p1 within" not in out
+    assert rest[0] == model
+    assert "p1 ±" not in out
 
 
 @pytest.mark.parametrize("command", ["design", "compare", "inspect", "predict"])
@@ -75,7 +78,7 @@ def test_nothing_is_made_of_values_that_no_joint_has(
     told = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))
     assert told["verdict"] == "do not use"
     assert told["reasons"][0].startswith("No joint has these values")
-    assert err.startswith("error: Do not use: No joint has these values: p1 leaves an inertia of")
+    assert err.startswith("error: Do not use: No joint has these values: p1 gives an inertia of")
     assert err.count("\n") == 1
 
 
@@ -95,7 +98,7 @@ def test_the_numbers_and_the_page_say_the_verdict(
     text = report.read_text(encoding="utf-8")
     head, _, after = text.partition('<section class="summary"')
     assert '<div class="verdict warning">' in head
-    said = "Do not use" if command == "identify" else "Parameters: do not use"
+    said = "All: do not use" if command == "validate of several" else "Do not use"
     assert f"✕ {said}" in head
     for reason in numbers["reasons"]:
         assert reason in out
@@ -155,8 +158,8 @@ def test_the_fault_of_a_poor_method_is_no_slip_of_the_logs(butterfly, quick_data
 
 def test_what_a_method_does_not_estimate_is_no_value_of_it(butterfly, quick_data, tmp_path):
     page = tmp_path / "r.html"
-    _, out, _ = butterfly("identify", quick_data, "--method", "thesis", "--report", page)
-    assert "estimates neither coulomb nor delay nor p4" in out
+    _, out, _ = butterfly("identify", quick_data, "--method", "thesis", "--report", page, "-v")
+    assert "This method estimates neither coulomb nor delay nor p4" in out
     assert_tables_fit(out)
     table = out[out.index("quickstart: thesis") :]
     assert all(symbol in table for symbol in ("p₁", "p₂", "p₃"))
