@@ -54,7 +54,7 @@ def write_mat(log: Log, path: Path) -> None:
     everything else with a log of a minute.
     """
     if log.integrated:
-        raise InputError(path, "angle", "a velocity alone", "an angle, or another format")
+        raise InputError(path, "angle", "only a velocity", "an angle, or another format")
     with replacing(path) as draft:
         savemat(draft, {_MATRIX: np.column_stack(list(log.columns().values()))})
 

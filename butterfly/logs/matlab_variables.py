@@ -94,7 +94,7 @@ def _load4(data: Bytes) -> dict[str, Any]:
         begin, count = 20 + length, rows * columns * (2 if imaginary else 1)
         end = begin + count * numbers.itemsize
         if end > len(data):
-            raise ValueError(f"an array of {end} bytes in only {len(data)}")
+            raise ValueError(f"an array of {end} bytes, {len(data)} present")
         name = bytes(data[20:begin]).partition(b"\0")[0].decode("latin-1")
         parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
         values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
@@ -133,7 +133,7 @@ class _Elements:
         if kind >> 16:  # a small element has its data in the tag
             kind, size, begin, room = kind & 0xFFFF, kind >> 16, 4, 4
         if size > room:
-            raise ValueError(f"an element of {size} bytes in only {room}")
+            raise ValueError(f"an element of {size} bytes, {room} present")
         if kind not in types:
             raise ValueError(f"{what} of type {kind}")
         found = self.data[begin : begin + size]

@@ -21,7 +21,7 @@ from butterfly.logs.units import AS_IS, Heading, Units
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
 _FIELDS = {"angle": "position", "input": "effort", "velocity": "velocity"}
 _EXTRA = "the extra mcap (pip install 'butterfly-testbed[mcap]')"
-_WHOLE = "a complete MCAP file (`mcap recover` repairs a truncated one)"
+_WHOLE = "a whole MCAP file (`mcap recover` repairs a truncated one)"
 
 
 def read_mcap(
@@ -56,7 +56,7 @@ def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
     joints = [name.removesuffix(".position") for name in names if name.endswith(".position")]
     if len(joints) != 1 or ":" in joints[0]:
         expected = "--columns time=time,input=JOINT.effort,angle=JOINT.position"
-        raise InputError(path, "joints", ", ".join(joints) or "none", f"one joint, or {expected}")
+        raise InputError(path, "joints", ", ".join(joints) or "none", f"one, or {expected}")
     found: dict[str, str | int] = {f: f"{joints[0]}.{key}" for f, key in _FIELDS.items()}
     if found["velocity"] not in names:
         del found["velocity"]

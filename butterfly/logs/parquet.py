@@ -42,7 +42,7 @@ def read_parquet(
             arrays = _columns(path, file, places)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first = str(error).splitlines()[0]
-        raise InputError(path, "content", first, "a complete Parquet file") from None
+        raise InputError(path, "content", first, "a whole Parquet file") from None
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
     properties |= {"source": str(path)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
@@ -66,7 +66,7 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
     most = most_in(path.stat().st_size)
     if not 0 <= file.metadata.num_rows * len(places) * _BYTES <= most:
         found = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
-        expected = f"a complete Parquet file of at most {size_text(most)}"
+        expected = f"a whole Parquet file of at most {size_text(most)}"
         raise InputError(path, "content", found, expected)
     arrays = {}
     for field, number in places.items():

@@ -110,7 +110,7 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
         found = f"{numbers.size} samples in {piece_name(entry)}"
         raise InputError(
-            whole.source, "from, to", found, f"at least {MIN_SAMPLES} samples, within {span}"
+            whole.source, "from, to", found, f"at least {MIN_SAMPLES} samples within {span}"
         )
     first, last = int(numbers[0]), int(numbers[-1]) + 1
     return part.piece(first, last)

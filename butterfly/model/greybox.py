@@ -62,7 +62,7 @@ def require_plain_base(parameters: LumpedParameters) -> bool:
     without = {"time_constant": "s", "bristle_stiffness": "N m/rad", **dict.fromkeys(GEAR, "")}
     for name, unit in without.items():
         if (value := getattr(parameters, name)) > 0:
-            expected = "0: on a base that gives it is not simulated"
+            expected = "0 on a moving base (not simulated together)"
             raise InputError("Base", name, f"{value:g} {unit}".strip(), expected)
     return True
 
@@ -201,13 +201,13 @@ def _require_derivative(
         known = [each for each in (*TERMS, *INITIAL) if each in own]
         raise InputError("sensitivities", "parameter", name, nearest(name, known))
     if name == "time_constant" and not loaded.time_constant > 0:
-        expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
+        expected = "more than 0 s, for its derivative (at 0 s the current has no lag)"
         raise InputError("sensitivities", name, loaded.time_constant, expected)
     if name in BEYOND_MUJOCO and loaded.bristle_stiffness > 0:
-        expected = "0: bristles with friction that torque or angle change are not simulated"
+        expected = "0 with friction that depends on torque or angle (not simulated together)"
         raise InputError("sensitivities", "bristle_stiffness", loaded.bristle_stiffness, expected)
     if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
-        expected = "both more than 0, for bristles to be differentiated"
+        expected = "both more than 0, for their derivatives"
         found = f"{stiffness:g} N m/rad and {coulomb:g} N m"
         raise InputError("sensitivities", "bristle_stiffness and coulomb", found, expected)

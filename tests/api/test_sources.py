@@ -274,7 +274,7 @@ def test_what_a_manifest_says_of_input_hold_and_arm_goes_before_options(tables):
     assert manifest.intersample == "first_order_hold"  # of which it says nothing
     path.write_text(f"name: x\ninput: torque\nlogs: {entries}\n")
     assert manifest_of(tables, arm=0.2).arm == 0.2
-    with pytest.raises(InputError, match=r"arm, in m, since a\.csv carries a mass"):
+    with pytest.raises(InputError, match=r"arm in m, since a\.csv has an added mass"):
         manifest_of(tables)
 
 

@@ -181,7 +181,7 @@ def test_one_log_says_how_its_file_was_read(butterfly, loose):
     path.write_text(path.read_text() + "4000")
     out = done(butterfly("inspect", path, *COLUMNS))
     assert "semicolons between columns" in out
-    assert "1 last line that lacks its end, dropped" in out
+    assert "1 incomplete last line dropped" in out
     assert "rad (√2 rms), mean" in out
 
 
