@@ -74,7 +74,7 @@ def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
     assert np.isnan(held.fits).any()
     assert len(drawn.values) == 20
     assert [each.terms for each in passed] == [()]
-    for part in ("parts of the data", "repetitions", "further terms"):
+    for part in ("parts of the cross-validation", "repetitions", "further terms"):
         assert any(part in each for each in search.left_out)
     assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
 

@@ -108,7 +108,7 @@ def change(before: Estimate, after: Estimate) -> Change:
             "changed",
             "estimates",
             "no common parameter with a standard error",
-            "two identifications by methods that give one",
+            "two identifications with methods that estimate standard errors",
         )
     sides = [_Side.of(estimate, names) for estimate in (before, after)]
     difference = sides[1].values - sides[0].values

@@ -139,7 +139,7 @@ class Health:
             found.append(Remark(Level.CARE, text, _IF_MILLISECONDS))
         if others:
             texts = "; ".join(f"{name}: {each.text}" for name, each in others.items())
-            found.append(Remark(Level.NOTE, f"units of the file converted: {texts}"))
+            found.append(Remark(Level.NOTE, f"converted from the file's units: {texts}"))
         return sorted(found, key=lambda remark: remark.condition is not Level.CARE)
 
     @property

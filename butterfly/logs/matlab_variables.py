@@ -299,7 +299,7 @@ def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py
     """Return a node stored in the file itself; MATLAB writes no links."""
     link = parent.get(name, getlink=True)
     if type(link).__name__ != "HardLink":
-        raise InputError(path, name, "a link", "numbers in the file itself")
+        raise InputError(path, name, "a link", "all numbers written in this file")
     return parent[name]
 
 

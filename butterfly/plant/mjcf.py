@@ -80,26 +80,26 @@ def text_of(root: ElementTree.Element) -> str:
 def built(
     robot: Robot, added: AddedMass, *, scene: bool, assisted: bool = False
 ) -> ElementTree.Element:
-    """Return the shipped model, filled in, ``assisted`` if `MujocoJoint` is to run it.
+    """Return the shipped model with the robot's values, ``assisted`` for `MujocoJoint`.
 
-    Every number is written so that it reads back bit for bit. Else a robot that MuJoCo alone cannot
-    run is an InputError.
-
-    The motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off
-    at 1 ms.
+    Every number reads back bit for bit. Unless assisted, a robot that MuJoCo alone cannot run is an
+    InputError. If assisted and the current is a state, the command is the current: MuJoCo's own
+    current gives an error of 6e-4 rad at 1 ms.
     """
     friction = robot.loaded(added)
     beyond = [name for name in BEYOND_MUJOCO if getattr(robot.friction, name)]
     if beyond and not assisted:
-        expected = "none: MuJoCo alone has no friction that torque or angle change (`export` leaves"
-        raise InputError("Friction", "terms", ", ".join(beyond), f"{expected} it out)")
+        expected = (
+            "none: MuJoCo has no friction that depends on torque or angle (`export` omits it)"
+        )
+        raise InputError("Friction", "terms", ", ".join(beyond), expected)
     if Assistance.STICKING in robot.assistance and not assisted:
         raise InputError(
             "Friction",
             "bristle_stiffness",
             0,
-            "more than 0: MuJoCo's friction sticks harder with bristles only, or by the actuators "
-            "that `butterfly export` adds",
+            "more than 0: MuJoCo needs bristles for Stribeck friction, or the actuators that "
+            "`butterfly export` adds",
         )
     model = shipped(f"{MODELS}/{robot.shape}.xml")
     root = _parse(model)

@@ -120,7 +120,7 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     assert "swings +1 turn from the others" in " ".join(out.split())
     assert "--repair unwrap" in out
     out = done(butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap"))
-    assert "by a turn undone; turns 2.5 times round" in " ".join(out.split())
+    assert "by a turn, undone; the angle spans 2.5 turns" in " ".join(out.split())
 
 
 def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path):

@@ -205,7 +205,10 @@ PANDAS_ROWS = [f"{k},{line}" for k, line in enumerate(_lines())]
     [
         ([",".join(NAMES), *R_ROWS], ("row names in the first column",)),
         ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None),
-        ([",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)], ("row names in the first column",)),
+        (
+            [",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)],
+            ("row names in the first column",),
+        ),
         ([",".join(["", *NAMES]), *PANDAS_ROWS], ()),
         ([",".join([*NAMES, ""]), *_lines()], ()),
         ([",".join([*NAMES, "", ""]), *_lines()], ()),
@@ -273,7 +276,9 @@ def test_a_line_of_more_columns_than_anybody_logs_is_refused_in_little_memory(
     lines[line - 1] = delimiter.join(["1.5"] * 400_000)
     tracemalloc.start()
     try:
-        with pytest.raises(InputError, match=rf"line {line}: got \d+ cells; expected at most 10000"):
+        with pytest.raises(
+            InputError, match=rf"line {line}: got \d+ cells; expected at most 10000"
+        ):
             _read(tmp_path, lines)
         assert tracemalloc.get_traced_memory()[1] < 60e6
     finally:

@@ -161,9 +161,9 @@ def test_what_reading_did_stands_in_the_record(sine_log):
     )
     _, health = examine(read)
     assert (health.cut_lines, health.columns) == (1, {"time": own, "input": given})
-    assert [each.partition(", dropped")[0] for each in health.findings] == [
+    assert [each.removesuffix(" dropped") for each in health.findings] == [
         "1 incomplete last line",
-        'in units of the file\'s own: time: column 0 "t [ms]", ms',
+        'converted from the file\'s units: time: column 0 "t [ms]", ms',
     ]
 
 

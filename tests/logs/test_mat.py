@@ -276,7 +276,7 @@ DAMAGED = {
     "no imaginary part": (_array(6, (2, 1), DOUBLES, flags=0x0800), "0 bytes instead of a tag"),
     "one dimension": (_array(6, (2,), DOUBLES), "a shape of 1 numbers"),
     "33 dimensions": (_array(6, (1,) * 33, _element(9, bytes(8))), "a shape of 33 numbers"),
-    "fewer than no rows": (_array(6, (-1, 2), b""), "-1 the least"),
+    "fewer than no rows": (_array(6, (-1, 2), b""), "the smallest -1"),
     "one flag": (_array(6, (2, 1), DOUBLES, count=1), "4 bytes of flags"),
     "three flags": (_array(6, (2, 1), DOUBLES, count=3), "12 bytes of flags"),
     "class 19": (_array(19, (1, 1), NUMBER), "an array of class 19"),
@@ -403,7 +403,13 @@ def test_level_4_is_read_as_scipy_reads_it(tmp_path, order):
 
 @pytest.mark.parametrize(
     ("kind", "said"),
-    [(2000, "not IEEE"), (3000, "not IEEE"), (4000, "not IEEE"), (1000, "type 1000"), (60, "type 60")],
+    [
+        (2000, "not IEEE"),
+        (3000, "not IEEE"),
+        (4000, "not IEEE"),
+        (1000, "type 1000"),
+        (60, "type 60"),
+    ],
 )
 def test_floats_of_vax_and_cray_and_types_that_are_none_are_refused(tmp_path, kind, said):
     path = tmp_path / "four.mat"
