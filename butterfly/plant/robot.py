@@ -1,4 +1,4 @@
-"""The robot: hand, motor, friction, and what is between; or one that moves as identified."""
+"""The robot: body, motor, friction and clutch; or one with identified parameters."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from butterfly.model.parameters import (
 from butterfly.model.terms import BASE_TERMS
 
 HAND_MASS = 0.3
-"""Mass in kg of an identified hand if none is given; the motion does not depend on it."""
+"""Default mass in kg of an identified joint; the motion does not depend on it."""
 
 _AMPLE = 2.0  # least masses, of a hand that cannot be as light: half of p1 is then its J_p
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clutch:
-    """A clutch with play between motor shaft and hand; friction and encoder stay on the shaft."""
+    """A clutch with play between motor shaft and body; friction and encoder are on the shaft."""
 
     backlash: float  # Whole play in rad
     rotor_inertia: float  # The motor side's share of the hand's inertia, in kg m^2
@@ -44,7 +44,7 @@ class Clutch:
 
 
 class Shape(StrEnum):
-    """What a robot looks like, and how its joint moves: a folder's model below models/."""
+    """Shape of a robot and kind of its joint: a model below models/."""
 
     BUTTERFLY = "butterfly_hand/hand"
     BAR = "plain_joint/bar"

@@ -108,12 +108,12 @@ class Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without type
 
     @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
     def look(self, event: messages.PostModelEvent) -> None:
-        """Put the camera where the model says."""
+        """Use the camera of the model."""
         mujoco.mjv_defaultFreeCamera(event.model, self.viewer.camera)
 
     @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
     def tell(self, event: messages.BuildGuiEvent) -> None:  # noqa: ARG002 - MuJoCo's
-        """Write time and angle into a window of their own."""
+        """Show time and angle in their own window."""
         data = self.viewer.data
         if data.qpos.size:
             dear_imgui.Begin("Hand", None, int(dear_imgui.WindowFlags.AlwaysAutoResize))
@@ -137,7 +137,7 @@ def _bound(port: int) -> socket.socket:
 
 @contextmanager
 def _guarded(bound: socket.socket) -> Iterator[None]:
-    """Have MuJoCo 4 serve at a socket, not at all interfaces, and ask who comes."""
+    """Make MuJoCo 4 serve at a socket, not at all interfaces, with access control."""
     guard = Guard(bound.getsockname()[1])
     serve_all = web_server.serve
 

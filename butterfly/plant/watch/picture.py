@@ -33,11 +33,11 @@ _INK = (52, 56, 64)
 
 
 class RenderingError(ButterflyError):
-    """The machine has no way to draw."""
+    """The machine cannot draw."""
 
 
 class Painter:
-    """Draws one robot at any angle; a context manager, since it holds a drawing surface."""
+    """Draws one robot at any angle; a context manager, since it holds a renderer."""
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
         model = compile_model(robot, added, scene=True)
@@ -162,7 +162,7 @@ def film(
 def captioned(
     picture: Image.Image, instant: float, angle: float, ghost: float | None = None
 ) -> Image.Image:
-    """Write a time in s and an angle in rad, and its ghost's, into a picture, and return it."""
+    """Write a time in s and the angles in rad, also of the ghost, into a picture; return it."""
     text = caption_text(instant, angle, "θ").replace("-", "−")
     if ghost is not None:
         text += f"\nghost (simulated)\n    {ghost:+z.3f} rad".replace("-", "−")
@@ -173,7 +173,7 @@ def captioned(
 
 @cache
 def _letters(height: int) -> ImageFont.FreeTypeFont:
-    """Return letters in pixels; Pillow's own are Latin, and have no minus."""
+    """Return a font of a height in pixels; Pillow's own has no minus sign."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
     path = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
@@ -181,5 +181,5 @@ def _letters(height: int) -> ImageFont.FreeTypeFont:
 
 
 def caption_text(instant: float, angle: float, symbol: str) -> str:
-    """Return a time in s and an angle in rad as two lines, in letters that any font has."""
+    """Return a time in s and an angle in rad as two lines, in ASCII except the symbol."""
     return f"t = {instant:z.2f} s\n{symbol} = {angle:+z.3f} rad"
