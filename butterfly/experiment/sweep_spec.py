@@ -1,4 +1,4 @@
-"""What an experiment file may say under ``sweep:``, and the runs that come of it."""
+"""The schema of ``sweep:`` in an experiment file, and the resulting runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from butterfly.yaml_files import OneOf, StrictModel
 Overrides = dict[str, Any]
 
 SEEDS = 2**63
-"""Number of the seeds that there are: what fits into a column of 64-bit integers."""
+"""Number of possible seeds, within a column of 64-bit integers."""
 
 _BYTES_PER_RUN = 2000  # of a plan
 _RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
@@ -27,7 +27,7 @@ _SET_ONCE = "each field in only one of grid, list, random and latin_hypercube"
 
 
 class Distribution(OneOf):
-    """From what the values of a field are drawn."""
+    """Distribution of the values of a field."""
 
     uniform: tuple[float, float] | None = None
     log_uniform: tuple[float, float] | None = None
@@ -64,16 +64,16 @@ class Distribution(OneOf):
 
 
 class RandomSpec(StrictModel):
-    """Random points: how many, and the distribution of each field."""
+    """Random points: their number, and the distribution of each field."""
 
     count: Annotated[int, Field(gt=0)]
     fields: Annotated[dict[str, Distribution], Field(min_length=1)]
 
 
 class SweepSpec(StrictModel):
-    """Variations of an experiment; what is given is combined, each with each.
+    """Variations of an experiment, in all combinations.
 
-    A field is named by its path, as ``plant.hand.mass`` or ``added_masses.1.mass``.
+    A field is named by its path, such as ``plant.hand.mass`` or ``added_masses.1.mass``.
     """
 
     model_config = ConfigDict(populate_by_name=True)
@@ -87,7 +87,7 @@ class SweepSpec(StrictModel):
     latin_hypercube: RandomSpec | None = None
     """Random points, evenly spread over each field."""
     repetitions: Annotated[int, Field(gt=0)] = 1
-    """Of each point, with seeds of their own."""
+    """Repetitions of each point, with their own seeds."""
 
     @model_validator(mode="after")
     def _each_field_set_once(self) -> SweepSpec:
