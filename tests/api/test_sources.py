@@ -83,7 +83,7 @@ def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
 
 def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
     write_mat(sine_log, tmp_path / THESIS)
-    with pytest.raises(InputError, match="a manifest, or the arm"):
+    with pytest.raises(InputError, match="a manifest, or --arm"):
         read(tmp_path)
     assert _names(tmp_path, arm=0.1) == [THESIS]
 
@@ -322,7 +322,7 @@ def test_what_only_files_have_is_refused_for_a_table():
 
 def test_repairs_are_allowed_by_name():
     wrapped = {**TABLE, "q": (0.3 * RAMP) % (2 * np.pi)}
-    with pytest.raises(InputError, match="repair 'unwrap'"):
+    with pytest.raises(InputError, match="--repair unwrap"):
         read(wrapped, **OTHERS)
     data = read(wrapped, **OTHERS, repair=["unwrap"])
     np.testing.assert_allclose(data.logs[0].angle, 0.3 * RAMP)

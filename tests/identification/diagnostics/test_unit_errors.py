@@ -195,7 +195,7 @@ def test_a_refusal_without_a_slip_names_none(sines):
 
 def test_a_log_too_coarse_for_its_sine_is_refused(sine_log):
     coarse = sine_log.take(np.arange(0, sine_log.time.size, 400))
-    with pytest.raises(InputError, match="steps below"):
+    with pytest.raises(InputError, match="mean sampling interval"):
         DataSet.of([coarse])
 
 
