@@ -230,9 +230,8 @@ def _torque_driven(finding: Finding, values: Values) -> str:
 
 def _not_estimated(finding: Finding, values: Values) -> str:
     gain = f" p4 = {values['p4']:.4g}, which fits the logs best" if "p4" in values else ""
-    names = " nor ".join(finding.parameters)
     used = f"; simulations use{gain}" if gain else ""
-    return f"This method estimates neither {names}{used}."
+    return f"This method does not estimate {' or '.join(finding.parameters)}{used}."
 
 
 def _missing_term(finding: Finding, _: Values) -> str:
@@ -364,10 +363,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{combined} are strongly correlated (condition number {rounded:.0f}): add a run that "
         "separates them."
     ),
-    FindingKind.ON_BOUND: "{names} hit its bound: these data show no such effect.",
+    FindingKind.ON_BOUND: "{names} hit the bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} hit its bound and would go beyond: the model lacks a term, or a sign, a mass or a "
-        "timestamp is wrong."
+        "{names} hit the bound and would go beyond: the model lacks a term, or a sign, a mass or "
+        "a timestamp is wrong."
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
@@ -377,7 +376,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.SCATTER: lambda finding, _: _scatter(finding),
     FindingKind.CLOCK: (
         "The recorded sines run {percent:+.2g} % off the given omega: the clock or omega is wrong. "
-        "{names} changes by about twice that; its interval covers both. Check clock and omega."
+        "This shifts {names} by about twice that; the intervals cover both. Check clock and omega."
     ),
     FindingKind.CLOCK_SET: (
         "The recorded sines run {percent:+.2g} % off the given omega. The logs agree best with a "
@@ -396,7 +395,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
     FindingKind.UNDRIVEN: (
-        "No input in these logs: {names} are not estimated. Add a log of the driven joint."
+        "No input in these logs: {names} cannot be estimated. Add a log with input."
     ),
     FindingKind.NO_UNCERTAINTY: (
         "{number:.0f} resonance frequencies for {count} parameters: too few for intervals."

@@ -92,5 +92,5 @@ def test_without_gravity_there_is_no_moment_to_be_known(sine_log):
     carried = replace(sine_log.added_mass, gravity=0.0)
     data = DataSet.of([replace(sine_log, added_mass=carried)])
     assert data.known.fixed == {"p3": 0.0}
-    with pytest.raises(InputError, match=r"known: p3: got 0.05; expected 0 of a joint"):
+    with pytest.raises(InputError, match=r"known: p3: got 0.05; expected 0, as no gravity"):
         data.knowing(Prior.of({"p3": 0.05}))

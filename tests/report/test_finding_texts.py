@@ -9,7 +9,12 @@ import pytest
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.conditions import Condition
-from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, finding_text
+from butterfly.report.finding_texts import (
+    estimate_notes,
+    estimate_sentences,
+    estimate_verdict,
+    finding_text,
+)
 from butterfly.report.inspection import conditions_text
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
@@ -17,7 +22,7 @@ from tests.identification.simulated import estimate_of
 NUMBERS = {
     FindingKind.POOR_FIT: (61.3, "61.3 %"),
     FindingKind.NO_INERTIA: (-2e-4, "-0.0002 kg"),
-    FindingKind.LEFT_OUT: (12.0, "was left out"),
+    FindingKind.LEFT_OUT: (12.0, "was excluded"),
     FindingKind.MISSING_TERM: (0.31, "31 %"),
     FindingKind.OTHER_END: (1.52, "1.52 times"),
     FindingKind.COMBINATION: (4321.0, "number 4300"),
@@ -28,13 +33,13 @@ NUMBERS = {
     FindingKind.MISFIT: (41.3, "41.3 times"),
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.SCANNED: (0.14, "0.14"),
-    FindingKind.HELD: (0.14, "held at 0.14"),
+    FindingKind.HELD: (0.14, "fixed at 0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "-0.31 %"),
     FindingKind.CLOCK_SET: (0.0042, "+0.42 %"),
     FindingKind.OMEGA_SET: (0.0042, "+0.42 %"),
     FindingKind.SCATTER: (0.213, "21 %"),
-    FindingKind.LIKE_CLOCK: (0.00213, "+0.21 % off"),
+    FindingKind.LIKE_CLOCK: (0.00213, "+0.21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
@@ -81,7 +86,6 @@ def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_paramete
         assert shown in text, kind
         assert ("first" in text) is (kind in OF_LOGS)
         named = () if kind in NAMELESS else names
-        named = {FindingKind.CONTRADICTED: ("k_f", "J_p")}.get(kind, named)
         named = ("masses", "arm") if kind in OF_SCALES else named
         assert all(name in text for name in named), kind
         sentences.add(text)
@@ -91,13 +95,13 @@ def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_paramete
 @pytest.mark.parametrize(
     ("reach", "level", "text"),
     [
-        (0.05, Level.GOOD, "p1 within 5 %, p4 within 5 %; p2 within 5 %, coulomb within 5 %."),
-        ((0.0999, 0.9, 0.0999, 2.0), Level.GOOD, "p1 within 10 %, p4 within 10 %; p2 within 90 %; "
-         "coulomb not distinguishable from zero."),
-        ((0.25, 1.5, 0.04, 1.5), Level.CARE, "p1 within 25 %, p4 within 4 %; p2 and coulomb not "
-         "distinguishable from zero."),
-        ((0.05, 0.05, 0.1002, 0.05), Level.CARE, "p1 within 5 %, p4 within 11 %; "),
-        ((np.nan, 0.05, 0.05, 0.05), Level.CARE, "how exact p1 is is not known."),
+        (0.05, Level.GOOD, "p1 ±5 %, p4 ±5 %; p2 ±5 %, coulomb ±5 %."),
+        ((0.0999, 0.9, 0.0999, 2.0), Level.GOOD, "p1 ±10 %, p4 ±10 %; p2 ±90 %; "
+         "coulomb not significant."),
+        ((0.25, 1.5, 0.04, 1.5), Level.CARE, "p1 ±25 %, p4 ±4 %; p2 and coulomb not "
+         "significant."),
+        ((0.05, 0.05, 0.1002, 0.05), Level.CARE, "p1 ±5 %, p4 ±11 %; "),
+        ((np.nan, 0.05, 0.05, 0.05), Level.CARE, "p1 without an interval."),
     ],
 )  # fmt: skip
 def test_values_are_good_if_the_limits_of_the_scale_are_within_a_tenth(reach, level, text):
@@ -118,10 +122,7 @@ def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
     ratios = replace(ratios, names=("p2", "p3", "p4", "delay"))
     verdict = estimate_verdict(ratios)
     assert verdict.level is Level.GOOD
-    assert (
-        "p4/p1 within 1 %; p2/p1 within 50 %, p3/p1 within 50 %, delay within 50 %"
-        in (verdict.reasons[0])
-    )
+    assert "p4/p1 ±1 %; p2/p1 ±50 %, p3/p1 ±50 %, delay ±50 %" in (verdict.reasons[0])
     known = replace(_estimate(reach=0.5), names=("p2", "p3", "delay", "coulomb"))
     assert known.level is Level.GOOD
 
@@ -143,52 +144,58 @@ WITH_MASS = Contrast(
     share=0.4,
     chance=1e-3,
 )
-_TIMES = "The model follows to 1.2 % of the motion, 3.5 times what the sensors explain"
+_TIMES = "Model: error 1.2 % of the motion, 3.5 times the sensor noise"
+
+
+_SCATTER = "Scatter between logs: p2, coulomb by 21 %; p4 by 1.2 %."
 
 
 @pytest.mark.parametrize(
-    ("findings", "agreement", "text"),
+    ("findings", "agreement", "line", "sentences"),
     [
-        ([FOLLOWED], (), "The model follows to 1.2 % of the motion."),
-        ([FOLLOWED, Finding(FindingKind.NO_MISFIT, number=3.456)], (), f"{_TIMES}."),
+        ([FOLLOWED], (), "Model: error 1.2 % of the motion.", []),
+        ([FOLLOWED, Finding(FindingKind.NO_MISFIT, number=3.456)], (), f"{_TIMES}.", []),
+        ([FOLLOWED, MISFIT], (), f"{_TIMES}; none of the optional terms explains it.", []),
         (
-            [FOLLOWED, MISFIT],
+            [FOLLOWED, MISFIT, LACKS],
             (),
-            f"{_TIMES}; it misses something that looks like none of the terms on offer.",
+            f"{_TIMES}; missing term: drag or load (61 % of the residual).",
+            [],
         ),
-        ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; it misses drag or load, 61 % of what is left."),
-        (
-            [FOLLOWED, MISFIT, *SCATTER],
-            (),
-            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %; p4 by 1.2 %.",
-        ),
+        ([FOLLOWED, MISFIT, *SCATTER], (), f"{_TIMES}.", [_SCATTER]),
         (
             [FOLLOWED, MISFIT, *SCATTER],
             (replace(WITH_MASS, parameter="p2", condition=Condition.LOG),),
-            f"{_TIMES}. Scatter from log to log: p2, coulomb by 21 %; p4 by 1.2 %.",
+            f"{_TIMES}.",
+            [_SCATTER],
         ),
         (
             [FOLLOWED, MISFIT],
             (WITH_MASS,),
-            f"{_TIMES}. p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's "
-            "own inertia (or its arm, the clock, a moving base)?",
+            f"{_TIMES}.",
+            [
+                "p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's own "
+                "inertia (or its arm, the clock, a moving base)?"
+            ],
         ),
     ],
 )
-def test_the_second_line_says_how_near_the_model_follows_and_what_it_misses(
-    findings, agreement, text
+def test_the_second_line_is_the_model_s_and_what_differs_between_logs_comes_next(
+    findings, agreement, line, sentences
 ):
-    verdict = estimate_verdict(_estimate(*findings, agreement=agreement))
+    estimate = _estimate(*findings, agreement=agreement)
+    verdict = estimate_verdict(estimate)
     assert verdict.level is Level.GOOD
-    assert verdict.reasons[1] == text
+    assert verdict.reasons[1] == line
+    assert estimate_notes(estimate) == sentences
 
 
 def test_terms_that_the_free_runs_lack_are_not_said_to_be_of_no_help():
     idle = Finding(FindingKind.NOT_HELPING, ("drag", "stribeck"))
     said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle))
-    assert any("did not help" in each for each in said)
+    assert any("Not fitted" in each for each in said)
     said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle, LACKS))
-    assert not any("did not help" in each for each in said)
+    assert not any("Not fitted" in each for each in said)
 
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
@@ -197,21 +204,21 @@ def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
     verdict, *others = estimate_sentences(_estimate(reason, note))
     assert verdict.startswith("Do not use: ")
     assert "31.3 %" in verdict
-    assert "within" not in verdict
+    assert "±" not in verdict
     assert others == [finding_text(note, {})]
 
 
 def test_what_did_not_settle_is_not_to_be_used_and_says_why():
     verdict, *others = estimate_sentences(_estimate(ending=Ending.STOPPED))
-    assert verdict == "Do not use: The fit did not settle."
+    assert verdict == "Do not use: The fit did not converge."
     assert others == []
 
 
 @pytest.mark.parametrize(
     ("kind", "number", "text"),
     [
-        (FindingKind.POOR_FIT, -np.inf, "the model runs away"),
-        (FindingKind.POOR_FIT, -3e28, "the median FIT is less than -1000 %"),
+        (FindingKind.POOR_FIT, -np.inf, "simulation with these values diverges"),
+        (FindingKind.POOR_FIT, -3e28, "median FIT less than -1000 %"),
         (FindingKind.FEW_MASSES, 2.0, "Fewer than three added masses: "),
         (FindingKind.FEW_MASSES, 3.0, "Without any one added mass"),
         (FindingKind.TORQUE_DRIVEN, 0.004, "below 0.002 V s/rad"),  # k = R p4
