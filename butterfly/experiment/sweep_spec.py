@@ -49,7 +49,7 @@ class Distribution(OneOf):
         return self
 
     def quantile(self, share: float) -> Any:  # noqa: ANN401 - whatever may be chosen
-        """Return the value that a share of the draws lie below."""
+        """Return the quantile at a fraction."""
         if self.choice is not None:
             return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
         if self.uniform is not None:
@@ -91,7 +91,7 @@ class SweepSpec(StrictModel):
 
     @model_validator(mode="after")
     def _each_field_set_once(self) -> SweepSpec:
-        """Refuse a field that a later part would set anew, alone or with all that it is part of."""
+        """Refuse a field that a later part would overwrite, alone or with its parents."""
         earlier: list[str] = []
         for alternatives in self._axes:
             for together in alternatives:
@@ -104,7 +104,7 @@ class SweepSpec(StrictModel):
 
     @property
     def _axes(self) -> list[list[tuple[str, ...]]]:
-        """Paths that each part sets, in the order in which they are applied: rows of a part."""
+        """Paths set by each part, in order of application."""
         drawn = [tuple(spec.fields) if spec else () for spec in (self.random, self.latin_hypercube)]
         return [[tuple(self.grid)], [tuple(row) for row in self.rows], *([each] for each in drawn)]
 
@@ -116,9 +116,9 @@ class SweepSpec(StrictModel):
     def points(self, seed: int, source: object = "sweep") -> Iterator[tuple[Overrides, int, int]]:
         """Yield the overrides, the repetition and the seed of each run, in order.
 
-        A run's seed depends on the experiment's seed, the repetition and the values set alone, so
-        a sweep that grows keeps the runs that it had. A seed that is set is that of its first
-        repetition; those of the others are derived from it.
+        A run's seed depends only on the experiment's seed, the repetition and the values set, so a
+        growing sweep keeps its runs. A given seed applies to the first repetition; the others are
+        derived from it.
         """
         drawn = (spec.count for spec in (self.random, self.latin_hypercube) if spec)
         values = (len(each) for each in self.grid.values())
@@ -140,7 +140,7 @@ class SweepSpec(StrictModel):
 
 
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:
-    """Return an experiment's mapping with fields set by their paths, made if need be."""
+    """Return an experiment's mapping with fields set by path, created if missing."""
     changed = dict(content)  # all that is not on a way is shared: many variations fit into memory
     for path, value in overrides.items():
         *way, last = path.split(".")
@@ -157,7 +157,7 @@ def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> d
 
 
 def _entered(place: Any, part: str, path: str, source: object) -> Any:  # noqa: ANN401 - any YAML
-    """Return a part of a place, and put a copy of it there that may be changed."""
+    """Replace a part of a mapping or list by a copy, and return it for changes."""
     where: Any = part
     if isinstance(place, list):
         where = _index(place, part, path, source)
