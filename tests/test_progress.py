@@ -22,7 +22,7 @@ from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import RICH, SWINGS, steady
 
-STOPPED = "Stopped searching after 0 s, without "
+STOPPED = "Search stopped after 0 s. Skipped: "
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_draws_stop_when_time_is_over_and_those_that_were_made_count(data):
     fewer = replace(drawn, values=drawn.values[:LEAST])
     np.testing.assert_array_equal(few.weights, weighed(fewer, data).weights)
     assert search.left_out == ["some of the draws"]
-    assert any(line.startswith(f"{STOPPED}some of the draws:") for line in answer.summary)
+    assert any(line.startswith(f"{STOPPED}some of the draws.") for line in answer.summary)
     different = {tuple(row.values()) for row in answer.drawn.rows()}
     assert len(different) <= LEAST < len(answer.drawn.rows())
 

@@ -142,7 +142,7 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
     for key, what in (("input", "voltage, torque, current, duty"), ("logs", "added_mass")):
         assert re.search(rf"^# To settle: .*{what}.*\n{key}:", text, re.MULTILINE)
-        assert f"- {key}: what" in out
+        assert f"- {key}: wh" in out
     assert "Assumed: voltage." in out
     manifest = read_manifest(loose / "manifest.yaml")
     assert manifest.units == {"time": "ms", "angle": "deg"}

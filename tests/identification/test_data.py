@@ -56,9 +56,9 @@ def test_free_decays_go_with_logs_of_any_input_and_have_no_gain_by_themselves(si
     alone = DataSet.of([decay])
     assert alone.input_kind is InputKind.NONE
     assert alone.known.fixed == {"delay": 0.0, "p4": 0.0}
-    with pytest.raises(InputError, match="0 throughout, where nothing drives"):
+    with pytest.raises(InputError, match="0 throughout, for the input kind none"):
         replace(sine_log, input_kind=InputKind.NONE)
-    with pytest.raises(InputError, match="kind of input none where nothing drives"):
+    with pytest.raises(InputError, match="input kind none if nothing drives"):
         Log(sine_log.time, angle=sine_log.angle)
 
 

@@ -329,7 +329,9 @@ def test_what_is_exact_counts_alone_and_two_exact_values_agree_or_are_refused():
     uncertain = {"torque_constant": (0.05, 0.01), "resistance": 2.0}
     assert _implied(uncertain | {"p4": 0.03})["p4"] == Known(value=0.03)
     assert _implied(sheet | {"p4": 0.025001})["p4"] == Known(value=0.025001)
-    with pytest.raises(InputError, match=r"p4: got 0.03; expected 0.025, by the other known values"):
+    with pytest.raises(
+        InputError, match=r"p4: got 0.03; expected 0.025, by the other known values"
+    ):
         _implied(sheet | {"p4": 0.03})
 
 

@@ -141,7 +141,9 @@ def test_a_wrong_omega_is_named_with_its_log_and_the_right_one(sines, ratio):
     logs = [*sines[:4], replace(sines[4], excitation=told), *sines[5:]]
     answer = ask(logs, "A")
     assert answer.recognised
-    right = re.search(r"for run 4: (?:times|multiplied by) ([\d.]+),? .*? \(([\d.]+) rad/s\)", answer.text)
+    right = re.search(
+        r"for run 4: (?:times|multiplied by) ([\d.]+),? .*? \(([\d.]+) rad/s\)", answer.text
+    )
     assert float(right[1]) == pytest.approx(1 / ratio, rel=2e-3)
     assert float(right[2]) == pytest.approx(sines[4].excitation.omega, rel=2e-3)
 
@@ -193,7 +195,7 @@ def test_a_refusal_without_a_slip_names_none(sines):
 
 def test_a_log_too_coarse_for_its_sine_is_refused(sine_log):
     coarse = sine_log.take(np.arange(0, sine_log.time.size, 400))
-    with pytest.raises(InputError, match="steps below"):
+    with pytest.raises(InputError, match="mean sampling interval"):
         DataSet.of([coarse])
 
 
