@@ -5,7 +5,6 @@ Every document has the keys of `HEAD`; docs/commands.md says what they and the o
 
 from __future__ import annotations
 
-import json
 import math
 import platform
 from abc import ABC, abstractmethod
@@ -21,7 +20,7 @@ import numpy as np
 
 from butterfly import __version__
 from butterfly.errors import ButterflyError
-from butterfly.files import finite, write_file
+from butterfly.files import finite, write_document
 from butterfly.progress import current_search
 from butterfly.verdict import Level, Verdict
 
@@ -82,22 +81,21 @@ def document(
     return found
 
 
-def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
-    """Return a document as text, with escapes for other letters for what cannot take them."""
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
-
-
-def write_document(content: Mapping[str, Any], path: Path) -> None:
-    """Write a document to a file; InputError if it cannot be written."""
-    write_file(path, json_text(finite(content)))
-
-
 class TextTable(NamedTuple):
     """A table as a command prints it; of empty headers, names and what belongs to them."""
 
     title: str
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
+
+    @classmethod
+    def of_page(cls, page: Page) -> tuple[TextTable, ...]:
+        """Return the tables of a page's sections."""
+        return tuple(
+            cls(section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])
+            for section in page.sections
+            for each in section.tables
+        )
 
 
 class Result(ABC):
@@ -321,7 +319,7 @@ class Answer(Result):
 
     def drawn_as(self, page: Page) -> Self:
         """Return the same with a page, whose tables a command prints unless there are others."""
-        return replace(self, live=page, printed=self.printed or page.text_tables)
+        return replace(self, live=page, printed=self.printed or TextTable.of_page(page))
 
 
 def cell_text(value: object) -> str:

@@ -65,10 +65,10 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification, beside the truth where it is known."""
     data, residuals, plots = identification.data, identification.residuals, identification.plot
-    runs = identification.free_runs
-    chosen = middle(identification.fit_of_logs)
+    runs, fits = identification.free_runs, identification.fit_of_logs
+    chosen = middle(fits)
     states = [health.condition for health in data.health]
-    lost = int(np.sum(~np.isfinite(identification.fit_of_logs)))  # they have no FIT
+    lost = int(np.sum(~np.isfinite(fits)))  # they have no FIT
     bands = [log.band for log in residuals.logs]
     sections = [
         Section(
@@ -81,7 +81,7 @@ def identification_page(
             text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.drive_fits),
             series={"time": time_series(runs, bands)},
         ),
-        live_section(identification),
+        live_section(data, identification.estimate, identification.origin, fits),
         Section(
             title="Residuals",
             text="\n".join([*residual_sentences(residuals), _RESIDUALS]),
