@@ -38,7 +38,7 @@ HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "s
 
 _LIBRARIES = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
 
-_SIGNIFICANT = 4
+_SIGNIFICANT, _WHOLE = 4, 1e6  # digits of a number; up to here whole ones have all of theirs
 
 
 @cache
@@ -326,6 +326,8 @@ def cell_text(value: object) -> str:
     """Return a cell as a person reads it."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
+    if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
+        return f"{value:.0f}"
     return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
 
 

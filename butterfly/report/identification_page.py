@@ -178,7 +178,7 @@ def _of_logs(identification: Identification) -> list[Fact]:
         off = f"in the loop {error} m{identification.estimate.joint.way} error"
         servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
     noise = f"of the motion; {times_text(residuals.times)} times the sensor noise"
-    fact = Fact("model error", f"{100 * residuals.relative:.2g} %", noise)
+    fact = Fact("model error", f"{100 * residuals.left:.2g} %", noise)
     return [*servo, *([fact] if math.isfinite(residuals.times) else [])]
 
 
@@ -260,7 +260,7 @@ def _physical(identification: Identification) -> list[Section]:
         name="physical",
         headers=tuple(headers),
         rows=[tuple(map(str, row)) for row in rows],
-        words=(0,),
+        words=(headers.index("unit"), headers.index("meaning")),
         caption=caption,
     )
     if not (text or rows):
