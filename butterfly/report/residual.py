@@ -8,7 +8,6 @@ import numpy as np
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.parameters import JointKind
@@ -45,13 +44,12 @@ def residual_sentences(residuals: Residuals) -> list[str]:
     count = len(residuals.logs)
     logs = "log" if count == 1 else "logs"
     some = f"{residuals.outside} of {count}" if residuals.outside else f"none of {count}"
-    found = [each for each in residuals.findings if each.kind is not FindingKind.FOLLOWED]
     return [
         f"In {some} {logs} the error exceeds sensor noise (95 % bands). "
         f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
         f"{100 * residuals.left:.2g} % after small changes of the parameters; sensor noise is "
         f"{100 * residuals.explained:.2g} %.",
-        *(finding_text(each, {}) for each in found),
+        *(finding_text(each, {}) for each in residuals.missing.findings),
     ]
 
 
