@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,16 @@ def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
     if isinstance(value, list | tuple):
         return [finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
+    """Return a document as text, with escapes for other letters for what cannot take them."""
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
+
+
+def write_document(content: Mapping[str, Any], path: Path) -> None:
+    """Write a document to a file; InputError if it cannot be written."""
+    write_file(path, json_text(finite(content)))
 
 
 def shipped(relative: str | Path) -> Path:

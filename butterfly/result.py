@@ -5,7 +5,6 @@ Every document has the keys of `HEAD`; docs/commands.md describes all keys.
 
 from __future__ import annotations
 
-import json
 import math
 import platform
 from abc import ABC, abstractmethod
@@ -21,7 +20,7 @@ import numpy as np
 
 from butterfly import __version__
 from butterfly.errors import ButterflyError
-from butterfly.files import finite, write_file
+from butterfly.files import finite, write_document
 from butterfly.progress import current_search
 from butterfly.verdict import Level, Verdict
 
@@ -39,7 +38,7 @@ HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "s
 
 _LIBRARIES = ("mujoco", "numba", "scipy")  # not imported, since a simulator is slow to
 
-_SIGNIFICANT = 4
+_SIGNIFICANT, _WHOLE = 4, 1e6  # digits of a number; up to here whole ones have all of theirs
 
 
 @cache
@@ -82,22 +81,21 @@ def document(
     return found
 
 
-def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
-    """Return a document as JSON text, with other letters escaped if ``ascii_only``."""
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
-
-
-def write_document(content: Mapping[str, Any], path: Path) -> None:
-    """Write a document to a file; InputError if it cannot be written."""
-    write_file(path, json_text(finite(content)))
-
-
 class TextTable(NamedTuple):
     """A table as a command prints it; with empty headers, pairs of name and value."""
 
     title: str
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
+
+    @classmethod
+    def of_page(cls, page: Page) -> tuple[TextTable, ...]:
+        """Return the tables of a page's sections."""
+        return tuple(
+            cls(section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])
+            for section in page.sections
+            for each in section.tables
+        )
 
 
 class Result(ABC):
@@ -321,13 +319,15 @@ class Answer(Result):
 
     def drawn_as(self, page: Page) -> Self:
         """Return the same with a page; a command prints its tables unless there are others."""
-        return replace(self, live=page, printed=self.printed or page.text_tables)
+        return replace(self, live=page, printed=self.printed or TextTable.of_page(page))
 
 
 def cell_text(value: object) -> str:
     """Return a cell formatted for reading."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
+    if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
+        return f"{value:.0f}"
     return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
 
 
