@@ -233,8 +233,8 @@ def best_experiment_text(best: Candidate) -> str:
     """Say which experiment comes first, and how far it would shrink the standard errors."""
     warning = f"; but: {best.warning}." if best.warning else "."
     return (
-        f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard errors "
-        f"to {100 * best.score:.0f} % on average{warning}"
+        f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard "
+        f"errors to {100 * best.score:.0f} % on average{warning}"
     )
 
 

@@ -162,7 +162,8 @@ def test_columns_of_other_names_are_asked_for_and_taken_in_their_order(butterfly
 def test_a_manifest_that_is_there_is_not_written_over(butterfly, quick_data, tmp_path):
     path = quick_data / "manifest.yaml"
     before = path.read_bytes()
-    assert_one_line_error(butterfly("manifest", quick_data), path, "expected another file with --out")
+    refused = butterfly("manifest", quick_data)
+    assert_one_line_error(refused, path, "expected another file with --out")
     assert path.read_bytes() == before
     assert butterfly("manifest", quick_data, "--out", tmp_path / "draft.yaml")[0] == 0
 

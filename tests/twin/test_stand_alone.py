@@ -218,7 +218,10 @@ def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
             {"slow_delay": 9e-4, "slow_interval": 1e-3},
             r"The delay is 0 ms, that of fast sampling; in slow sampling it is 0\.9 ms",
         ),
-        ({"motor_friction": 0.1, "load_stribeck": 0.2}, "Not included: motor_friction, load_stribeck"),
+        (
+            {"motor_friction": 0.1, "load_stribeck": 0.2},
+            "Not included: motor_friction, load_stribeck",
+        ),
     ],
 )
 def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(more, said, tmp_path):

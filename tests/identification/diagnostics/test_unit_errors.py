@@ -141,7 +141,9 @@ def test_a_wrong_omega_is_named_with_its_log_and_the_right_one(sines, ratio):
     logs = [*sines[:4], replace(sines[4], excitation=told), *sines[5:]]
     answer = ask(logs, "A")
     assert answer.recognised
-    right = re.search(r"for run 4: (?:times|multiplied by) ([\d.]+),? .*? \(([\d.]+) rad/s\)", answer.text)
+    right = re.search(
+        r"for run 4: (?:times|multiplied by) ([\d.]+),? .*? \(([\d.]+) rad/s\)", answer.text
+    )
     assert float(right[1]) == pytest.approx(1 / ratio, rel=2e-3)
     assert float(right[2]) == pytest.approx(sines[4].excitation.omega, rel=2e-3)
 
