@@ -1,9 +1,9 @@
-"""How numba compiles what must be fast, so that its cache knows when it is out of date.
+"""Compilation with numba, with a cache that knows when it is out of date.
 
-numba keeps compiled functions on disk, and compiles one again when its own file has changed. It
-does not see that a file has changed whose functions or numbers it uses, and would run their old
-code. So a function's name on disk carries a stamp of all of that; what has an earlier stamp stays
-in `__pycache__` until somebody deletes it.
+numba caches compiled functions on disk and recompiles one when its own file has changed. It does
+not see changes in other files whose functions or numbers it uses, and would run their old code. So
+the name of a cached function includes a hash of all its sources; old ones stay in `__pycache__`
+until somebody deletes them.
 """
 
 from __future__ import annotations
@@ -28,17 +28,16 @@ from butterfly import progress
 
 
 def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
-    """Compile a function when it is first called, to run without Python's lock.
+    """Compile a function on its first call, to run without the global interpreter lock.
 
-    A division by zero gives an infinity or NaN, as NumPy's does, and no error. What the function
-    uses of other files must be imported at the top of its own, and be a function made by one of
-    these decorators, a number, or what the types of arguments tell.
+    Division by zero gives infinity or NaN, as in NumPy, not an error. From other files it may only
+    use functions with one of these decorators, numbers and types, imported at the top of its file.
     """
     return _made(function)
 
 
 def inner(function: Callable[..., Any], **how: bool) -> Any:  # noqa: ANN401 - numba infers the types
-    """Compile a function as `compiled` does, for other compiled functions alone: that takes less.
+    """Compile a function for other compiled functions only, which is faster than `compiled`.
 
     Called from Python it runs as Python.
     """
@@ -49,17 +48,16 @@ def inner(function: Callable[..., Any], **how: bool) -> Any:  # noqa: ANN401 - n
 
 
 def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
-    """Compile a function as `inner` does, into each of its callers.
+    """Compile a function into each of its callers.
 
-    numba counts references to every array that a call takes; for a short function that costs more
-    than what it does.
+    numba counts references to every array argument, which costs more than a short function itself.
     """
     return inner(function, forceinline=True)
 
 
 @contextmanager
 def compiling_beside(rehearsal: Callable[[], None]) -> Iterator[None]:
-    """Have another process compile what a function of a module calls; in the end it is on disk."""
+    """Compile in another process what a module's function calls; the result is cached on disk."""
     if not sys.executable or _on_disk(rehearsal):
         yield
         return
@@ -79,7 +77,7 @@ def compiling_beside(rehearsal: Callable[[], None]) -> Iterator[None]:
 
 
 def _on_disk(rehearsal: Callable[[], None]) -> bool:
-    """Tell whether a function runs without compiling anything."""
+    """Whether a function runs without compiling anything."""
     try:
         with event.install_listener("numba:compile", _Compiling(_refuse)):
             rehearsal()
@@ -89,7 +87,7 @@ def _on_disk(rehearsal: Callable[[], None]) -> bool:
 
 
 class _MissingError(Exception):
-    """Something would have to be compiled."""
+    """Something needs compiling."""
 
 
 def _refuse() -> None:
@@ -98,12 +96,12 @@ def _refuse() -> None:
 
 @lru_cache
 def _announce() -> None:
-    """Say once that something is compiled."""
-    progress.tell("Compiling, once after an installation")
+    """Report once that something is compiled."""
+    progress.tell("Compiling (once after installation)")
 
 
 class _Compiling(event.Listener):
-    """Does something as compiling begins."""
+    """Calls a function when compiling begins."""
 
     def __init__(self, do: Callable[[], None]) -> None:
         self._do = do
@@ -124,7 +122,7 @@ def _made(function: Callable[..., Any], **how: Any) -> Any:  # noqa: ANN401 - nu
 
 
 class _Inner(CPUDispatcher):
-    """Has no way in from Python, and is not compiled anew for each constant that it is given."""
+    """Has no Python wrapper, and is not recompiled for each constant argument."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:  # noqa: ANN401 - numba's own
         return super().get_call_template(tuple(map(unliteral, args)), kws)
@@ -134,7 +132,7 @@ class _Inner(CPUDispatcher):
 
 
 def _stamped(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Put a stamp of a function's sources into the name by which numba files it."""
+    """Add a hash of a function's sources to the name of its cache file."""
     stamp = hashlib.sha256(_digest(function.__code__.co_filename))
     for name, value in sorted(function.__globals__.items()):
         if isinstance(value, (int, float)):
@@ -151,6 +149,6 @@ def _stamped(function: Callable[..., Any]) -> Callable[..., Any]:
 def _digest(source: str) -> bytes:
     try:
         content = Path(source).read_bytes()
-    except OSError:  # shipped without sources, which nobody can change then
+    except OSError:  # shipped without sources, so unchangeable
         content = source.encode()
     return hashlib.sha256(content).digest()

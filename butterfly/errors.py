@@ -1,4 +1,4 @@
-"""The errors that butterfly raises on purpose, and checks that do; any other error is a bug."""
+"""The errors that butterfly raises on purpose, and checks; any other error is a bug."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from numbers import Real
 
 
 class ButterflyError(Exception):
-    """Base of every error that the user can do something about."""
+    """Base of all errors that the user can fix."""
 
 
 class InputError(ButterflyError, ValueError):
-    """Something the user handed in is not usable.
+    """An input is not usable.
 
-    A ValueError too, so that a schema that builds the object can add where the value stood.
+    Also a ValueError, so a schema that builds the object can add the place of the value.
 
     Parameters
     ----------
     source
-        The file (or object) that holds the bad value.
+        The file or object with the bad value.
     field
-        Which field, column or variable of it.
+        Its field, column or variable.
     value
-        What was found there.
+        The value found.
     expected
-        What should have been there, in words.
+        The value expected, in words.
     """
 
     def __init__(self, source: object, field: str, value: object, expected: str) -> None:
@@ -40,18 +40,18 @@ class InputError(ButterflyError, ValueError):
 
 
 class IdentifiabilityError(ButterflyError):
-    """The data cannot determine what was asked for, however good they are."""
+    """The requested parameters are not identifiable from these data."""
 
 
 class UnusableError(ButterflyError):
-    """Values were found, but no joint has them, and nothing can be made of them.
+    """The estimated values are impossible for any joint, so nothing can be made with them.
 
     Parameters
     ----------
     said
-        The verdict on them.
+        The verdict.
     reasons
-        Why it is no better.
+        Its reasons.
     """
 
     def __init__(self, said: str, reasons: tuple[str, ...] = ()) -> None:
@@ -60,14 +60,14 @@ class UnusableError(ButterflyError):
 
 
 class StoppedError(ButterflyError):
-    """A sweep was interrupted; what is done is kept, and the same command goes on."""
+    """A sweep was interrupted; finished runs are kept, and the same command continues it."""
 
 
-_LONGEST = 300  # characters of what a message repeats
+_LONGEST = 300  # characters of a value in a message
 
 
 def shown(text: object, most: int = _LONGEST) -> str:
-    """Return any text as a message shows it: in one line, not too long, without controls."""
+    """Return a text for a message: one line, shortened, without control characters."""
     said = str(text)
     if len(said) > most:
         said = f"{said[:most]}... ({len(said)} characters)"
@@ -84,20 +84,20 @@ def require_number(source: str, *, positive: bool = False, unit: str = "", **val
             raise InputError(source, field, value, expected)
 
 
-_ASSUMED = 8 << 30  # bytes, of a machine that does not say
+_ASSUMED = 8 << 30  # bytes, if unknown
 _PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 def require_room(source: object, field: str, value: object, size: float) -> None:
-    """Raise InputError if a value asks for more bytes than the machine has memory."""
+    """Raise InputError if a value needs more bytes than the machine has memory."""
     there = memory()
     if not size <= there:
-        room = f"less: it takes {size_text(size)} of memory, of which there are {size_text(there)}"
+        room = f"less: it needs {size_text(size)} of memory, more than the {size_text(there)} here"
         raise InputError(source, field, value, room)
 
 
 def memory() -> int:
-    """Return the bytes of memory that the machine has; 8 GiB where it does not say."""
+    """Return the memory of the machine in bytes; 8 GiB if unknown."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):  # Windows has no sysconf
@@ -105,7 +105,7 @@ def memory() -> int:
 
 
 def size_text(size: float) -> str:
-    """Return a number of bytes as one reads it, such as 1.9 TB."""
+    """Return a readable number of bytes, such as 1.9 TB."""
     thousands = 0
     while size >= 1000 and thousands < len(_PREFIXES) - 1:  # noqa: PLR2004 - of one in the next
         size /= 1000
@@ -115,7 +115,7 @@ def size_text(size: float) -> str:
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """Name the valid choices, the one most like ``name`` first."""
+    """Name the valid choices, the one closest to ``name`` first."""
     choices = list(valid)
     close = get_close_matches(name, choices, n=1)
     hint = f"{close[0]!r} (did you mean that?)" if close else ""
@@ -124,6 +124,6 @@ def nearest(name: str, valid: Iterable[str]) -> str:
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:
-    """Name a few of a list, and count the others."""
+    """Name the first few of a list, and count the others."""
     rest = len(names) - most
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,12 +1,13 @@
-"""Files: the names they may have, those that are shipped, and writing them whole or not at all."""
+"""Files: valid names, shipped files, and writing whole files or nothing."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -14,41 +15,41 @@ from typing import Any
 from butterfly.errors import InputError, size_text
 
 _PACKAGE = Path(__file__).parent
-_ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of what is shipped: in a wheel, in a checkout
+_ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of shipped files: in a wheel, in a checkout
 
 DRAFT = ".draft-"
-"""How the names of files begin that were not finished."""
+"""Prefix of the names of unfinished files."""
 
 
 LONGEST_NAME = 100
-"""Characters that the name of something kept in a folder may have: more is added to it."""
+"""Characters allowed in the name of a folder's content, to which more is added."""
 
 _RESERVED = re.compile(r"\.+|(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _LONGEST = 255  # bytes of a name, on all file systems that matter
 _LONGEST_PATH = 4096
 
-_PACKED = 64  # times its size that a file of logs may hold
-_FREE = 256 << 20  # bytes that any may
+_PACKED = 64  # times its size that a file of logs may expand to
+_FREE = 256 << 20  # bytes that any file may
 
 
 def is_name(text: str) -> bool:
-    """Tell whether a text may name a folder: short, not of dots alone, not a device of Windows."""
+    """Whether a text may name a folder: short, not only dots, not a Windows device."""
     return len(text) <= LONGEST_NAME and _RESERVED.fullmatch(text) is None
 
 
 def require_path(named: str, source: object, field: str) -> None:
-    """Raise InputError for a text, standing in a field of a source, that can be no path."""
+    """Raise InputError for a text, in a field of a source, that cannot be a path."""
     parts = [part.encode(errors="surrogatepass") for part in named.replace("\\", "/").split("/")]
     longest = max(map(len, parts))
     if "\0" in named:
-        raise InputError(source, field, repr(named[:40]), "a path, which holds no character 0")
+        raise InputError(source, field, repr(named[:40]), "a path without null characters")
     if longest > _LONGEST or len(named) > _LONGEST_PATH:
         found = f"{named[:40]}... ({len(named)} characters)"
-        raise InputError(source, field, found, f"a path of names of up to {_LONGEST} bytes each")
+        raise InputError(source, field, found, f"a path with names of at most {_LONGEST} bytes")
 
 
 def most_in(packed: int) -> int:
-    """Return how many bytes a packed file of so many may hold: more is damage, or worse."""
+    """Return how many bytes a compressed file may expand to: more is damage, or worse."""
     return max(_FREE, _PACKED * packed)
 
 
@@ -56,9 +57,9 @@ def most_in(packed: int) -> int:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its name when the block succeeds.
 
-    The temporary name is nobody else's, so that several processes may write one path: the last
-    that is done wins. It ends as ``path`` does, for writers that look at it. The file is for the
-    block to make, with the permissions that a new file gets. InputError if it cannot be written.
+    The temporary name is unique, so several processes may write one path: the last one wins. It has
+    the ending of ``path``, for writers that need it. The block creates the file, with the usual
+    permissions. InputError if it cannot be written.
     """
     draft = path.with_name(f"{DRAFT}{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -66,18 +67,16 @@ def replacing(path: Path) -> Iterator[Path]:
         yield draft
         draft.replace(path)
     except OSError as error:
-        raise InputError(
-            path, "path", error.strerror or error, "a file that can be written"
-        ) from None
+        raise InputError(path, "path", error.strerror or error, "a writable file") from None
     finally:
         with suppress(OSError):
             draft.unlink()
 
 
 def require_file(path: Path, expected: str) -> int:
-    """Return the bytes of a regular file; InputError, with what was expected, for all else.
+    """Return the size of a regular file; InputError, with ``expected``, for anything else.
 
-    A pipe or a device has no end that a reader could wait for.
+    A pipe or a device has no end to wait for.
     """
     require_path(str(path), path, "path")
     try:
@@ -94,10 +93,10 @@ def require_file(path: Path, expected: str) -> int:
 
 
 def read_file(path: Path, expected: str, most: float = math.inf) -> bytes:
-    """Read a regular file of so many bytes at most; InputError, with what was expected, else."""
+    """Read a regular file of at most ``most`` bytes; else InputError, with ``expected``."""
     size = require_file(path, expected)
     if size > most:
-        most_text = f"{expected}, of up to {size_text(most)}"
+        most_text = f"{expected} of at most {size_text(most)}"
         raise InputError(path, "content", size_text(size), most_text)
     try:
         return path.read_bytes()
@@ -112,12 +111,22 @@ def write_file(path: Path, content: str | bytes) -> None:
 
 
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Replace numbers that JSON does not have by null."""
+    """Replace numbers that JSON cannot represent by null."""
     if isinstance(value, dict):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
+    """Return a document as text, with escapes for other letters for what cannot take them."""
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
+
+
+def write_document(content: Mapping[str, Any], path: Path) -> None:
+    """Write a document to a file; InputError if it cannot be written."""
+    write_file(path, json_text(finite(content)))
 
 
 def shipped(relative: str | Path) -> Path:
@@ -140,7 +149,7 @@ def shipped_experiments() -> list[str]:
 
 
 def locate(path: Path) -> Path:
-    """Resolve what a user typed: a path as given, else a shipped file of that name or stem."""
+    """Resolve a path as given, else a shipped file of that name or stem."""
     if path.exists():
         return path
     for name in shipped_experiments():

@@ -1,4 +1,4 @@
-"""How work shares the cores, tells how far it has come, and ends when its time is over."""
+"""Threads, progress, and the time budget of searches."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _T = TypeVar("_T")
 _R = TypeVar("_R")
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment of a process whose matrix library computes with one thread: others have work."""
+"""Environment of a process whose matrix library uses one thread, beside other workers."""
 
 BUDGET = 60.0
-"""Seconds after which a command stops searching, unless it is told otherwise."""
+"""Default time in s after which a command stops searching."""
 
 
 @dataclass(eq=False)
 class Search:
-    """For how long to search, how far that has come, and what was left out in the end."""
+    """Time budget and progress of a search, and what it skipped."""
 
     seconds: float = math.inf
     begun: float = field(default_factory=time.monotonic)
@@ -33,19 +33,19 @@ class Search:
 
     @property
     def over(self) -> bool:
-        """Whether the time is."""
+        """Whether the time is over."""
         return time.monotonic() - self.begun > self.seconds
 
     @property
     def sentence(self) -> str:
-        """What to say of what was left out; nothing if nothing was."""
+        """A sentence on what was skipped; empty if nothing."""
         return stopped_text(self.seconds, self.left_out) if self.left_out else ""
 
 
 def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
-    """Say that a search was stopped, and what it left out."""
+    """Say that a search was stopped, and what it skipped."""
     return (
-        f"Stopped searching after {seconds:g} s, without {', '.join(left_out)}: "
+        f"Search stopped after {seconds:g} s. Skipped: {', '.join(left_out)}. "
         "--budget 0 searches to the end."
     )
 
@@ -54,13 +54,13 @@ _SEARCH: ContextVar[Search] = ContextVar("search", default=Search())  # noqa: B0
 
 
 def current_search() -> Search:
-    """Return the search that goes on."""
+    """Return the present search."""
     return _SEARCH.get()
 
 
 @contextmanager
 def budget(seconds: float) -> Iterator[Search]:
-    """Have all searches within end after so many seconds; their answers say what they left out."""
+    """End all searches within after some seconds; their results say what they skipped."""
     token = _SEARCH.set(Search(seconds))
     try:
         yield _SEARCH.get()
@@ -69,7 +69,7 @@ def budget(seconds: float) -> Iterator[Search]:
 
 
 def out_of_time(left_out: str) -> bool:
-    """Whether the time to search is over; then the answer says what was left out."""
+    """Whether the time to search is over; then the result says what was skipped."""
     search = _SEARCH.get()
     if search.over and left_out not in search.left_out:
         search.left_out.append(left_out)
@@ -81,7 +81,7 @@ Track = Callable[[Iterable[Any], str], Iterable[Any]]
 
 
 def tell(sentence: str) -> None:
-    """Tell whoever waits for what: nobody."""
+    """Tell a waiting user what is being done; here nobody waits."""
 
 
 def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001 - a Track
@@ -90,14 +90,14 @@ def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: A
 
 
 def threads(count: int | None) -> ThreadPoolExecutor:
-    """Return threads whose searches end when the present one does."""
+    """Return threads whose searches share the present budget."""
     return ThreadPoolExecutor(count, initializer=_SEARCH.set, initargs=(_SEARCH.get(),))
 
 
 def in_threads(
     work: Callable[[_T], _R], items: Sequence[_T], track: Track, description: str
 ) -> list[_R]:
-    """Return what work makes of each item, one thread per core, and track what is done."""
+    """Return the result of work on each item, one thread per core, with progress."""
     with threads(os.cpu_count()) as pool:
         done = pool.map(work, items)
         return [next(done) for _ in track(items, description)]

@@ -1,11 +1,10 @@
-"""What all results have in common: words, rows, a frame, a page, and the one form of JSON.
+"""What all results share: text, rows, a data frame, a page, and one form of JSON.
 
-Every document has the keys of `HEAD`; docs/commands.md says what they and the others hold.
+Every document has the keys of `HEAD`; docs/commands.md describes all keys.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import platform
 from abc import ABC, abstractmethod
@@ -21,7 +20,7 @@ import numpy as np
 
 from butterfly import __version__
 from butterfly.errors import ButterflyError
-from butterfly.files import finite, write_file
+from butterfly.files import finite, write_document
 from butterfly.progress import current_search
 from butterfly.verdict import Level, Verdict
 
@@ -32,19 +31,19 @@ if TYPE_CHECKING:
     from butterfly.report.page import Fact, Page
 
 SCHEMA_NUMBER = 2
-"""Of a document; raised when an older program could no longer read it."""
+"""Schema of a document; raised when older programs cannot read it."""
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
 
-_LIBRARIES = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
+_LIBRARIES = ("mujoco", "numba", "scipy")  # not imported, since a simulator is slow to
 
-_SIGNIFICANT = 4
+_SIGNIFICANT, _WHOLE = 4, 1e6  # digits of a number; up to here whole ones have all of theirs
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return what results are made with."""
+    """Return the versions that results are made with."""
     return {
         "butterfly": __version__,
         "numpy": np.__version__,
@@ -62,10 +61,10 @@ def document(
     summary: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return what commands and results say for programs, as JSON can hold it.
+    """Return a result as a document for programs, ready for JSON.
 
-    The ``units`` are of quantities whose own key or column does not say it, by their keys, with
-    dots between; None stands for what is unknown.
+    ``units`` are those of quantities whose key or column does not name it, by dotted key. None
+    means unknown.
     """
     found: dict[str, Any] = finite(
         {
@@ -82,77 +81,76 @@ def document(
     return found
 
 
-def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
-    """Return a document as text, with escapes for other letters for what cannot take them."""
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
-
-
-def write_document(content: Mapping[str, Any], path: Path) -> None:
-    """Write a document to a file; InputError if it cannot be written."""
-    write_file(path, json_text(finite(content)))
-
-
 class TextTable(NamedTuple):
-    """A table as a command prints it; of empty headers, names and what belongs to them."""
+    """A table as a command prints it; with empty headers, pairs of name and value."""
 
     title: str
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
 
+    @classmethod
+    def of_page(cls, page: Page) -> tuple[TextTable, ...]:
+        """Return the tables of a page's sections."""
+        return tuple(
+            cls(section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])
+            for section in page.sections
+            for each in section.tables
+        )
+
 
 class Result(ABC):
-    """A result that can be looked at, tabulated, saved and reported."""
+    """A result that can be printed, tabulated, saved and reported."""
 
     kind: ClassVar[str]
-    """What it is, in files."""
+    """Kind of result, in files."""
 
     short: ClassVar[bool] = False
-    """Whether its table is, so that `print` shows it."""
+    """Whether `print` shows its table."""
 
     schema_number: ClassVar[int] = SCHEMA_NUMBER
-    """Of its JSON; raised when an older program could no longer read it."""
+    """Schema of its JSON; raised when older programs cannot read it."""
 
     title: str
-    """What it is, in a line."""
+    """Title in one line."""
 
     summary: tuple[str, ...]
-    """What it says, in plain English, the verdict first, then the most important."""
+    """Sentences in plain English, the verdict first, then the most important."""
 
     judged: Verdict | None
-    """The verdict on the estimate that it rests on; None if there is none, or none was saved."""
+    """Verdict on the underlying estimate; None without one."""
 
     @property
     def standing(self) -> str | None:
-        """What may be done with the estimate that it rests on: good, use with care, do not use."""
+        """Level of the verdict on the underlying estimate: good, use with care, do not use."""
         return None if self.judged is None else self.judged.level.verdict
 
     @property
     def verdict(self) -> list[str]:
-        """How far to trust it, in words: first what may be done with it."""
+        """Lines of the verdict, the level first."""
         return [] if self.judged is None else list(self.judged.lines)
 
     @property
     def notes(self) -> list[str]:
-        """What the summary says below the verdict."""
+        """The summary below the verdict."""
         return list(self.summary[len(self.judged.lines) if self.judged else 0 :])
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:
-        """Return the table that it is about, a row each, units in the names of its columns."""
+        """Return the rows of its table, with units in the column names."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values that JSON can hold; None stands for what is unknown.
+        """Return the result as plain values for JSON; None means unknown.
 
-        It is what the commands write with ``--json``, and holds no path of this machine.
+        The commands write it with ``--json``. It contains no path of this machine.
         """
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return `rows` as a person reads them."""
+        """Return `rows` formatted for reading."""
         return [{name: cell_text(value) for name, value in row.items()} for row in self.rows()]
 
     def paragraphs(self) -> list[str]:
-        """Return what a command prints above its tables, the verdict first if there is one."""
+        """Return what a command prints above its tables, any verdict first."""
         return list(self.summary)
 
     def tables(self) -> list[TextTable]:
@@ -163,7 +161,7 @@ class Result(ABC):
         return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
 
     def shown_lines(self) -> list[str]:
-        """Return what `print` shows of the table, numbers at the right; nothing if not `short`."""
+        """Return the table as `print` shows it, numbers right-aligned; nothing if not `short`."""
         rows = self.shown_rows() if self.short else []
         table = [list(row) for row in rows[:1]] + [list(row.values()) for row in rows]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
@@ -177,7 +175,7 @@ class Result(ABC):
         return {}
 
     def facts(self) -> list[Fact]:
-        """Return the numbers that matter most, for the first screen of its page."""
+        """Return the most important numbers, for the first screen of its page."""
         return []
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -197,7 +195,7 @@ class Result(ABC):
         return pd.DataFrame(self.rows())
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the result as JSON, which `butterfly.load` reads.
+        """Write the result as JSON for `butterfly.load`.
 
         Raises
         ------
@@ -207,14 +205,14 @@ class Result(ABC):
         write_document(self.to_dict(), Path(path))
 
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
-        """Write a page that opens offline, and its numbers as JSON beside it.
+        """Write an offline page, with its numbers as JSON beside it.
 
         Parameters
         ----------
         path
             The file.
         figures
-            Whether to write the figures as PNG and SVG too.
+            Also write the figures as PNG and SVG.
 
         Raises
         ------
@@ -226,7 +224,7 @@ class Result(ABC):
         write_page(self.page(), Path(path), figures=figures)
 
     def page(self) -> Page:
-        """Put together the page of `report`."""
+        """Return the page of `report`."""
         from butterfly.report.page import Page, PageTable, Section  # noqa: PLC0415 - a view
 
         rows, figures = self.shown_rows(), self.figures()
@@ -253,7 +251,7 @@ class Result(ABC):
         return f"<{type(self).__name__}: {self.title}{self._unless_good()}>"
 
     def _unless_good(self) -> str:
-        """Return what a line says of the verdict: nothing if it is good."""
+        """Return the level for one line; empty if good."""
         return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
 
     def _repr_html_(self) -> str:
@@ -264,33 +262,33 @@ class Result(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer(Result):
-    """A result that is its JSON: what a verb found, and how a command prints and draws it."""
+    """A result that is its JSON, and how a command prints and draws it."""
 
     table: ClassVar[str] = "rows"
     """Key of its rows."""
 
     title: str
     summary: tuple[str, ...] = ()
-    content: dict[str, Any]  # what `to_dict` says besides what all say
+    content: dict[str, Any]  # of `to_dict` besides `HEAD`
     judged: Verdict | None = None
     units: dict[str, str] = field(default_factory=dict)
-    printed: tuple[TextTable, ...] = ()  # by a command; its rows if there are none
-    live: Page | None = None  # that draws it; none of a result that was loaded
+    printed: tuple[TextTable, ...] = ()  # by a command; default: its rows
+    live: Page | None = None  # that draws it; None for a loaded result
 
     def __post_init__(self) -> None:
-        """Say what its search left out, if that was stopped."""
+        """Say what a stopped search skipped."""
         stopped = current_search().sentence
         if stopped and stopped not in self.summary:
             object.__setattr__(self, "summary", (*self.summary, stopped))
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return what `to_dict` gave.
+        """Return the result of `to_dict`'s values.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            If something is missing, or not what it should be.
+            If something is missing or invalid.
         """
         rows = [dict(row) for row in content[cls.table]]
         return cls(
@@ -303,12 +301,12 @@ class Answer(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what all results say, and the content (see `Result`)."""
+        """Return the document with its content (see `Result`)."""
         found = self.kind, self.title, self.content
         return document(*found, verdict=self.judged, summary=self.summary, units=self.units)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the table that it is about, a row each, units in the names of its columns."""
+        """Return the rows of its table, with units in the column names."""
         return [dict(row) for row in self.content[self.table]]
 
     def tables(self) -> list[TextTable]:
@@ -316,30 +314,32 @@ class Answer(Result):
         return list(self.printed) or super().tables()
 
     def page(self) -> Page:
-        """Put together the page of `report`."""
+        """Return the page of `report`."""
         return self.live or super().page()
 
     def drawn_as(self, page: Page) -> Self:
-        """Return the same with a page, whose tables a command prints unless there are others."""
-        return replace(self, live=page, printed=self.printed or page.text_tables)
+        """Return the same with a page; a command prints its tables unless there are others."""
+        return replace(self, live=page, printed=self.printed or TextTable.of_page(page))
 
 
 def cell_text(value: object) -> str:
-    """Return a cell as a person reads it."""
+    """Return a cell formatted for reading."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
+    if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
+        return f"{value:.0f}"
     return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
 
 
 def text(value: object) -> str:
-    """Return a text that was saved; anything else is a TypeError."""
+    """Return a saved text; anything else is a TypeError."""
     if not isinstance(value, str):
         raise TypeError(f"{type(value).__name__} instead of a text")
     return value
 
 
 def texts(values: object) -> tuple[str, ...]:
-    """Return texts that were saved; anything else is a TypeError."""
+    """Return saved texts; anything else is a TypeError."""
     if not isinstance(values, list):
         raise TypeError(f"{type(values).__name__} instead of texts")
     return tuple(map(text, values))

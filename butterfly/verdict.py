@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Level(StrEnum):
-    """How grave a remark is, or the gravest of many."""
+    """How grave a remark is, or the gravest of several."""
 
     GOOD = "good"
     NOTE = "note"
@@ -18,7 +18,7 @@ class Level(StrEnum):
 
     @property
     def usable(self) -> bool:
-        """Whether the values may be used at all."""
+        """Whether the values can be used at all."""
         return self is not Level.WARNING
 
     @property

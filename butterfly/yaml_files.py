@@ -1,7 +1,7 @@
-"""YAML 1.2 files, read safely and written so that every reader reads the same.
+"""YAML 1.2 files, read safely and written the same for every reader.
 
-Any slip in one is one InputError with its file, line and field. No tag builds an object, a date is
-a text, and what a small file may unfold to is bounded.
+Any mistake is one InputError with file, line and field. No tag builds an object, a date is text,
+and the expansion of a small file is bounded.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ruamel.yaml.representer import SafeRepresenter
 from butterfly.errors import InputError, nearest, shown
 from butterfly.files import read_file
 
-_DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
-_MOST = 300_000  # values, what aliases stand for counted each time
-_SHOWN = 60  # characters of a value that a message repeats
-_LARGEST = 2_000_000  # bytes: more takes longer to read than anybody waits
+_DEEPEST = 50  # nested mappings and lists: more would raise a RecursionError
+_MOST = 300_000  # values, aliases expanded
+_SHOWN = 60  # characters of a bad value in a message
+_LARGEST = 2_000_000  # bytes: more takes too long to read
 _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
-_LONGEST = 120  # characters of a value that a message repeats
+_LONGEST = 120  # characters of any value in a message
 
 _ONE_LINE = 1_000_000  # characters: nothing is wrapped
 # What needs no quotes, unless it reads as a value.
@@ -56,7 +56,7 @@ class StrictModel(BaseModel):
 
 
 class OneOf(StrictModel):
-    """Several optional keys of which exactly one must be given."""
+    """Several optional keys; exactly one must be given."""
 
     @model_validator(mode="after")
     def _one_of_them(self) -> OneOf:
@@ -76,14 +76,16 @@ def validate(
     schema: type[_Model],
     source: object = "content",
 ) -> _Model:
-    """Validate ``content``; a slip is blamed on the document with its field, else on ``source``."""
+    """Validate ``content``; an error names the document with its field, else ``source``."""
     try:
         return schema.model_validate(content)
     except ValidationError as error:
         slips = error.errors()
     except ArithmeticError as error:
-        found = f"numbers of which nothing can be calculated ({error.args[-1]})"
-        raise InputError(_source(documents, [], source), "content", found, "usual ones") from None
+        found = f"numbers out of range ({error.args[-1]})"
+        raise InputError(
+            _source(documents, [], source), "content", found, "usual numbers"
+        ) from None
     unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
     first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
@@ -132,7 +134,7 @@ def _value(content: Any, part: str) -> Any:  # noqa: ANN401 - whatever a file ma
 
 
 def _source(documents: Sequence[Document], location: Sequence[str], origin: object) -> str:
-    """Name the file, and the line in it, that says what stands at ``location``."""
+    """Name the file and the line of ``location``."""
     for document in documents:
         line = document.line(location)
         if line is not None:
@@ -177,12 +179,12 @@ class Document:
 
     path: Path
     content: dict[str, Any]
-    root: Node  # which knows the lines
+    root: Node  # with line numbers
 
     def line(self, location: Sequence[str]) -> int | None:
-        """Return the line, from 1 on, of a value by its keys and list indices; None if not here."""
+        """Return the line, from 1, of a value by its keys and list indices; None if not here."""
         node, found = self.root, None
-        for part in location:  # those that are no keys are skipped, as the kinds of a union
+        for part in location:  # parts that are not keys, such as members of a union, are skipped
             key, child = _child(node, part)
             if child is not None:
                 node, found = child, (key or child).start_mark.line + 1
@@ -190,7 +192,7 @@ class Document:
 
 
 def load_yaml(path: Path) -> Document:
-    """Parse a file; InputError if it is missing, no YAML, no mapping, or says a key twice."""
+    """Parse a file; InputError if it is missing, not YAML, not a mapping, or repeats a key."""
     text = _text(path)
     try:
         content, root = _parsed(text)
@@ -203,9 +205,9 @@ def load_yaml(path: Path) -> Document:
         where = f"line {mark.line + 1}" if mark else "content"
         problem = getattr(error, "problem", None) or "unreadable text"
         if problem.startswith("maximum depth"):
-            problem = f"mappings and lists more than {_DEEPEST} deep"
+            problem = f"mappings and lists nested more than {_DEEPEST} deep"
         raise InputError(path, where, problem, "valid YAML") from None
-    except (ValueError, LookupError):  # what the parser meets damaged bytes with
+    except (ValueError, LookupError):  # the parser raises these on damaged bytes
         raise InputError(path, "content", "unreadable text", "valid YAML") from None
     if not isinstance(content, dict):
         raise InputError(path, "content", type(content).__name__, "a mapping of keys to values")
@@ -213,7 +215,7 @@ def load_yaml(path: Path) -> Document:
 
 
 def _text(path: Path) -> str:
-    """Return what a file says, if it is one that anybody would wait for."""
+    """Return the text of a file, unless it is too large."""
     try:
         return read_file(path, "an existing YAML file", most=_LARGEST).decode()
     except UnicodeDecodeError:
@@ -223,7 +225,7 @@ def _text(path: Path) -> str:
 def _child(node: Node, part: str) -> tuple[Node | None, Node | None]:
     """Return the key node, if there is one, and the value node of a part of a location."""
     if isinstance(node, MappingNode):
-        for key, value in reversed(node.value):  # what is merged in stands before what replaces it
+        for key, value in reversed(node.value):  # merged values precede their replacements
             if key.value == part:
                 return key, value
     if isinstance(node, SequenceNode) and part.isdigit() and int(part) < len(node.value):
@@ -235,21 +237,21 @@ class _PlainValues(SafeConstructor):
     """Builds mappings, lists, texts, numbers, truth values and null, as YAML 1.2's core schema."""
 
     def construct_object(self, node: Node, deep: bool = False) -> Any:  # noqa: ANN401 - ruamel's
-        """Tell where a value stands that is unlike its tag, such as `-_` or `!!bool 3`."""
+        """Name the place of a value that does not fit its tag, such as `-_` or `!!bool 3`."""
         try:
             return super().construct_object(node, deep)
         except (ValueError, LookupError, TypeError, ArithmeticError):
             kind = str(node.tag).rpartition(":")[2]
-            problem = f"{shown(node.value, _SHOWN)}, which is no {kind}"
+            problem = f"{shown(node.value, _SHOWN)}, not a valid {kind}"
             raise ConstructorError(problem=problem, problem_mark=node.start_mark) from None
 
     def check_mapping_key(
         self, node: Node, key_node: Node, mapping: dict[str, Any], key: object, value: object
     ) -> bool:
-        """Refuse keys that are no texts, besides those that recur."""
+        """Refuse keys that are not text, and repeated keys."""
         if not isinstance(key, str):
             raise ConstructorError(
-                problem="a key that is no text", problem_mark=key_node.start_mark
+                problem="a key that is not text", problem_mark=key_node.start_mark
             )
         return bool(super().check_mapping_key(node, key_node, mapping, key, value))
 
@@ -266,16 +268,16 @@ _PlainValues.yaml_constructors = {
 
 
 class _Extent(NamedTuple):
-    """How many values a node holds, and how deep, what aliases stand for counted each time."""
+    """How many values a node holds, and how deep, with aliases expanded."""
 
     size: int
     depth: int
 
 
 def _extent(node: Node, known: dict[int, _Extent | None]) -> _Extent:
-    """Return the extent of a node, or refuse one that holds itself, or too much."""
+    """Return the extent of a node; refuse one that contains itself, or too much."""
     if id(node) in known:
-        return known[id(node)] or _refuse(node, "an alias within what it stands for")
+        return known[id(node)] or _refuse(node, "an alias that contains itself")
     known[id(node)] = None
     below = node.value if isinstance(node, MappingNode | SequenceNode) else []
     parts = [part for each in below for part in (each if isinstance(each, tuple) else (each,))]
@@ -283,9 +285,9 @@ def _extent(node: Node, known: dict[int, _Extent | None]) -> _Extent:
     size = 1 + sum(each.size for each in extents)
     depth = 1 + max((each.depth for each in extents), default=0)
     if size > _MOST:
-        _refuse(node, f"more than {_MOST:,} values, what aliases stand for counted each time")
+        _refuse(node, f"more than {_MOST:,} values, with aliases expanded")
     if depth > _DEEPEST + 1:
-        _refuse(node, f"aliases more than {_DEEPEST} deep")
+        _refuse(node, f"aliases nested more than {_DEEPEST} deep")
     found = known[id(node)] = _Extent(size, depth)
     return found
 
@@ -319,7 +321,7 @@ def yaml_text(content: dict[str, Any], *, flow: bool = False) -> str:
 
 
 class _PlainWriter(SafeRepresenter):
-    """Writes numbers and texts so that every reader sees the same.
+    """Writes numbers and texts in the same way for every reader.
 
     Readers of YAML 1.1 see numbers in 1.0e-05, not in 1e-05. Texts other than words are quoted:
     ruamel.yaml 0.19 would write the text ``: 1`` bare in braces.

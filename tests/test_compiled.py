@@ -117,7 +117,7 @@ print(total(10.0), sum(total.stats.cache_hits.values()))
 def test_another_process_compiles_what_is_not_on_disk_and_that_is_said(small):
     with (small / "outer.py").open("a") as outer:
         outer.write("\ndef rehearse():\n    total(1.0)\n")
-    assert _start(small, BESIDE) == "Compiling, once after an installation\n23.0 1\n"
+    assert _start(small, BESIDE) == "Compiling (once after installation)\n23.0 1\n"
     assert _start(small, BESIDE) == "23.0 1\n"
 
 
@@ -173,4 +173,4 @@ print(total(2.0), power(2.0, 4))
 def test_what_only_kernels_call_is_compiled_once_for_all_constants_and_runs_in_python(small):
     (small / "alone.py").write_text(ALONE)
     lines = _start(small, "import small.alone").split("\n")
-    assert lines == ["Compiling, once after an installation", "total", "power", "12.0 16.0", ""]
+    assert lines == ["Compiling (once after installation)", "total", "power", "12.0 16.0", ""]

@@ -43,7 +43,7 @@ def test_what_fails_halfway_leaves_the_old_file_and_no_litter(tmp_path):
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     with (
-        pytest.raises(InputError, match="a file that can be written"),
+        pytest.raises(InputError, match="a writable file"),
         replacing(tmp_path / "file/a") as draft,
     ):
         draft.write_text("x")
@@ -126,7 +126,7 @@ def test_what_is_no_regular_file_is_refused_at_once_whoever_reads(tmp_path, kind
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("a\0.csv", "character 0"), ("x" * 5000, "names of up to 255 bytes")]
+    ("name", "said"), [("a\0.csv", "null characters"), ("x" * 5000, "names of at most 255 bytes")]
 )
 @pytest.mark.parametrize("ending", [".csv", ".mat", ".parquet", ".yaml"])
 def test_a_name_that_no_file_can_have_is_one_line(tmp_path, name, said, ending):

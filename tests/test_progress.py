@@ -22,7 +22,7 @@ from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import RICH, SWINGS, steady
 
-STOPPED = "Stopped searching after 0 s, without "
+STOPPED = "Search stopped after 0 s. Skipped: "
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
     assert np.isnan(held.fits).any()
     assert len(drawn.values) == 20
     assert [each.terms for each in passed] == [()]
-    for part in ("parts of the data", "repetitions", "further terms"):
+    for part in ("parts of the cross-validation", "repetitions", "further terms"):
         assert any(part in each for each in search.left_out)
     assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
 
@@ -90,7 +90,7 @@ def test_draws_stop_when_time_is_over_and_those_that_were_made_count(data):
     fewer = replace(drawn, values=drawn.values[:LEAST])
     np.testing.assert_array_equal(few.weights, weighed(fewer, data).weights)
     assert search.left_out == ["some of the draws"]
-    assert any(line.startswith(f"{STOPPED}some of the draws:") for line in answer.summary)
+    assert any(line.startswith(f"{STOPPED}some of the draws.") for line in answer.summary)
     different = {tuple(row.values()) for row in answer.drawn.rows()}
     assert len(different) <= LEAST < len(answer.drawn.rows())
 

@@ -131,7 +131,7 @@ CASES = {
     ),
     "a mass without an arm": Case(
         f"identify no-arm.yaml {WEAK}",
-        "expected arm, in m, since 1.csv carries a mass",
+        "expected arm in m, since 1.csv has an added mass",
         (f"identify two.yaml {WEAK}",),
     ),
     "names that tell masses, and no arm": Case(
@@ -270,7 +270,7 @@ CASES = {
     ),
     "a piece outside the log": Case(
         "inspect 0.csv --from 20",
-        "0.csv: from, to: got 0 samples in 0.csv (20 s to end); expected 16 samples or more",
+        "0.csv: from, to: got 0 samples in 0.csv (20 s to end); expected at least 16 samples",
         ("inspect 0.csv --from 2",),
     ),
     "a log too short for the weak form": Case(

@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 
+from butterfly.files import json_text, write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.result import HEAD, document, json_text, write_document
+from butterfly.result import HEAD, document
 from butterfly.verdict import Level, Verdict
 
 

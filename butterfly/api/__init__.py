@@ -1,1 +1,1 @@
-"""What stands behind `import butterfly as bf`: a few verbs, and results that show themselves."""
+"""The Python interface, `import butterfly as bf`: a few verbs, and their results."""

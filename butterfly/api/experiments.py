@@ -21,7 +21,7 @@ from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
-from butterfly.files import locate
+from butterfly.files import locate, write_document
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers
@@ -34,7 +34,7 @@ from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.records import NEAR_ORBIT, run_verdict
 from butterfly.report.sweep_page import sweep_page
-from butterfly.result import Answer, document, write_document
+from butterfly.result import Answer, TextTable, document
 from butterfly.verdict import Verdict
 
 RESULT = "result.json"
@@ -249,7 +249,11 @@ def _run_once(
     if result.error is not None:
         raise result.error
     whole = _kept_run(folder, record, truth, answers)
-    return whole if page is None else replace(whole, printed=(*whole.printed, *page.text_tables))
+    return (
+        whole
+        if page is None
+        else replace(whole, printed=(*whole.printed, *TextTable.of_page(page)))
+    )
 
 
 def _kept_run(

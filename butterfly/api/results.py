@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
 
     from butterfly.report.ranking_pages import TablePlots
 
-_SEEN, _HELD_OUT = "FIT seen in %", "FIT left out in %"  # columns
+_SEEN, _HELD_OUT = "FIT in sample in %", "FIT held out in %"  # columns
+_OLDER = {"FIT seen in %": _SEEN, "FIT left out in %": _HELD_OUT}
 _WELL = 90  # % FIT of a well-predicted log
 
 
@@ -140,13 +142,22 @@ class Validated(Tabulated):
             printed=tuple(tables),
         )
 
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return what `to_dict` gave, of an older program too (see `Answer.from_dict`)."""
+        rows = [
+            {_OLDER.get(key, key): each for key, each in row.items()} for row in content["rows"]
+        ]
+        return super().from_dict({**content, "rows": rows}, **more)
+
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
         chosen, (seen, *_) = self.content["chosen"], self.fit_facts(_SEEN, "in sample")
+        parts = self.title.rpartition(", ")[2]
         return [
             *self.fit_facts(_HELD_OUT, "held out"),
             seen,
-            Fact("held out at a time", self.title.rpartition(", ")[2].partition(" left out")[0]),
+            Fact("held out at a time", re.split(" (?:held|left) out", parts)[0]),
             Fact("logs", str(len(self.rows()))),
             Fact("method", chosen["label"] or chosen["method"]),
         ]

@@ -121,7 +121,7 @@ def write_json(document: Mapping[str, Any]) -> None:
     """Write an answer as JSON to where ``--json`` said, if it did."""
     if asked.json is None:
         return
-    from butterfly.result import json_text, write_document  # noqa: PLC0415 - slow to import
+    from butterfly.files import json_text, write_document  # noqa: PLC0415 - slow to import
 
     if asked.document_alone:
         encoding = (getattr(sys.stdout, "encoding", None) or "").lower()

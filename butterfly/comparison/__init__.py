@@ -1,1 +1,1 @@
-"""MJCF, grey-box model and log side by side; estimators side by side."""
+"""MJCF, grey-box model and log compared; estimators compared."""

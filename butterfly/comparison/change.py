@@ -1,4 +1,4 @@
-"""Whether a robot has changed between two identifications of it from independent logs."""
+"""Whether a robot has changed between two identifications from independent logs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from butterfly.identification.levels import CONFIDENCE
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
 LEVEL = 1 - CONFIDENCE
-"""Share of comparisons of a robot that has not changed that say that it has, at most."""
+"""Level of significance: largest rate of false alarms."""
 
 _OF_EACH = LEVEL / 2  # for the parameters one by one, by Holm's method
 _OF_ALL = LEVEL / 2  # for all of them together
@@ -40,35 +40,35 @@ class ParameterChange:
 
     @property
     def difference(self) -> float:
-        """After less before."""
+        """After minus before."""
         return self.after - self.before
 
     @property
     def relative(self) -> float:
-        """The difference over the size of the value before; NaN of one that is hardly known."""
+        """Difference over the value before; NaN if that is hardly known."""
         known = abs(self.before) > 2 * self.error
         return self.difference / abs(self.before) if known else math.nan
 
     @property
     def probability(self) -> float:
-        """Of so large a difference by chance, of this parameter alone."""
+        """Probability of the difference by chance, for this parameter alone."""
         freedom = min(self.freedom, _ALMOST_NORMAL)
         return float(2 * stdtr(freedom, -abs(self.difference) / self.error)) if self.error else 1.0
 
     @property
     def detectable(self) -> float:
-        """Difference that would have been found four times in five."""
+        """Difference detectable with 80 % power."""
         return self.error * float(_quantile(self.freedom, 1 - _OF_EACH / self.count / 2) + _POWER)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the difference, of this parameter alone."""
+        """95 % interval of the difference, for this parameter alone."""
         reach = float(_quantile(self.freedom, 0.5 + CONFIDENCE / 2)) * self.error
         return self.difference - reach, self.difference + reach
 
     @property
     def changed(self) -> bool:
-        """Whether it has changed, beyond what chance explains."""
+        """Whether it has changed significantly."""
         return self.corrected <= _OF_EACH
 
 
@@ -83,13 +83,13 @@ class Change:
 
     @property
     def changed(self) -> tuple[ParameterChange, ...]:
-        """The parameters that have changed, the clearest first."""
+        """The significantly changed parameters, the clearest first."""
         found = (each for each in self.parameters if each.changed)
         return tuple(sorted(found, key=lambda each: each.probability))
 
     @property
     def jointly_changed(self) -> bool:
-        """Whether the parameters together have changed beyond what chance explains."""
+        """Whether the parameters together have changed significantly."""
         return self.joint_probability <= _OF_ALL
 
 
@@ -97,9 +97,9 @@ def change(before: Estimate, after: Estimate) -> Change:
     """Test whether parameters differ between two estimates from independent logs.
 
     Each by Student's t with Welch's degrees of freedom, corrected for their number (Holm, Scand. J.
-    Stat. 6, 1979); all together by Hotelling's T^2. Standard errors are not less than what the
-    intervals say, which left-out masses and competing models have widened. Half of `LEVEL` is spent
-    on each kind of test. InputError if no parameter was estimated in both with an uncertainty.
+    Stat. 6, 1979); all together by Hotelling's T^2. Standard errors are at least those of
+    the intervals, which held-out masses and competing models have widened. Each kind of test uses
+    half of `LEVEL`. InputError if no parameter has an uncertainty in both.
     """
     untested = _untested(before, after)
     names = [name for name in before.names if name in after.names and name not in untested]
@@ -108,7 +108,7 @@ def change(before: Estimate, after: Estimate) -> Change:
             "changed",
             "estimates",
             "no common parameter with a standard error",
-            "two identifications by methods that give one",
+            "two identifications with methods that estimate standard errors",
         )
     sides = [_Side.of(estimate, names) for estimate in (before, after)]
     difference = sides[1].values - sides[0].values
@@ -137,7 +137,7 @@ def change(before: Estimate, after: Estimate) -> Change:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
-    """What one estimate says of n parameters: values, errors, degrees of freedom, covariance."""
+    """One estimate of n parameters: values, errors, degrees of freedom, covariance."""
 
     values: Samples
     errors: Samples
@@ -169,7 +169,7 @@ class _Side:
 
 
 def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
-    """Return by name why there is no evidence on a parameter."""
+    """Return by name why a parameter cannot be compared."""
     both = (before, after)
     names = [name for each in both for name in (*each.names, *each.known.parameters)]
     why: dict[str, str] = {}
@@ -207,7 +207,7 @@ def _uncertain(estimate: Estimate, name: str) -> bool:
 
 
 def _holm(tails: Samples) -> Samples:
-    """Return (n,) probabilities, corrected for how many are looked at."""
+    """Return (n,) probabilities, corrected for their number."""
     order = np.argsort(tails)
     factors = np.arange(tails.size, 0, -1)
     corrected = np.empty_like(tails)
@@ -216,7 +216,7 @@ def _holm(tails: Samples) -> Samples:
 
 
 def _joint_probability(difference: Samples, covariance: Samples, freedom: float) -> float:
-    """Return the probability of so large a distance by chance (Hotelling's T^2)."""
+    """Return the probability of the distance by chance (Hotelling's T^2)."""
     count = difference.size
     spread = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(spread, spread)
@@ -232,7 +232,7 @@ def _joint_probability(difference: Samples, covariance: Samples, freedom: float)
 def _clearest_ratio(
     parameters: Sequence[ParameterChange], sides: Sequence[_Side]
 ) -> ParameterChange | None:
-    """Return the ratio to p1 of a torque whose logarithm has moved by most standard errors."""
+    """Return the ratio of a torque to p1 whose logarithm changed by most standard errors."""
     names = [each.name for each in parameters]
     if "p1" not in names or any(np.any(side.values == 0) for side in sides):
         return None

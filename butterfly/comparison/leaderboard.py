@@ -1,4 +1,4 @@
-"""Estimators against each other over data sets, by what they predict unseen."""
+"""Ranking of estimators over data sets by their held-out FIT."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def leaderboard(
     split: Split = Split.AUTO,
     track: Track = untracked,
 ) -> list[Entry]:
-    """Try every estimator on every data set; the best first, by median FIT of what is left out."""
+    """Validate every estimator on every data set; best held-out median FIT first."""
     pairs = [(data, estimator) for data in sets for estimator in estimators]
     entries: list[Entry] = []
     for data, estimator in track(pairs, "Comparing estimators"):
@@ -52,9 +52,9 @@ def leaderboard(
 
 
 def equals(entries: Sequence[Entry]) -> list[Entry]:
-    """Return, of one data set's entries, the first and those that predict no worse beyond chance.
+    """Return, of one data set's entries, the first and those not significantly worse.
 
-    Chance: twice the standard error, over logs, of the difference in FIT.
+    Significant: twice the standard error, over logs, of the difference in FIT.
     """
     best, *others = entries
     if best.fits is None:

@@ -1,4 +1,4 @@
-"""The same input for MuJoCo, for the grey-box model and for the robot that made the log."""
+"""MuJoCo, the grey-box model and the logged robot under the same input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from butterfly.signals.frequency_response import response_point
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThreeWay:
-    """One log, and what both simulators make of its input."""
+    """One log, and both simulations of its input."""
 
     log: Log
     zero: float  # encoder reading in rad where the models' angle is 0
@@ -54,7 +54,7 @@ def compare_three(
     mass: float | None = None,
     track: Track = untracked,
 ) -> list[ThreeWay]:
-    """Simulate logs by number in MuJoCo, with a hand of a mass in kg, and by the grey box."""
+    """Simulate logs by number in MuJoCo, with a body of a mass in kg, and by the grey box."""
     data.require_angles("MuJoCo")
     predictor = data.simulations
     found = []

@@ -1,4 +1,4 @@
-"""All estimators by the names of their methods, made of the options that a file or a user gives."""
+"""All estimators by method name, created from the options of a file or user."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimato
 """All estimators by the name of their method."""
 
 DEFAULT_METHOD = Suitable.method
-"""The estimator of logs where none is named."""
+"""Default estimator for logs."""
 
 DEFAULT_OF_EXPERIMENTS = HarmonicBalance.method
-"""The estimator of an experiment that names none."""
+"""Default estimator of an experiment."""
 
 
 def options_of(kind: type[Estimator]) -> list[str]:
@@ -45,7 +45,7 @@ def kind_of(
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
-    """Complete an estimator that does not say which it is, and refuse options of others."""
+    """Add the default method to an estimator without one, and refuse options of others."""
     if not isinstance(estimator, dict):
         return estimator
     named = {"method": DEFAULT_OF_EXPERIMENTS} | estimator
@@ -68,7 +68,7 @@ _ADAPTER: TypeAdapter[Any] = TypeAdapter(AnyEstimator)
 
 
 def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estimator:
-    """Return the estimator of a method with its options, or InputError; an estimator as it is."""
+    """Return the estimator of a method with its options, or InputError; or a given estimator."""
     if isinstance(method, Estimator):
         if options:
             expected = "no options with an Estimator; set its fields instead"

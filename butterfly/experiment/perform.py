@@ -1,4 +1,4 @@
-"""Do one run: simulate, identify, validate, hold the orbit, compare with the truth."""
+"""Perform one run: simulate, identify, validate, hold the orbit, compare with the truth."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from butterfly.signals.excitations import Table
 def perform(
     experiment: Experiment, *, threads: int | None = None, track: Track = untracked
 ) -> RunResult:
-    """Do one run (a thread per core if not given); what goes wrong is recorded with the rest."""
+    """Perform one run (by default with a thread per core); errors are recorded too."""
     result = RunResult(experiment, threads, track)
     with result.timed("total"):
         try:
@@ -57,7 +57,7 @@ def perform(
 
 
 def execute(task: Task, tables: Mapping[str, Table], seconds: float = math.inf) -> Outcome:
-    """Do a task, on any worker, with one thread; search for so many seconds."""
+    """Perform a task on any worker, with one thread; search for some seconds."""
     try:
         experiment = Experiment.model_validate(filled(task.content, tables))
     except ValueError as error:
@@ -67,7 +67,7 @@ def execute(task: Task, tables: Mapping[str, Table], seconds: float = math.inf) 
 
 
 def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome:
-    """Return what is kept of a task's result."""
+    """Return the record of a task's result."""
     record = replace(
         result.record, key=task.key, overrides=task.overrides, repetition=task.repetition
     )
@@ -76,7 +76,7 @@ def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome
 
 
 class RunResult:
-    """A run, and what it has given so far: in the end the whole of it, to look at."""
+    """A run and its results so far."""
 
     def __init__(self, experiment: Experiment, threads: int | None, track: Track) -> None:
         self._experiment, self._threads, self._track = experiment, threads, track
@@ -91,7 +91,7 @@ class RunResult:
 
     @property
     def record(self) -> RunRecord:
-        """What is kept of it."""
+        """The record of the run."""
         status, reason = OK, ""
         if self.error is not None:
             refused = isinstance(self.error, ButterflyError)
@@ -110,7 +110,7 @@ class RunResult:
         )
 
     def do(self) -> None:
-        """Do it; raise what ends it early."""
+        """Perform the run; raise the error that ends it early."""
         experiment, data = self._experiment, None
         if experiment.runs():
             self._refuse_without_scale()
@@ -129,7 +129,7 @@ class RunResult:
             raise IdentifiabilityError(self._estimates[0].error)
 
     def _refuse_without_scale(self) -> None:
-        """Refuse masses that tell no estimator the scale, before anything is simulated."""
+        """Refuse masses that give no estimator the scale, before any simulation."""
         experiment, specs = self._experiment, self._experiment.all_estimators
         if experiment.control is not None or any(spec.method == "thesis" for spec in specs):
             return
@@ -142,7 +142,7 @@ class RunResult:
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:
-        """Note how long a part takes."""
+        """Record the duration of a part."""
         begun = time.perf_counter()
         try:
             yield
@@ -151,7 +151,7 @@ class RunResult:
 
     @contextmanager
     def _searching(self) -> Iterator[None]:
-        """Search for a part for as long as is asked for each, and note whether it was stopped."""
+        """Limit the search of a part to its budget, and record whether it was stopped."""
         whole = current_search()
         with budget(whole.seconds) as search:
             yield
@@ -160,7 +160,7 @@ class RunResult:
             whole.left_out.extend(each for each in search.left_out if each not in whole.left_out)
 
     def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
-        """Hold an orbit with what is believed, or what the first estimator found in ``data``."""
+        """Hold an orbit with the believed parameters, or the first estimate from ``data``."""
         experiment, believed, zero = self._experiment, control.believed, 0.0
         small_swings = None
         if believed is None:
@@ -187,7 +187,7 @@ class RunResult:
         )
 
     def _identify(self, data: DataSet, spec: Estimator) -> None:
-        """Add what an estimator gives, or why it refuses."""
+        """Add the estimate of an estimator, or its error."""
         try:
             estimator = self._threaded(spec.suited(data))
             identification = identify(data, estimator, track=self._track)
@@ -215,7 +215,7 @@ class RunResult:
         self._estimates.append(record)
 
     def _threaded(self, spec: Estimator) -> Estimator:
-        """Return an estimator that takes no more threads than it may."""
+        """Return an estimator limited to the allowed threads."""
         if self._threads is not None and isinstance(spec, OutputError) and spec.workers == 0:
             return replace(spec, workers=self._threads)
         return spec

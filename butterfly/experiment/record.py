@@ -1,9 +1,9 @@
-"""What is kept of a run and of a sweep: typed records, and their JSON.
+"""Records of a run and of a sweep, and their JSON.
 
-SweepRecord             what was asked: the runs in order
-RunRecord               what a run gave
-  EstimateRecord        of each estimator: its estimate, or why there is none
-  OrbitRecord           of an orbit that was held
+SweepRecord             the planned runs in order
+RunRecord               the result of a run
+  EstimateRecord        of each estimator: its estimate, or its error
+  OrbitRecord           of a held orbit
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from butterfly.progress import current_search
 from butterfly.verdict import Level
 
 SCHEMA = 4
-"""Of the records; those of 3 are read, one with another number counts as none."""
+"""Schema of the records; schema 3 is read, records of others count as missing."""
 
 OK, REFUSED, FAILED = "ok", "refused", "failed"
 """A run's status: done, refused for good (bad input, unidentifiable), or failed unexpectedly."""
@@ -45,7 +45,7 @@ _KeptEstimate = Annotated[
 
 
 class _Signed:
-    """What is kept in a file of its own, whose digest tells whether it is as it was written."""
+    """A record in its own file, with a digest that shows damage."""
 
     def to_json(self) -> str:
         """Return the content of its file."""
@@ -56,7 +56,7 @@ class _Signed:
 
     @classmethod
     def from_json(cls, text: str) -> Self | None:
-        """Read the content of a file; None if it is no record, damaged, or of another schema."""
+        """Read the content of a file; None if it is not a record, damaged, or of another schema."""
         schema = _SCHEMA_SAID.match(text)
         try:
             if schema is not None and int(schema[1]) == _BEFORE:
@@ -79,7 +79,7 @@ class _Signed:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRecord:
-    """What an estimator gave: an estimate, or the error that says why there is none."""
+    """The result of an estimator: an estimate, or an error."""
 
     estimator: str  # its label
     error: str = ""  # why there is no estimate, or no held-out FIT
@@ -102,13 +102,13 @@ class EstimateRecord:
     @computed_field  # type: ignore[prop-decorator]
     @property
     def verdict(self) -> str:
-        """What may be done with the values: good, use with care, or do not use."""
+        """Level of the verdict: good, use with care, or do not use."""
         return (Level.WARNING if self.estimate is None else self.estimate.level).verdict
 
 
 @dataclass(frozen=True, kw_only=True)
 class CrossRecord:
-    """Models of orbits, used at each other's: amplitudes in rad, rms errors in rad by row."""
+    """Models of orbits, applied to each other: amplitudes in rad, rms errors in rad by row."""
 
     amplitudes_rad: tuple[float, ...]
     rms_rad: tuple[tuple[float, ...], ...]
@@ -116,7 +116,7 @@ class CrossRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class OrbitRecord:
-    """An orbit that was held, and the re-calibration next to it."""
+    """A held orbit, and re-calibration next to it."""
 
     target_rad: float  # amplitude that was wanted
     amplitudes_rad: tuple[float | None, ...]  # of the rounds; None where the hand turned over
@@ -145,7 +145,7 @@ class OrbitRecord:
         )
 
     def numbers(self) -> dict[str, Any]:
-        """Return what it says besides the verdict, for programs."""
+        """Return the values besides the verdict, for programs."""
         adapter = TypeAdapter(OrbitRecord)
         numbers: dict[str, Any] = adapter.dump_python(self, mode="json", exclude={"verdict"})
         return numbers
@@ -153,7 +153,7 @@ class OrbitRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord(_Signed):
-    """What a run gave."""
+    """The result of a run."""
 
     __pydantic_config__ = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
 
@@ -175,24 +175,24 @@ class RunRecord(_Signed):
 
     @property
     def reason(self) -> str:
-        """Why there is no result, or what an estimator refused first; empty if nothing."""
+        """Error of the run, or the first error of an estimator; empty if none."""
         errors = [f"{each.estimator}: {each.error}" for each in self.estimates if each.error]
         return self.error or next(iter(errors), "")
 
     @property
     def stays(self) -> bool:
-        """Whether it would come to the same again: it did not fail, or search for too short."""
+        """Whether a repetition would give the same: it did not fail or stop its search early."""
         searched = math.inf if self.stopped_after is None else self.stopped_after
         return self.status != FAILED and searched >= current_search().seconds
 
     @property
     def unconverged(self) -> int:
-        """How many of its estimates are not where their estimator wanted to be."""
+        """Number of estimates that did not converge."""
         return sum(each.ending is Ending.STOPPED for each in self.estimates)
 
     @property
     def verdict(self) -> str | None:
-        """The worst verdict on its estimates, the orbit's among them; None if it has none."""
+        """The worst verdict on its estimates, including the orbit; None without estimates."""
         found = [each.estimate.level for each in self.estimates if each.estimate is not None]
         if self.orbit is not None and self.orbit.verdict is not None:
             found.append(Level.of_verdict(self.orbit.verdict))
@@ -201,7 +201,7 @@ class RunRecord(_Signed):
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a worker sends back: a record, and the contents of the files beside it, by name."""
+    """The reply of a worker: a record, and the contents of its files by name."""
 
     record: RunRecord
     files: Mapping[str, bytes] = field(default_factory=dict)
@@ -209,7 +209,7 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRun:
-    """One run of a sweep: where it stands, the address of its result, and what sets it apart."""
+    """One run of a sweep: its place, the address of its result, and its varied fields."""
 
     number: int  # in the sweep's order, from 0 on
     key: str
@@ -220,12 +220,12 @@ class SweepRun:
 
 @dataclass(frozen=True, kw_only=True)
 class Task(SweepRun):
-    """A run to be done: all that a worker needs but the tables, wherever it is."""
+    """A run to perform: all that a worker needs except the tables."""
 
     content: dict[str, Any]  # the experiment without its sweep; digests stand for tables of files
 
     def failed(self, error: str) -> Outcome:
-        """Return the outcome if nothing came back."""
+        """Return the outcome without a reply."""
         record = RunRecord(
             key=self.key,
             status=FAILED,
@@ -239,7 +239,7 @@ class Task(SweepRun):
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRecord(_Signed):
-    """What was asked."""
+    """The plan of a sweep."""
 
     schema: int = SCHEMA
     name: str
@@ -255,12 +255,12 @@ class SweepRecord(_Signed):
 
 
 def digest_of(content: bytes) -> str:
-    """Return what tells a content from any other."""
+    """Return the digest of a content."""
     return hashlib.sha256(content).hexdigest()
 
 
 def origin_of(text: str) -> str:
-    """Say what wrote a file that is no record of now, as far as the file says so itself."""
+    """Describe a file that is not a current record, by its own schema and version."""
     try:
         content = json.loads(text)
         schema, version = int(content["schema"]), str(content["versions"]["butterfly"])
@@ -275,7 +275,7 @@ _BEFORE = 3  # the schema before estimates were kept whole
 
 
 def upgraded(content: dict[str, Any]) -> dict[str, Any]:
-    """Return a record of schema 3 as one of now: covariances between parameters are not known."""
+    """Convert a record of schema 3; covariances between parameters are unknown."""
     estimates = [_upgraded_estimate(each) for each in content.get("estimates", ())]
     orbit = content.get("orbit")
     if orbit is not None:

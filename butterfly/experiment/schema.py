@@ -1,4 +1,4 @@
-"""What an experiment file may say: the robot, its inputs, estimators, and what varies."""
+"""The schema of an experiment file: robot, inputs, estimators and sweep."""
 
 from __future__ import annotations
 
@@ -75,36 +75,36 @@ class PlantSpec(StrictModel):
     friction: Friction = Friction()
     clutch: Clutch | None = None
     base: Base | None = None
-    """What the robot stands on, if that gives."""
+    """A moving base, if any."""
     lumped: LumpedParameters | None = None
-    """p1..p4 and friction terms, as an identification gives them, in place of all above."""
+    """p1..p4 and friction terms, as identified, instead of all above."""
     simulator: Simulator = Simulator.MUJOCO
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
     faults: Faults = Faults()
     loop: LoopFacts | None = None
-    """Of a servo, as in a manifest: excitations and signals are then its set-points."""
+    """Loop of a servo, as in a manifest; excitations and signals are then its setpoints."""
     torque_off: Spans = ()
-    """Pairs of instants in s, from one to before the other of which the servo is off."""
+    """Pairs of start and end times in s between which the servo is off."""
     supply: Table | None = None
-    """Of the servo, in V, where it is not the loop's throughout."""
+    """Supply of the servo in V over time, if not that of the loop."""
 
     @property
     def servo(self) -> ServoLoop | None:
-        """The servo's loop, if there is one."""
+        """Loop of the servo, if any."""
         return None if self.loop is None else ServoLoop.of(self.loop)
 
     @property
     def input_kind(self) -> InputKind:
-        """What the drive is told."""
+        """Kind of the drive's command."""
         if self.servo is None:
             return self.robot.input_kind
         return drive_kind(self.servo, supplied=self.supply is not None)
 
     @property
     def robot(self) -> Robot:
-        """The robot that is described."""
+        """The described robot."""
         if self.lumped is not None:
             return Robot.of_lumped(self.lumped)
         assert self.hand is not None  # noqa: S101 - or there are lumped parameters
@@ -166,7 +166,7 @@ class PlantSpec(StrictModel):
 
 
 class TableFile(StrictModel):
-    """Columns of a CSV file: the instants in s, and the input held from each on."""
+    """Columns of a CSV file: instants in s, and the input held from each."""
 
     path: Path
     time: str = "time"
@@ -186,7 +186,7 @@ class SignalSpec(OneOf):
 
 
 class StateSpec(StrictModel):
-    """A state of the hand in rad and rad/s."""
+    """A state of the joint in rad and rad/s."""
 
     angle: float
     velocity: float
@@ -200,7 +200,7 @@ class TargetSpec(OneOf):
     state: StateSpec | None = None
 
     def __call__(self, parameters: LumpedParameters) -> Orbit:
-        """Return the orbit that a hand of these parameters has."""
+        """Return the orbit of a joint with these parameters."""
         if self.amplitude is not None:
             return Orbit.of_amplitude(parameters, self.amplitude)
         if self.energy is not None:
@@ -222,13 +222,13 @@ class ObserverSpec(StrictModel):
 
 
 class VelocitySpec(OneOf):
-    """How the controller knows the velocity."""
+    """How the controller estimates the velocity."""
 
     filtered_difference: DifferenceSpec | None = None
     observer: ObserverSpec | None = None
 
     def __call__(self, parameters: LumpedParameters, zero: float) -> VelocityEstimator:
-        """Return a fresh estimator for a hand of these parameters."""
+        """Return a new estimator for a joint with these parameters."""
         if self.observer is not None:
             return Observer(parameters, zero, self.observer.bandwidth)
         assert self.filtered_difference is not None  # noqa: S101 - one of the two is
@@ -240,7 +240,7 @@ _DIFFERENCE = VelocitySpec(filtered_difference=DifferenceSpec())
 
 @dataclass(frozen=True, kw_only=True)
 class ControlSpec(OrbitSchedule):
-    """An orbit to hold, what each round does, and what is compared at the end."""
+    """An orbit to hold, the rounds of re-calibration, and the comparison at the end."""
 
     target: TargetSpec
     velocity: VelocitySpec = _DIFFERENCE
@@ -250,15 +250,15 @@ class ControlSpec(OrbitSchedule):
 
 
 class ValidationSpec(StrictModel):
-    """What is left out together, to be predicted by the rest."""
+    """Split for cross-validation: what is held out together."""
 
     split: Split = Split.AUTO
     folds: Annotated[int, Field(ge=2)] | None = None
-    """How many, of the splits frequency, log and time."""
+    """Number of parts, for the splits frequency, log and time."""
 
 
 class ReportSpec(StrictModel):
-    """What the report of a sweep shows: how many of the worst runs."""
+    """Number of the worst runs in the report of a sweep."""
 
     worst: Annotated[int, Field(ge=0)] = 10
 
@@ -269,34 +269,34 @@ class Experiment(StrictModel):
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     description: str = ""
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
-    """Fixes everything random."""
+    """Seed of all random numbers."""
     plant: PlantSpec
     added_masses: Annotated[list[AddedMass], Field(min_length=1)]
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
-    """Inputs other than sines, which the methods weak-form and output-error take."""
+    """Inputs other than sines, for the methods weak-form and output-error."""
     duration: Annotated[float, Field(gt=0)]
     """Length of each run in s."""
     method: MethodName = DEFAULT_OF_EXPERIMENTS
     terms: tuple[str, ...] | None = None
-    """Fitted besides p1..p4, Coulomb torque and delay; the method's own choice if not given."""
+    """Terms besides p1..p4, coulomb and delay; default: chosen by the method."""
     estimators: tuple[AnyEstimator, ...] = ()
-    """Several, each with its options, in place of method and terms."""
+    """Several estimators with options, instead of method and terms."""
     known: dict[str, Uncertain] = Field(default_factory=dict)
-    """What the estimators know of the robot, as in a manifest."""
+    """Known values of the robot for the estimators, as in a manifest."""
     holdout: tuple[str, ...] = ()
-    """Names or glob patterns of logs that no fit sees, only a test."""
+    """Names or glob patterns of logs held out from fits for testing."""
     validation: ValidationSpec | None = None
-    """Of each run, by predicting data that were left out; none if not given."""
+    """Cross-validation of each run; default: none."""
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
-    """An orbit to hold, and the re-calibration next to it."""
+    """An orbit to hold, and re-calibration next to it."""
     sweep: SweepSpec | None = None
     """Variations, each a run of its own."""
     keep_signals: bool = False
     """Whether the runs of a sweep keep their logs, as Parquet."""
     extends: str | None = None
-    """Another experiment file, beside this one or shipped, which this one changes."""
+    """Another experiment file, in the same folder or shipped, that this one modifies."""
 
     @field_validator("name")
     @classmethod
@@ -338,28 +338,28 @@ class Experiment(StrictModel):
 
     @property
     def all_estimators(self) -> tuple[Estimator, ...]:
-        """Every estimator that is named, by either way."""
+        """All named estimators."""
         if self.estimators:
             return self.estimators
         plain = ESTIMATORS[self.method]()
         return (plain if self.terms is None else plain.with_terms(self.terms),)
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:
-        """List what each run carries and is driven with."""
+        """List added mass and excitation of each run."""
         inputs = [*self.excitations, *(signal.chosen for signal in self.signals)]
         return list(product(self.added_masses, inputs))
 
     def seeds(self) -> list[np.random.SeedSequence]:
-        """Return the source of everything random in each run, which its place and the seed fix."""
+        """Return the random generator of each run, fixed by its place and the seed."""
         return np.random.SeedSequence(self.seed).spawn(len(self.runs()))
 
     @property
     def orbit_seed(self) -> np.random.SeedSequence:
-        """The source of everything random in the orbit that is held, which no run draws from."""
+        """Random generator of the held orbit, which no run uses."""
         return np.random.SeedSequence(self.seed, spawn_key=(_ORBIT_STREAM,))
 
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:
-        """List the runs whose sine is predicted to swing beyond `LARGEST_SWING`, in rad.
+        """List the runs with a predicted swing beyond `LARGEST_SWING`, in rad.
 
         A servo follows its sine.
         """
@@ -378,5 +378,5 @@ class Experiment(StrictModel):
 
     @property
     def input_kind(self) -> InputKind:
-        """What the drive is told."""
+        """Kind of the drive's command."""
         return self.plant.input_kind

@@ -1,4 +1,4 @@
-"""Simulate the runs of an experiment, and keep their logs as a data set."""
+"""Simulate the runs of an experiment, and write their logs as a data set."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from butterfly.signals.excitations import initial_angle
 def simulate(
     experiment: Experiment, *, threads: int | None = None, track: Track = untracked
 ) -> Iterator[Log]:
-    """Simulate every run of an experiment, each from the random stream of its own place."""
+    """Simulate every run of an experiment, each with its own random stream."""
     rig, runs, seeds = experiment.plant.rig, experiment.runs(), experiment.seeds()
     for log in simulate_runs(rig, runs, experiment.duration, seeds, threads=threads, track=track):
         yield replace(log, source=log.name)
 
 
 def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untracked) -> DataSet:
-    """Return the data set of an experiment's logs, as from the folder that `write_logs` writes."""
+    """Return the data set of an experiment's logs, as read from `write_logs`."""
     data = DataSet.of(
         logs,
         name=experiment.name,
@@ -47,7 +47,7 @@ def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untr
 
 
 def planned_logs(experiment: Experiment) -> list[Log]:
-    """Return a log for each run: stamps, the input, which no robot feeds back to, and the start."""
+    """Return a log per run: timestamps, the open-loop input, and the initial state."""
     plain = replace(
         experiment.plant.rig,
         robot=replace(experiment.plant.robot, clutch=None),
@@ -64,7 +64,7 @@ def planned_logs(experiment: Experiment) -> list[Log]:
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
-    """Write logs in the form of the real ones; return the path of the manifest, written last."""
+    """Write logs like the real ones; return the path of the manifest, written last."""
     entries = []
     for log in logs:
         entries.append(_entry(log, file_of(log)))

@@ -1,7 +1,7 @@
-"""An experiment file with what it extends and the files that it names: read, and kept with results.
+"""An experiment file, the files that it extends and names: read, and written with results.
 
-A signal's file is read once, however many runs of a sweep are driven with it: in an experiment's
-content the digest of its table stands for it; what is long travels apart, once.
+A signal's file is read once for all runs of a sweep: the content of an experiment has the digest of
+its table, and the long table is sent separately, once.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from butterfly.signals.excitations import Table
 from butterfly.yaml_files import Document, load_yaml, validate, yaml_text
 
 EXPERIMENT = "experiment.yaml"
-"""File beside results that says what was done."""
+"""File with results that describes the experiment."""
 
 _DEEPEST = 10  # files that may extend each other
 _OF_SIGNALS = re.compile(r"\bfile\.(choice\.)?path\.")  # in the place of a path, as a sweep says it
@@ -36,7 +36,7 @@ _HEAD = """\
 
 
 class Source:
-    """An experiment file and what it extends, in its own folder, below or shipped, merged."""
+    """An experiment file merged with the files it extends (its folder, below, or shipped)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -46,19 +46,19 @@ class Source:
             content = _merged(content, _seen_from(path.parent, document))
         content.pop("extends", None)
         self.content = content
-        """The merged mapping; files of signals are named as they lie from the file's folder on."""
+        """The merged mapping; signal files are relative to the file's folder."""
         self.tables: dict[str, Table] = {}
-        """Signals that were read from files so far, by their digests."""
+        """Signals read from files so far, by digest."""
         self.signals: dict[TableFile, tuple[Path, str]] = {}
-        """These files: where they lie, and the digests of their tables."""
+        """Paths of these files, with the digests of their tables."""
 
     def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
-        """Validate the merged content, or a variation of it, its files of signals included."""
+        """Validate the merged content, or a variation of it, including signal files."""
         read = self.with_digests(content or self.content)
         return validate(self.documents, filled(read, self.tables), Experiment)
 
     def with_digests(self, content: dict[str, Any]) -> dict[str, Any]:
-        """Read the files of signals that a content names, and put their digests in their places."""
+        """Read the signal files of a content, and replace them by their digests."""
         return _with_signals(content, self._with_digest)
 
     def _with_digest(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
@@ -79,7 +79,7 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
     Raises
     ------
     InputError
-        On the first field that does not follow the schema, with file and line.
+        For the first invalid field, with file and line.
     """
     if not str(path):
         raise InputError("read_experiment", "path", "empty", "a path or a name")
@@ -87,10 +87,10 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:
-    """Write an experiment, what it extends put in, and its signals; return the names of the files.
+    """Write a merged experiment and its signals; return the names of the files.
 
-    Read again, it is the same: its runs have the same addresses. A sweep was planned before, so
-    that its signals are known. InputError if a file would take the place of one that was read.
+    Read again, its runs have the same addresses. A sweep must be planned before, so its signals are
+    known. InputError if a file would overwrite one that was read.
     """
     signals = {str(named.path): path for named, (path, _) in source.signals.items()}
     within = {name: _below(path, source.path.parent) for name, path in signals.items()}
@@ -122,7 +122,7 @@ def read_table(path: Path, time: str, values: str) -> tuple[str, Table]:
 
 
 def filled(content: Mapping[str, Any], tables: Mapping[str, Table]) -> dict[str, Any]:
-    """Return an experiment's content with tables in the places of their digests."""
+    """Return an experiment's content with tables instead of their digests."""
 
     def table_of(signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
         table = tables.get(signal_digest(signal) or "")
@@ -132,20 +132,20 @@ def filled(content: Mapping[str, Any], tables: Mapping[str, Table]) -> dict[str,
 
 
 def _with_signals(content: Mapping[str, Any], changed: Callable[[Any], Any]) -> dict[str, Any]:
-    """Return a content with its signals changed, if it lists any."""
+    """Return a content with changed signals, if any."""
     signals = content.get("signals")
     own = {"signals": [changed(each) for each in signals]} if isinstance(signals, list) else {}
     return {**content, **own}
 
 
 def signal_digest(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands in the file
-    """Return the digest that stands for a signal's table; None if none does."""
+    """Return the digest of a signal's table; None without one."""
     named = signal.get("table") if isinstance(signal, dict) else None
     return named if isinstance(named, str) and named.startswith(_STORED) else None
 
 
 def _inside(folder: Path, named: Path, source: Path) -> Path:
-    """Resolve a path named in a file against its folder; InputError if it leads out of that."""
+    """Resolve a path in a file against its folder; InputError if it leads out of it."""
     require_path(str(named), source, "path")
     path = (folder / named).resolve()
     if not path.is_relative_to(folder.resolve()):
@@ -171,7 +171,7 @@ def _chain(path: Path) -> list[Document]:
 
 
 def _seen_from(folder: Path, document: Document) -> dict[str, Any]:
-    """Return what a file says, its paths of signals, which start from its own, from ``folder``."""
+    """Return the content of a file, with its paths of signals relative to ``folder``."""
     own = document.path.parent
     if own.resolve() == folder.resolve():
         return document.content
@@ -183,7 +183,7 @@ def _seen_from(folder: Path, document: Document) -> dict[str, Any]:
 
 
 def _below(path: Path, folder: Path, *, elsewhere: bool = False) -> str:
-    """Return how a resolved path is named in a folder: one that lies ``elsewhere`` by all of it."""
+    """Return a resolved path relative to a folder; in full if it is ``elsewhere``."""
     if path.is_relative_to(folder.resolve()):
         path = path.relative_to(folder.resolve())
     elif not elsewhere:
@@ -192,7 +192,7 @@ def _below(path: Path, folder: Path, *, elsewhere: bool = False) -> str:
 
 
 def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any:  # noqa: ANN401 - any YAML
-    """Return a content with other paths of signals, those that a sweep sets by their place too."""
+    """Return a content with other paths of signals, including those set by a sweep."""
     if isinstance(value, dict):
         return {key: _with_paths(each, named, f"{place}{key}.") for key, each in value.items()}
     if isinstance(value, list):
@@ -201,7 +201,7 @@ def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any
 
 
 def _allowed(folder: Path, named: Path, source: Path) -> Path:
-    """Return the place of a file of signals: below a folder, or shipped beside an experiment."""
+    """Return the path of a signal file: below a folder, or shipped with an experiment."""
     require_path(str(named), source, "path")
     path = named.resolve()
     if named.is_absolute() and path.is_relative_to(shipped("experiments").resolve()):
@@ -235,4 +235,4 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 _REPLACED = frozenset({"drive", "target", "velocity", "sweep"})
-"""Mappings that name one of several kinds, or belong together: replaced as a whole."""
+"""Mappings that are replaced as a whole, since their keys belong together."""

@@ -1,12 +1,12 @@
 """Results of sweeps on disk: one JSON record for each run, and tables in Parquet.
 
-    FOLDER/sweep.json               what was run: runs in order with their addresses, versions
-    FOLDER/runs/ab/abcd....json     record of one run, written when it is done, not before
-    FOLDER/runs/ab/abcd.../         its logs, where they are kept
-    FOLDER/runs.parquet             a row for each run
-    FOLDER/estimates.parquet        a row for each run, estimator and parameter
+    FOLDER/sweep.json               the runs in order with their addresses, and versions
+    FOLDER/runs/ab/abcd....json     record of one finished run
+    FOLDER/runs/ab/abcd.../         its logs, if kept
+    FOLDER/runs.parquet             a row per run
+    FOLDER/estimates.parquet        a row per run, estimator and parameter
 
-Times are in the records only, so that the tables are the same bit for bit however a sweep was run.
+Durations are only in the records, so the tables are identical however a sweep was run.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class ResultStore:
         return self.folder / "runs" / key[:2] / key
 
     def read(self, key: str) -> RunRecord | None:
-        """Return a run's record; None if there is none, or none that this version reads."""
+        """Return a run's record; None if missing or unreadable by this version."""
         try:
             text = self.record_path(key).read_text(encoding="utf-8")
         except (OSError, ValueError):
@@ -69,7 +69,7 @@ class ResultStore:
         return record if record is not None and record.key == key else None
 
     def latest(self, key: str) -> RunRecord | None:
-        """Return a run's record if it was the last one done here, in full, and all is there."""
+        """Return a run's record if it was the last one here, complete and intact."""
         try:
             sweep = self.sweep()
         except InputError:
@@ -81,7 +81,7 @@ class ResultStore:
         return record if stays and _hold(self.folder, sweep.beside) else None
 
     def write(self, outcome: Outcome) -> None:
-        """Write the files of a run, then its record, each whole or not at all."""
+        """Write the files of a run, then its record, each as a whole."""
         key = outcome.record.key
         for name, content in outcome.files.items():
             write_file(self.files_path(key) / name, content)
@@ -89,20 +89,20 @@ class ResultStore:
         write_file(self.record_path(key), replace(outcome.record, files=files).to_json())
 
     def holds(self, record: RunRecord) -> bool:
-        """Whether the files of a run lie beside its record, as they were written."""
+        """Whether the files of a run are intact beside its record."""
         return _hold(self.files_path(record.key), record.files)
 
     def begin_sweep(self, sweep: SweepRecord) -> None:
-        """Write what is asked, which is not done yet; tables of before are what they were."""
+        """Write the plan before its runs; earlier tables stay."""
         with suppress(InputError):
             sweep = replace(sweep, tables=self.sweep().tables)
         write_file(self.folder / SWEEP, sweep.to_json())
 
     def end_sweep(self, sweep: SweepRecord, *, track: Track = untracked) -> None:
-        """Put the tables together from the records, in the sweep's order; write what was asked.
+        """Write the tables from the records, in the sweep's order, and the plan.
 
-        Where another process does so too, the tables are in the end those of ``sweep.json``:
-        whoever wrote last looks once more.
+        If another process does so too, the tables finally match ``sweep.json``: the last writer
+        checks again.
         """
         for _ in range(_ENDS):
             tables = self._tables(sweep, track)
@@ -114,7 +114,7 @@ class ResultStore:
                 return
 
     def sweep(self) -> SweepRecord:
-        """Read what was asked."""
+        """Read the plan."""
         path = self.folder / SWEEP
         text = read_file(path, "a folder of results").decode(errors="replace")
         sweep = SweepRecord.from_json(text)
@@ -142,7 +142,7 @@ class ResultStore:
         return {_file_of(name): file.getvalue() for name, file in files.items()}
 
     def table(self, name: str) -> pa.Table:
-        """Read a table; InputError if there is none, or not as the sweep wrote it."""
+        """Read a table; InputError if missing or changed."""
         path = self.folder / _file_of(name)
         for _ in range(_LOOKS):
             content = read_file(path, "a folder of results")
@@ -153,15 +153,15 @@ class ResultStore:
         raise InputError(path, "content", "another table", expected)
 
     def _is_linked(self, path: Path) -> bool:
-        """Whether a path leads to its place through a link."""
+        """Whether a path contains a link."""
         way = (path, *path.parents)
         return any(each.is_symlink() for each in way[: way.index(self.folder)])
 
     def clean(self, *, failed: bool = False) -> list[Path]:
-        """Remove what no run of the sweep has: records, logs without one, unfinished files.
+        """Remove records of no run of the sweep, logs without a record, and unfinished files.
 
-        Those of ``failed`` runs too, if asked, to have them done again. Nothing is removed that a
-        link leads to, here or elsewhere, and no file that may be in writing. Returns what was.
+        With ``failed`` also failed runs, to repeat them. Nothing behind a link is removed, and no
+        file that may be in writing. Returns the removed paths.
         """
         wanted = {run.key for run in self.sweep().runs}
         removed = [path for path in self.folder.rglob(f"{DRAFT}*") if _is_stale(path)]
@@ -197,7 +197,7 @@ def _hold(folder: Path, files: Mapping[str, str]) -> bool:
 
 
 def _is_stale(path: Path) -> bool:
-    """Whether a file was begun so long ago that nobody is about to finish it."""
+    """Whether an unfinished file is so old that nobody is writing it."""
     try:
         return path.is_file() and time.time() - path.stat().st_mtime > _STALE
     except OSError:  # finished meanwhile

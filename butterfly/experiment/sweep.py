@@ -1,4 +1,4 @@
-"""A sweep: its runs, each with the address of its result, and doing those that have none yet."""
+"""A sweep: its runs with the addresses of their results, and performing the missing ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _COMPUTING = (  # subpackages that a run computes with
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SweepPlan:
-    """A sweep: the experiment it starts from, and its runs."""
+    """A sweep: its base experiment, and its runs."""
 
     experiment: Experiment  # the one without overrides
     fields: tuple[str, ...]  # paths of those that vary
@@ -73,7 +73,7 @@ def plan_sweep(source: Source, *, track: Track = untracked) -> SweepPlan:
 
 
 def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
-    """Return the hash of all that a result depends on: defaults, the code, versions it ran with."""
+    """Return the hash of all that a result depends on: defaults, code and versions."""
     asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
     asked["estimators"] = [
         {name: value for name, value in asdict(each).items() if name != "workers"}
@@ -90,12 +90,12 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
 
 @cache
 def fingerprint() -> str:
-    """Return a hash over `computing_sources`; it takes some milliseconds, once for a process."""
+    """Return a hash over `computing_sources`, cached for the process."""
     return hash_of(computing_sources())
 
 
 def computing_sources() -> dict[str, Path]:
-    """Return the files that a run computes with, by name: sources, and the shipped robots."""
+    """Return the files that a run depends on, by name: sources and shipped robots."""
     models = shipped("models")
     sources = [path for name in _COMPUTING for path in (_PACKAGE / name).rglob("*.py")]
     return {path.relative_to(_PACKAGE).as_posix(): path for path in sources} | {
@@ -104,7 +104,7 @@ def computing_sources() -> dict[str, Path]:
 
 
 def hash_of(files: dict[str, Path]) -> str:
-    """Return a hash over the names and contents of files, whatever their order."""
+    """Return a hash over the names and contents of files, in any order."""
     total = hashlib.sha256()
     for name, path in sorted(files.items()):
         total.update(f"{name} {digest_of(path.read_bytes())}\n".encode())
@@ -113,7 +113,7 @@ def hash_of(files: dict[str, Path]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepSummary:
-    """How a sweep went: numbers of runs in all, done now, found done, and without a result."""
+    """Numbers of runs of a sweep: in all, done now, already done, and without a result."""
 
     runs: int
     done: int
@@ -130,11 +130,11 @@ def run_sweep(
     only: str | None = None,
     track: Track = untracked,
 ) -> SweepSummary:
-    """Do the runs of a sweep that have no result yet, and write the tables.
+    """Perform the runs of a sweep without a result, and write the tables.
 
-    Killed at any moment, it goes on where it stopped. A run that was refused (bad input, not
-    identifiable) would be refused again and is left; one that failed unexpectedly, or whose search
-    was stopped sooner than it would be now, is done again. Interrupted, it raises StoppedError.
+    Killed at any moment, it continues where it stopped. A refused run (bad input, not identifiable)
+    is not repeated; a failed one, or one whose search was stopped earlier than now, is. Raises
+    StoppedError if interrupted.
     """
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
@@ -166,7 +166,7 @@ def run_sweep(
 
 
 def sweep_record(plan: SweepPlan) -> SweepRecord:
-    """Return the record of what is asked."""
+    """Return the record of the plan."""
     return SweepRecord(
         name=plan.experiment.name,
         description=plan.experiment.description,
@@ -179,7 +179,7 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
 
 
 def kept_status(store: ResultStore, task: Task) -> str | None:
-    """Return the status of a result that is whole and stays; None if the task is to be done."""
+    """Return the status of a complete result; None if the task must be performed."""
     record = store.read(task.key)
     if record is None or not record.stays or not store.holds(record):
         return None
@@ -187,7 +187,7 @@ def kept_status(store: ResultStore, task: Task) -> str | None:
 
 
 def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:
-    """Return the tasks whose numbers are named, as ``0,3,10-19``; InputError if none is."""
+    """Return the tasks of some numbers such as ``0,3,10-19``; InputError if none."""
     if only is None:
         return tasks
     numbers: set[int] = set()

@@ -1,4 +1,4 @@
-"""What an experiment file may say under ``sweep:``, and the runs that come of it."""
+"""The schema of ``sweep:`` in an experiment file, and the resulting runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from butterfly.yaml_files import OneOf, StrictModel
 Overrides = dict[str, Any]
 
 SEEDS = 2**63
-"""Number of the seeds that there are: what fits into a column of 64-bit integers."""
+"""Number of possible seeds, within a column of 64-bit integers."""
 
 _BYTES_PER_RUN = 2000  # of a plan
 _RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
@@ -27,7 +27,7 @@ _SET_ONCE = "each field in only one of grid, list, random and latin_hypercube"
 
 
 class Distribution(OneOf):
-    """From what the values of a field are drawn."""
+    """Distribution of the values of a field."""
 
     uniform: tuple[float, float] | None = None
     log_uniform: tuple[float, float] | None = None
@@ -49,7 +49,7 @@ class Distribution(OneOf):
         return self
 
     def quantile(self, share: float) -> Any:  # noqa: ANN401 - whatever may be chosen
-        """Return the value that a share of the draws lie below."""
+        """Return the quantile at a fraction."""
         if self.choice is not None:
             return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
         if self.uniform is not None:
@@ -64,16 +64,16 @@ class Distribution(OneOf):
 
 
 class RandomSpec(StrictModel):
-    """Random points: how many, and the distribution of each field."""
+    """Random points: their number, and the distribution of each field."""
 
     count: Annotated[int, Field(gt=0)]
     fields: Annotated[dict[str, Distribution], Field(min_length=1)]
 
 
 class SweepSpec(StrictModel):
-    """Variations of an experiment; what is given is combined, each with each.
+    """Variations of an experiment, in all combinations.
 
-    A field is named by its path, as ``plant.hand.mass`` or ``added_masses.1.mass``.
+    A field is named by its path, such as ``plant.hand.mass`` or ``added_masses.1.mass``.
     """
 
     model_config = ConfigDict(populate_by_name=True)
@@ -87,11 +87,11 @@ class SweepSpec(StrictModel):
     latin_hypercube: RandomSpec | None = None
     """Random points, evenly spread over each field."""
     repetitions: Annotated[int, Field(gt=0)] = 1
-    """Of each point, with seeds of their own."""
+    """Repetitions of each point, with their own seeds."""
 
     @model_validator(mode="after")
     def _each_field_set_once(self) -> SweepSpec:
-        """Refuse a field that a later part would set anew, alone or with all that it is part of."""
+        """Refuse a field that a later part would overwrite, alone or with its parents."""
         earlier: list[str] = []
         for alternatives in self._axes:
             for together in alternatives:
@@ -104,7 +104,7 @@ class SweepSpec(StrictModel):
 
     @property
     def _axes(self) -> list[list[tuple[str, ...]]]:
-        """Paths that each part sets, in the order in which they are applied: rows of a part."""
+        """Paths set by each part, in order of application."""
         drawn = [tuple(spec.fields) if spec else () for spec in (self.random, self.latin_hypercube)]
         return [[tuple(self.grid)], [tuple(row) for row in self.rows], *([each] for each in drawn)]
 
@@ -116,9 +116,9 @@ class SweepSpec(StrictModel):
     def points(self, seed: int, source: object = "sweep") -> Iterator[tuple[Overrides, int, int]]:
         """Yield the overrides, the repetition and the seed of each run, in order.
 
-        A run's seed depends on the experiment's seed, the repetition and the values set alone, so
-        a sweep that grows keeps the runs that it had. A seed that is set is that of its first
-        repetition; those of the others are derived from it.
+        A run's seed depends only on the experiment's seed, the repetition and the values set, so a
+        growing sweep keeps its runs. A given seed applies to the first repetition; the others are
+        derived from it.
         """
         drawn = (spec.count for spec in (self.random, self.latin_hypercube) if spec)
         values = (len(each) for each in self.grid.values())
@@ -140,7 +140,7 @@ class SweepSpec(StrictModel):
 
 
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:
-    """Return an experiment's mapping with fields set by their paths, made if need be."""
+    """Return an experiment's mapping with fields set by path, created if missing."""
     changed = dict(content)  # all that is not on a way is shared: many variations fit into memory
     for path, value in overrides.items():
         *way, last = path.split(".")
@@ -157,7 +157,7 @@ def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> d
 
 
 def _entered(place: Any, part: str, path: str, source: object) -> Any:  # noqa: ANN401 - any YAML
-    """Return a part of a place, and put a copy of it there that may be changed."""
+    """Replace a part of a mapping or list by a copy, and return it for changes."""
     where: Any = part
     if isinstance(place, list):
         where = _index(place, part, path, source)

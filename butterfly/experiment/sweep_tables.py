@@ -1,4 +1,4 @@
-"""The tables of a sweep: where in the records each value is, and how the truth is recovered."""
+"""The tables of a sweep from its records, and the recovery of the true parameters."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TABLES = (RUNS, ESTIMATES)
 """Names of the tables."""
 
 MISSING = "missing"
-"""Status, in the table of runs, of one that has no record."""
+"""Status of a run without a record in the table of runs."""
 
 _TEXT, _NUMBER, _COUNT, _TRUTH = pa.string(), pa.float64(), pa.int64(), pa.bool_()
 
@@ -53,12 +53,12 @@ Column: TypeAlias = tuple[pa.DataType, Callable[[_Row], Any]]
 
 
 def _of_orbit(value: Callable[[OrbitRecord], Any], kind: pa.DataType = _NUMBER) -> _OfRun:
-    """Column of something that an orbit's record says, if there is one."""
+    """Column of a value of an orbit's record, if any."""
     return kind, lambda record: value(record.orbit) if record and record.orbit else None
 
 
 def _of_fit(which: str, statistic: str) -> Column[Found]:
-    """Column of a statistic of FIT, if there is one."""
+    """Column of a statistic of FIT, if any."""
     return _NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None)
 
 
@@ -113,7 +113,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
 
 
 class SweepColumns:
-    """The columns of a sweep's tables: the fixed ones, and one for each field that varied."""
+    """The columns of a sweep's tables: fixed ones, and one per varied field."""
 
     def __init__(self, fields: Sequence[str], runs: Sequence[SweepRun]) -> None:
         varied = [field for field in fields if field != "seed"]  # it has a column anyway
@@ -127,7 +127,7 @@ class SweepColumns:
         return pa.schema(list((place | self._fields | rest).items()))
 
     def rows(self, table: str, run: SweepRun, record: RunRecord | None) -> Iterator[dict[str, Any]]:
-        """Yield the rows of a table that a run gives."""
+        """Yield the rows of a table for a run."""
         place = {name: value(run) for name, (_, value) in _PLACE.items()}
         place |= {f: _cell(run.overrides.get(f), kind) for f, kind in self._fields.items()}
         if table == RUNS:
@@ -141,7 +141,7 @@ class SweepColumns:
 
 
 def _kind(values: Iterable[Any]) -> pa.DataType:
-    """Type of a column that holds all of some values: numbers, truth values, or else texts."""
+    """Type of a column for some values: numbers, booleans, or else texts."""
     given = [value for value in values if value is not None]
     if given and all(isinstance(value, bool) for value in given):
         return _TRUTH
@@ -182,7 +182,7 @@ class Estimates:
 
     @classmethod
     def of(cls, table: pa.Table, fields: Sequence[str]) -> Estimates:
-        """Take from a result store's table what was estimated, with the fields that varied."""
+        """Return the estimates of a result store's table, with the varied fields."""
         wanted = {*_COLUMNS, *fields} & {*table.column_names}
         every = cls({name: column(table, name) for name in wanted})
         return every.take(~every["known"].astype(bool))
@@ -205,12 +205,12 @@ class Estimates:
 
     @property
     def deviating(self) -> Estimates:
-        """Those whose deviation from the truth is known, which is not 0."""
+        """Rows with a known deviation from a true value other than 0."""
         return self.take(np.isfinite(self["deviation"]))
 
     @property
     def coverage(self) -> float:
-        """Share of the intervals that hold the truth; NaN if there is no interval."""
+        """Fraction of intervals that contain the truth; NaN without intervals."""
         there = np.isfinite(self["lower"]) & np.isfinite(self["upper"])
         inside = (self["lower"] <= self["true"]) & (self["true"] <= self["upper"])
         return float(inside[there].mean()) if there.any() else math.nan
@@ -240,7 +240,7 @@ class Estimates:
         return self.distinct("estimator")
 
     def worst(self) -> Estimates:
-        """Return of each run and estimator the row of p1, p3 or p4 that deviates most."""
+        """Return the row of p1, p3 or p4 with the largest deviation, per run and estimator."""
         sizes = np.nan_to_num(np.abs(self["deviation"]))
         found: dict[tuple[float, str], int] = {}
         owners = zip(self["number"].tolist(), self["estimator"].tolist(), strict=True)
@@ -250,7 +250,7 @@ class Estimates:
         return self.take(np.isin(np.arange(sizes.size), list(found.values())))
 
     def recovery(self) -> Iterator[Recovery]:
-        """Yield how well each parameter is recovered, by estimator."""
+        """Yield the recovery of each parameter, by estimator."""
         for estimator in self.estimators:
             for parameter in self.distinct("parameter"):
                 group = self.where(estimator=estimator, parameter=parameter)
@@ -263,7 +263,7 @@ class Estimates:
 
 
 def column(table: pa.Table, name: str) -> NDArray[Any]:
-    """Return a column as floats, NaN where there is nothing, or as objects."""
+    """Return a column as floats, NaN if missing, or as objects."""
     column = table[name]
     if str(column.type) in {"double", "int64"}:
         floats = column.cast("double", safe=False)  # seeds have more digits than a float

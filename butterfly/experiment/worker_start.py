@@ -1,7 +1,6 @@
-"""Read by the process that workers are copies of: what is to be said if one cannot start.
+"""Imported by the process that is forked for workers: its message if one cannot start.
 
-Nothing is, if whoever asked for it has been stopped meanwhile: the semaphores that it was to share
-are gone then, or the pipe.
+There is none if the parent was stopped meanwhile, which removes the shared semaphores or the pipe.
 """
 
 from __future__ import annotations

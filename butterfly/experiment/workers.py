@@ -1,4 +1,4 @@
-"""Where the runs of a sweep are done: in processes of this machine, or on a Dask cluster."""
+"""Workers for the runs of a sweep: local processes, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
 _DIED = f"the worker died {_ATTEMPTS} times"
 _GONE = "lost the scheduler; finished runs are kept, run the same command to continue"
 _NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
-"""Modules that workers need, read once for all of them."""
+"""Modules of the workers, imported once for all."""
 
 
 class LocalEngine:
-    """Processes of this machine; one per core if ``jobs`` are not given."""
+    """Local processes, by default one per core."""
 
     def __init__(self, jobs: int | None = None) -> None:
         if jobs is not None and jobs < 1:
@@ -42,11 +42,11 @@ class LocalEngine:
         self._jobs = jobs or os.cpu_count() or 1
 
     def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:
-        """Yield the outcome of each task as it is done; closed, end what is under way.
+        """Yield the outcome of each finished task; on closing, end running ones.
 
-        ``work`` is a function of a module, which workers import; they are sent the tables (signals
-        by their digests) once. A task whose worker dies is tried again; after three times it has
-        failed. The other workers go on meanwhile.
+        ``work`` is a function of a module, which workers import; they receive the tables (signals
+        by digest) once. A task whose worker dies is repeated, and fails after three times. The
+        other workers continue meanwhile.
         """
         pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _one_thread_each():
@@ -60,7 +60,7 @@ class LocalEngine:
     def _pooled(
         self, work: Work, pending: deque[Task], attempts: Counter[str], tables: dict[str, Table]
     ) -> Generator[Outcome]:
-        """Work until nothing is pending, or the pool breaks; what was under way is pending then."""
+        """Work until nothing is pending, or the pool breaks; running tasks are then pending."""
         running: dict[Future[Outcome], Task] = {}
         workers = min(self._jobs, len(pending))
         pool = ProcessPool(workers, initializer=_begin, initargs=(tables,), context=_context())
@@ -91,9 +91,9 @@ class LocalEngine:
 
 
 def _context() -> BaseContext:
-    """Return how workers start: never as copies of this process, whose libraries have threads.
+    """Return how workers start: never forked from this process, whose libraries have threads.
 
-    Where the system can, they are copies of one that has read the modules and has no threads.
+    If possible they are forked from a process with the modules and without threads.
     """
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
@@ -103,18 +103,18 @@ def _context() -> BaseContext:
 
 
 _tables: Tables = {}
-"""Of a worker: the signals that its tasks name."""
+"""Signals of a worker's tasks."""
 
 
 def _begin(tables: Tables) -> None:
-    """Keep the tables, and see to it that a worker does not outlive who asked for it."""
+    """Keep the tables, and end the worker with its parent."""
     global _tables  # noqa: PLW0603 - the one thing that a worker keeps between tasks
     _tables = tables
     threading.Thread(target=_end_with_owner, daemon=True).start()
 
 
 def _end_with_owner() -> None:
-    """End this process when the one that asked for it has ended, however it did."""
+    """End this process when its parent has ended in any way."""
     owner = multiprocessing.parent_process()
     if owner is not None:
         owner.join()
@@ -133,13 +133,13 @@ def _scheduled(pool: ProcessPool, work: Work, task: Task) -> Future[Outcome]:
 
 
 class DaskEngine:
-    """A Dask cluster: a scheduler's, or ``jobs`` processes on this machine, bound to loopback."""
+    """A Dask cluster: that of a scheduler, or ``jobs`` local processes, bound to loopback."""
 
     def __init__(self, scheduler: str | None = None, jobs: int | None = None) -> None:
         self._scheduler, self._jobs = scheduler, jobs or os.cpu_count() or 1
 
     def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:
-        """Yield the outcome of each task as it is done; Dask repeats those whose worker dies."""
+        """Yield the outcome of each finished task; Dask repeats those whose worker dies."""
         try:
             from distributed import Client, LocalCluster  # noqa: PLC0415 - an extra
         except ImportError:
@@ -170,7 +170,7 @@ def _on_cluster(
     tasks: Iterator[Task],
     tables: Tables,
 ) -> Generator[Outcome]:
-    """Keep a cluster supplied, however many workers it has at the moment."""
+    """Keep a cluster supplied for its present number of workers."""
     from distributed import KilledWorker, as_completed  # noqa: PLC0415 - an extra
 
     # A task of its own, not scattered data: the scheduler can have it made again.
@@ -197,12 +197,12 @@ def _on_cluster(
 
 
 Engine: TypeAlias = LocalEngine | DaskEngine
-"""Does tasks, in any order."""
+"""Performs tasks, in any order."""
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """See to it that processes that are started meanwhile compute with one thread."""
+    """Make processes started within compute with one thread."""
     before = {name: os.environ[name] for name in ONE_THREAD if name in os.environ}
     os.environ.update(ONE_THREAD)
     try:

@@ -14,6 +14,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, listed
+from butterfly.files import write_document
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
 from butterfly.identification.estimate import Estimate
@@ -32,7 +33,7 @@ from butterfly.model.parameters import (
     LumpedParameters,
 )
 from butterfly.model.prior import PHYSICAL, Prior
-from butterfly.result import Result, TextTable, document, text, texts, write_document
+from butterfly.result import Result, TextTable, document, text, texts
 from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
 

@@ -1,4 +1,4 @@
-"""Logs in text files (.csv, .tsv, .txt, .dat), however they are delimited, encoded and named."""
+"""Logs in text files (.csv, .tsv, .txt, .dat), of any delimiter, encoding and column names."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from butterfly.logs.units import AS_IS, Heading, Units, units_spelt, words_in
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
 _BY_NUMBER = (
-    "a line with the names of the columns, delimited as the numbers are, or columns by number "
+    "a header line with the column names, delimited like the numbers, or columns by number "
     "(--columns time=0,input=1,angle=2)"
 )
 
@@ -48,9 +48,9 @@ def read_csv(
 ) -> Log:
     """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
 
-    Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off, or has no
-    end, is dropped and counted. A row below the names may hold units. Without a map a column
-    ``velocity`` is read too, if it holds numbers.
+    Comment lines (``#``, ``%``, ``//``) are skipped; an incomplete last line is dropped and
+    counted. The row below the names may hold units. Without a map, a numeric column ``velocity`` is
+    read too.
     """
     wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties.get("input_kind"))
     table = _table(
@@ -63,7 +63,7 @@ def read_csv(
     for field in unasked:
         if not isinstance(table.columns[places[field]], np.ndarray):
             del places[field]
-            layout = (*reading.layout, f"no numbers in the column {field}, which is left out")
+            layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
     arrays: dict[str, Any] = {
         field: _numeric(path, table, k, str(wanted.get(field, field)))
@@ -78,15 +78,15 @@ def read_csv(
 
 
 def _said(table: TextColumns, field: str, number: int) -> dict[str, str]:
-    """Return the unit of a column besides its name; of a line that is no header it is unclear."""
+    """Return the unit of a column from outside its name; from a line above the header, unclear."""
     if table.units is not None:
         return {"row of units": table.units[number]}
     words = [word for word in words_in(table.headless or "") if units_spelt(field, word)]
-    return {"line above": f"{', '.join(words)} of some column"} if words else {}
+    return {"line above": f"{', '.join(words)}, column unclear"} if words else {}
 
 
 def write_csv(log: Log, path: Path) -> None:
-    """Write the columns that a log has, as `DEFAULT_COLUMNS` calls them, every number in full."""
+    """Write the columns of a log, named as in `DEFAULT_COLUMNS`, every number in full."""
     delimiter = "\t" if path.suffix.lower() in _TABS else ","
     columns = log.columns()
     texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
@@ -101,7 +101,7 @@ def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
 
 
 def holds_table(path: Path) -> bool:
-    """Whether a file holds as many numbers as a log does at least."""
+    """Whether a file holds enough numbers for a log."""
     try:
         table = read_text_table(path)
     except InputError:
@@ -112,9 +112,9 @@ def holds_table(path: Path) -> bool:
 def _table(
     path: Path, wanted: Callable[[Sequence[str]], Iterable[int]], *, by_number: bool = False
 ) -> TextColumns:
-    """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it.
+    """Read a file with pyarrow, which is fast, if it finds the wanted columns.
 
-    ``wanted`` gives their numbers by the names of all.
+    ``wanted`` returns their numbers from the names of all.
     """
     require_file(path, "an existing file")
     with path.open("rb") as file:
@@ -140,14 +140,14 @@ def _table(
 
 
 def _is_ended(path: Path) -> bool:
-    """Whether the last line has its end: of one without, a part may be missing."""
+    """Whether the last line ends with a line break; otherwise it may be incomplete."""
     with path.open("rb") as file:
         file.seek(-1, os.SEEK_END)
         return file.read() in {b"\n", b"\r"}
 
 
 def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
-    """Read columns, by their numbers, of a file of any length: no more of it is kept at a time."""
+    """Read columns, by number, of a file of any length, without keeping the rest in memory."""
     options = csv.ConvertOptions(
         include_columns=list(wanted.values()),
         column_types=dict.fromkeys(wanted.values(), pyarrow.float64()),

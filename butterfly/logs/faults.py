@@ -1,7 +1,7 @@
-"""What clocks, amplifiers and encoders do wrong: where in a log it stands, and how it is undone.
+"""Faults of clocks, amplifiers and encoders: where in a log they are, and how to repair them.
 
-Stamps that fall back or repeat; flat tops of an input at its limit, and of an angle beyond what its
-encoder can say; jumps of an angle by a turn where the joint goes on.
+Timestamps that fall back or repeat; flat tops of an input at its limit, and of an angle beyond its
+encoder's range; jumps of an angle by a turn while the joint moves on.
 """
 
 from __future__ import annotations
@@ -45,11 +45,10 @@ _SNAP = 0.002  # by which an encoder's turn may miss a whole share or multiple o
 
 
 def increasing(time: Samples) -> Mask:
-    """Return a (n,) mask by which (n,) stamps in s increase strictly and as many as can be stay.
+    """Return a (n,) mask that keeps as many (n,) timestamps in s as possible, strictly increasing.
 
-    Of two equal stamps the first stays. Where the clock starts again, the longer side stays by
-    itself: a beginning of the one and an end of the other are often as many samples, but of two
-    motions.
+    Of two equal timestamps the first is kept. Where the clock restarts, only the longer side is
+    kept: a mixture of both may have as many samples, but of two motions.
     """
     begin, end, kept = 0, time.size, _longest(time)
     for _ in range(_MOST_RESTARTS):
@@ -70,7 +69,7 @@ def increasing(time: Samples) -> Mask:
 
 
 def restarts(time: Samples) -> list[int]:
-    """Return the numbers of the samples at which the clock falls back, and lastingly."""
+    """Return the numbers of the samples at which the clock restarts."""
     found: list[int] = []
     for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():
         before, after = time[max(k - _SIDE, 0) : k], time[k : k + _SIDE]
@@ -80,11 +79,11 @@ def restarts(time: Samples) -> list[int]:
     return found
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of stamps that no clock has
+@np.errstate(over="ignore", invalid="ignore")  # of absurd timestamps
 def cut_by_thousand(time: Samples) -> int | None:
-    """Return the number of a sample whose stamp is a thousandth of what follows: 1.000 after 999.
+    """Return the number of the sample from which time is divided by 1000: 1.000 after 999.
 
-    The steps from there on are a thousandth, too. None if there is none.
+    The steps from there on are divided too. None if there is none.
     """
     steps = np.diff(time)
     falls = 1 + np.flatnonzero(steps[1:-1] < 0)
@@ -95,7 +94,7 @@ def cut_by_thousand(time: Samples) -> int | None:
 
 
 def repeated(time: Samples, kept: Mask) -> Mask:
-    """Return which of the samples that were not kept repeat the stamp of the last one kept."""
+    """Return which dropped samples repeat the timestamp of the last one kept."""
     dropped, stays = np.flatnonzero(~kept), np.flatnonzero(kept)
     before = np.searchsorted(stays, dropped)
     rows = dropped[before > 0]
@@ -107,8 +106,8 @@ def repeated(time: Samples, kept: Mask) -> Mask:
 def _longest(time: Samples) -> Mask:
     """Return a longest strictly increasing subsequence.
 
-    A stamp that all earlier ones precede and all later ones follow belongs to every longest one;
-    the others are sorted into piles (patience sorting, O(n log n)).
+    A timestamp above all earlier and below all later ones belongs to every longest subsequence; the
+    others are sorted into piles (patience sorting, O(n log n)).
     """
     if np.all(time[1:] >= time[:-1]):
         return np.diff(time, prepend=-np.inf) > 0
@@ -125,8 +124,8 @@ def _longest(time: Samples) -> Mask:
 def _piled(values: Samples) -> list[int]:
     """Return the numbers of a longest strictly increasing subsequence of (n,) values.
 
-    Sorted from the last value on, so that of equally long ones that is found which keeps what came
-    first and drops what fell behind it.
+    Sorted from the last value, to prefer among equally long ones the one that keeps what came
+    first and drops what fell behind.
     """
     tops: list[float] = []
     on_top: list[int] = []
@@ -149,7 +148,7 @@ def _piled(values: Samples) -> list[int]:
 
 
 def _restart(time: Samples, kept: Mask) -> int | None:
-    """Return where the clock falls back furthest, and lastingly, in the longest run dropped."""
+    """Return where the clock restarts in the longest dropped run, by the largest step back."""
     edges = np.flatnonzero(np.diff(kept, prepend=True, append=True)).reshape(-1, 2)
     if not edges.size:
         return None
@@ -166,10 +165,10 @@ def _restart(time: Samples, kept: Mask) -> int | None:
 
 
 def saturated(values: Samples) -> int:
-    """Count samples in flat runs at either extreme that an input runs into at speed, repeatedly.
+    """Count samples in flat runs at either extreme that an input reaches at speed, repeatedly.
 
-    A smooth signal that is rounded rests on its top, for at most 2/(sqrt 2 - 1) times as long as on
-    the step below; one that is switched leaps there.
+    A smooth, rounded signal rests on its top for at most 2/(sqrt 2 - 1) times as long as on the
+    step below; a switched signal jumps there.
     """
     resolution = _resolution(values)
     lengths: list[int] = []
@@ -187,7 +186,7 @@ def saturated(values: Samples) -> int:
 def _flanked(
     drop: Samples, starts: Rows, ends: Rows, lengths: Rows | None = None
 ) -> Iterator[tuple[int, tuple[Samples, Samples]]]:
-    """Yield the samples of each flat run, and the drop on its sides, from it on."""
+    """Yield the length of each flat run, and the drop on both sides, outwards."""
     lengths = ends - starts if lengths is None else lengths
     sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
     for length, (entry, leave) in zip(lengths.tolist(), pairwise(sides), strict=True):
@@ -195,7 +194,7 @@ def _flanked(
 
 
 def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
-    """Whether a signal comes to a flat run of some samples at speed, by its drop beside it."""
+    """Whether a signal reaches a flat run at speed, by its drop beside it."""
     beside = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
     if drop.size <= 3 * beside:
         return False
@@ -206,8 +205,8 @@ def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
 def clipped(angle: Samples) -> int:
     """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
 
-    Each side counts by itself: a joint that sticks at its turning point may leave it abruptly,
-    but its speed had fallen to zero when it came.
+    Each side is checked: a joint that sticks at its turning point may leave it abruptly, but
+    arrives at zero speed.
     """
     resolution, count = _resolution(angle), 0
     for level in (angle.min(), angle.max()):
@@ -222,7 +221,7 @@ def clipped(angle: Samples) -> int:
 
 
 def _tops(drop: Samples, starts: Rows, ends: Rows, near: float) -> tuple[Rows, Rows, Rows]:
-    """Join (k,) flat runs between which a signal stays near its top; return their samples too."""
+    """Join (k,) flat runs between which a signal stays near its top; return their lengths too."""
     gaps = np.column_stack([ends[:-1], starts[1:]]).ravel()
     between = np.maximum.reduceat(drop, gaps)[::2] if gaps.size else np.empty(0)
     first = np.concatenate([[0], np.flatnonzero(between >= near) + 1])
@@ -238,7 +237,7 @@ def _flat_runs(on_top: Mask) -> tuple[Rows, Rows]:
 
 
 def _resolution(angle: Samples) -> float:
-    """Return how finely angles in rad can be distinguished: the encoder's step, or the noise."""
+    """Return the resolution of an angle in rad: the encoder's step, or the noise."""
     sizes = np.abs(np.diff(angle))
     step = np.min(sizes, where=sizes > 0, initial=np.inf)
     rows = np.linspace(1, angle.size - 2, min(angle.size, _ENOUGH)).astype(np.intp)
@@ -247,12 +246,12 @@ def _resolution(angle: Samples) -> float:
 
 
 def _at_speed(drop: Samples, resolution: float, span: float) -> bool:
-    """Whether a signal runs into its flat top at speed, rather than coming to rest on it.
+    """Whether a signal reaches its flat top at speed, rather than coming to rest on it.
 
-    By its drop v n + a n^2/2 at two numbers of samples n beside the top, it would have risen by
-    v^2/(2 a) beyond it. A signal that comes to rest seems to do so too, but by no more than the
-    resolution and what it rises within a sample. Beyond half of its span a swing is no parabola: a
-    signal of so few resolutions that its speed cannot be known sooner is passed over.
+    From its drop v n + a n^2/2 at two distances of n samples from the top, it would have risen by
+    v^2/(2 a) beyond it. A signal that comes to rest seems to overshoot too, but at most by the
+    resolution and the rise within a sample. Beyond half of its span a swing is not a parabola: a
+    signal too coarse to show its speed before is skipped.
     """
     if drop.size <= 2 * _NEAREST:
         return False
@@ -270,7 +269,7 @@ def _at_speed(drop: Samples, resolution: float, span: float) -> bool:
 
 
 def _first(values: Samples, level: float) -> int:
-    """Return the number of the first value that reaches a level; their count if none does."""
+    """Return the index of the first value that reaches a level; the number of values if none."""
     reached = values >= level
     first = int(np.argmax(reached))
     return first if reached[first] else values.size
@@ -281,18 +280,17 @@ class Wrapping:
     """Jumps of an angle by a turn of its encoder."""
 
     turn: float  # rad
-    exact: bool  # a whole share or multiple of the joint's turn; else measured, and drifts
+    exact: bool  # 1/N or a multiple of the joint's turn; else measured, and drifts
     rows: Rows  # (n,) numbers of the samples before them
 
 
 def find_wrapping(angle: Samples, gap: Mask) -> Wrapping | None:
     """Find where an (n,) angle in rad jumps by a turn; None if nowhere.
 
-    The turn is 2 pi, or several of these as of a counter that starts again, if jumps of this size
-    stand out from all other steps. Else it is any size by which the angle jumps at least twice from
-    one end of its span to the other, against the motion, and never otherwise comes near such a
-    step. An outlier, which comes back, is no jump. ``gap``: (n - 1,) intervals that say nothing of
-    the motion between their ends.
+    The turn is 2 pi, or a multiple (a counter that restarts), if jumps of this size stand out from
+    all other steps. Else it is any size by which the angle jumps at least twice across its span,
+    against the motion, if no other step comes near it. An outlier, which comes back, is not a jump.
+    ``gap``: (n - 1,) whether the motion within an interval is unknown.
     """
     steps = np.diff(angle)
     span = float(np.ptp(angle))
@@ -310,7 +308,7 @@ def find_wrapping(angle: Samples, gap: Mask) -> Wrapping | None:
 
 
 def unwrapped(angle: Samples, wrapping: Wrapping) -> Samples:
-    """Return the (n,) angle that goes on beyond its turns."""
+    """Return the continuous (n,) angle."""
     jumps = np.zeros(angle.size)
     rows = wrapping.rows
     jumps[rows + 1] = wrapping.turn * np.sign(angle[rows] - angle[rows + 1])
@@ -318,7 +316,7 @@ def unwrapped(angle: Samples, wrapping: Wrapping) -> Samples:
 
 
 def _whole_turns(steps: Samples) -> float | None:
-    """Return 2 pi, or several, if steps of this size stand out."""
+    """Return 2 pi, or a multiple, if steps of this size stand out."""
     sizes = np.abs(steps)
     large = sizes > _TURN - _NEAR_TURN
     if not large.any():
@@ -344,7 +342,7 @@ def _comes_back(jumps: Samples) -> bool:
 
 
 def _encoders_turn(angle: Samples, steps: Samples, span: float) -> float | None:
-    """Return the turn of an encoder that does not sit on the joint, or counts otherwise."""
+    """Return the turn of an encoder that is not on the joint, or has another range."""
     sizes = np.abs(steps)
     rows = np.flatnonzero(sizes >= _WHOLE * span)
     others = np.delete(sizes, rows)

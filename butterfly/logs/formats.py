@@ -1,4 +1,4 @@
-"""The formats of logs: files, by the endings of their names, and tables; what holds what."""
+"""The formats of logs: files, by the endings of their names, and tables; which column is what."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def read_log(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read one file, by its ending; InputError if it cannot be read, or is none of `FORMATS`."""
+    """Read one file by its ending; InputError if it is unreadable or not one of `FORMATS`."""
     read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
     before = _state(path)
     log = read(path, columns, units, **{"name": path.name} | properties)
     if _state(path) != before:
-        raise InputError(path, "content", "a file that changed while it was read", "a finished one")
+        raise InputError(path, "content", "a file that changed while being read", "a complete one")
     return log
 
 
 def _state(path: Path) -> tuple[int, ...]:
-    """Return what is another of a file that was replaced, or written on; nothing if none is."""
+    """Return what changes when a file is replaced or appended to; nothing if there is no file."""
     try:
         found = path.stat()
     except (OSError, ValueError):
@@ -52,7 +52,7 @@ def _state(path: Path) -> tuple[int, ...]:
 
 
 def holds_table(path: Path) -> bool:
-    """Whether a file, which may be a text of another kind, holds numbers as a log does."""
+    """Whether a file, which may be a text of another kind, holds enough numbers for a log."""
     return bool(_module(path).holds_table(path))
 
 
@@ -64,25 +64,25 @@ def _module(path: Path) -> ModuleType:
 
 
 ColumnMap = Mapping[str, str | int]
-"""Columns by the field of `Log` that they hold: their names, or their numbers from 0 on."""
+"""Column of each field of `Log`, by name or by number from 0."""
 
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
-"""Column map used when none is given: the columns carry the names of the fields of `Log`."""
+"""Column map used when none is given: columns named like the fields of `Log`."""
 
 VELOCITY = "velocity"
-"""Column that is read besides, where no map is given and it is there, or in place of the angle."""
+"""Column read by default if present, besides the angle or instead of it."""
 
-_HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
+_HINT = "choose columns by --columns time=T,input=U,angle=Q or the manifest's key columns"
 _HINTS = {
-    "input": ["input: none of the manifest or a log, or --input none, says that nothing drives it"],
-    "angle": ["velocity=W in place of angle=Q does where no gravity acts"],
+    "input": ["--input none, or input: none in the manifest, if nothing drives the joint"],
+    "angle": ["velocity=W instead of angle=Q if no gravity acts"],
 }
 
 
 def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict[str, str | int]:
-    """Return a column map that says where time, input and angle, or velocity, stand.
+    """Return a column map with columns for time, input and angle (or velocity).
 
-    The input's ``kind`` may be none.
+    No input is needed if its ``kind`` is none.
     """
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
@@ -103,9 +103,9 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     for known in (list(names), [without_unit(name) for name in names]):
         places = [k for k, name in enumerate(known) if name == wanted]
         if len(places) > 1:
-            numbers = " and ".join(map(str, places))
-            expected = f"one, or its number: {numbers}"
-            raise InputError(source, str(wanted), f"{len(places)} columns of this name", expected)
+            numbers = " or ".join(map(str, places))
+            expected = f"one column, or its number: {numbers}"
+            raise InputError(source, str(wanted), f"{len(places)} columns with this name", expected)
         if places:
             return places[0]
     number = int(wanted) if str(wanted).isdecimal() else None
@@ -122,9 +122,9 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
 def chosen_columns(
     source: object, names: Sequence[str], columns: ColumnMap | None, about: Mapping[str, Any]
 ) -> tuple[dict[str, int], list[str]]:
-    """Return the number of each column that is read, by field, and the fields unasked for.
+    """Return the number of each column to read, by field, and the fields read by default.
 
-    What is known ``about`` the log tells whether it may have no input.
+    The properties ``about`` the log decide whether it may have no input.
     """
     kind = about.get("input_kind")
     wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, kind)
@@ -142,7 +142,7 @@ def chosen_columns(
 
 
 class Frame(Protocol):
-    """What pandas and others like it have."""
+    """What a data frame of pandas and similar libraries provides."""
 
     @property
     def columns(self) -> Iterable[Any]:
@@ -169,7 +169,7 @@ def log_of_table(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
 ) -> Log:
-    """Make a log of a table; a plain array has the columns of `SAMPLED` unless others are named."""
+    """Make a log of a table; a plain array has the columns of `SAMPLED` unless others are given."""
     found = _columns(table)
     names = list(found)
     if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
@@ -189,5 +189,5 @@ def _columns(table: Table) -> dict[str, Any]:
     if table.dtype.names is not None:
         return {name: table[name] for name in table.dtype.names}
     if table.ndim != 2:  # noqa: PLR2004 - a matrix
-        raise InputError("read", "source", f"an array of shape {table.shape}", "columns (n, k)")
+        raise InputError("read", "source", f"an array of shape {table.shape}", "shape (n, k)")
     return {str(k): column for k, column in enumerate(table.T)}

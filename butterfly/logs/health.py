@@ -1,4 +1,4 @@
-"""What is wrong with a log, what that means, and the repairs that were made to it, counted."""
+"""Faults of a log, how grave they are, and the repairs made, counted."""
 
 from __future__ import annotations
 
@@ -35,32 +35,27 @@ GAP_FACTOR = 3.0
 """A sampling interval longer than this many median intervals is a gap."""
 
 SPLIT = "split: restarts in a manifest, or --restarts"
-"""What makes a log of each of several recordings."""
+"""What splits a file of several recordings into logs."""
 
 _MANY = 0.01  # share of the samples, or of the time, that may be missing without harm
 _SLOW = 0.25  # s between samples in which a hand does what no log of it shows
 _LARGEST = 1e30  # of any column, in its own unit: squares and ratios stay within doubles
 _SMALLEST = 1e-30  # range of any column that is not constant, and step of the clock
 _IF_DEGREES = (
-    "A joint that does not turn round may be recorded in degrees or counts: say --units angle=deg, "
-    "or units: {angle: deg} in the manifest."
+    "If the joint cannot turn that far, the angle may be in degrees or counts: use "
+    "--units angle=deg, or units: {angle: deg} in the manifest."
 )
 _IF_MILLISECONDS = (
-    "A clock so slow may count milliseconds: say --units time=ms, or units: {time: ms} in the "
-    "manifest."
+    "Time may be in milliseconds: use --units time=ms, or units: {time: ms} in the manifest."
 )
-
 _IF_REGIMES = (
-    "Where a clock's sampling interval switches the delay may, too: output-error can fit both, as "
-    "delay and slow_delay."
+    "The delay may switch with the sampling interval: output-error can fit both, as delay and "
+    "slow_delay."
 )
 
 
 class Repair(StrEnum):
-    """A repair that may be made to a log, and is counted: each drops the samples concerned.
-
-    But for ``unwrap``, which adds the turns by which an angle falls back where the joint goes on.
-    """
+    """A repair of a log: each drops samples, except ``unwrap``, which adds whole turns."""
 
     DUPLICATE = "duplicate"
     BACKWARD = "backward"
@@ -69,11 +64,11 @@ class Repair(StrEnum):
 
 
 DEFAULT_REPAIRS = frozenset({Repair.DUPLICATE})
-"""Only repeated stamps are dropped unasked; anything else must be allowed by name."""
+"""Only repeated timestamps are dropped by default; other repairs must be allowed by name."""
 
 
 class Remark(NamedTuple):
-    """Something that was found, how much it matters, and what to do about it."""
+    """A finding, how grave it is, and what to do about it."""
 
     condition: Level
     text: str
@@ -82,10 +77,10 @@ class Remark(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """Findings on one log, counted in samples unless a unit follows."""
+    """Findings on one log, in samples unless a unit is given."""
 
     samples: int
-    duration: float  # s, last minus first stamp
+    duration: float  # s, last minus first timestamp
     duplicate_stamps: int
     backward_stamps: int
     non_finite: int
@@ -93,21 +88,21 @@ class Health:
     gaps: int  # intervals above `GAP_FACTOR` medians, bridged by interpolation
     longest_gap: float  # s, the longest interval
     step: float  # s, median interval
-    jitter: float  # s, rms deviation from it, gaps left out
-    saturated: int  # the input flat on its own extreme value
-    clipped: int  # the angle on a flat top it ran into at speed
-    idle: int  # of a log whose input never changes, as in a free decay
-    wraps: int = 0  # jumps of the angle by a turn, which were undone
+    jitter: float  # s, rms deviation from it, without gaps
+    saturated: int  # the input flat at its extreme value
+    clipped: int  # the angle flat at an extreme that it reached at speed
+    idle: int  # of a log with constant input, such as a free decay
+    wraps: int = 0  # jumps of the angle by a turn, undone
     turns: float = 0.0  # span of the angle over 2 pi; 0 of a slide
     middle: float = 0.0  # rad, median angle
-    cut_lines: int = 0  # at the end of the file, cut off and dropped
+    cut_lines: int = 0  # incomplete at the end of the file, dropped
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # what was read as what
-    integrated: bool = False  # whether the angle was not recorded, and is the velocity's integral
+    integrated: bool = False  # whether the angle is the integral of the recorded velocity
     regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
 
     @property
     def remarks(self) -> list[Remark]:
-        """Remarks on the log, worst first; nothing of a healthy one."""
+        """Remarks on the log, gravest first; none for a healthy one."""
         others = {name: each for name, each in self.columns.items() if each.own}
         lost = self.dropped > _MANY * self.samples
         gone = self.longest_gap > _MANY * self.duration
@@ -115,12 +110,12 @@ class Health:
             (self.saturated, "sample", "with the input saturated", True),
             (self.clipped, "sample", "with the angle clipped", True),
             (self.gaps, "gap", f"bridged, longest {1e3 * self.longest_gap:.1f} ms", gone),
-            (self.duplicate_stamps, "repeated stamp", "dropped", lost),
-            (self.backward_stamps, "backward stamp", "dropped", lost),
+            (self.duplicate_stamps, "repeated timestamp", "dropped", lost),
+            (self.backward_stamps, "backward timestamp", "dropped", lost),
             (self.non_finite, "sample", "not finite, dropped", lost),
-            (self.wraps, "jump", "by a turn undone", False),
-            (self.cut_lines, "last line", "that lacks its end, dropped", False),
-            (self.idle, "sample", "with the same input throughout", False),
+            (self.wraps, "jump", "by a turn, undone", False),
+            (self.cut_lines, "incomplete last line", "dropped", False),
+            (self.idle, "sample", "with a constant input", False),
         ]
         found = [
             Remark(Level.CARE if care else Level.NOTE, f"{count} {thing}{'s' * (count > 1)} {what}")
@@ -128,56 +123,56 @@ class Health:
             if count
         ]
         if self.integrated:
-            found.append(Remark(Level.NOTE, "no angle recorded: the velocity is what is followed"))
+            found.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
         for before, (begin, interval) in pairwise(self.regimes):
             text = f"mean sampling interval switches from {1e3 * before.interval:.4g} to "
             text += f"{1e3 * interval:.4g} ms at {begin:.4g} s"
             found.append(Remark(Level.NOTE, text, _IF_REGIMES))
         if self.turns > 1.0:
-            text = f"turns {self.turns:.1f} times round"
+            text = f"the angle spans {self.turns:.1f} turns"
             meant = self.wraps or (
                 "angle" in self.columns and self.columns["angle"].said != ASSUMED
             )
             found.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
         if self.step > _SLOW:
-            text = f"a sample in {self.step:.3g} s only"
+            text = f"only one sample every {self.step:.3g} s"
             found.append(Remark(Level.CARE, text, _IF_MILLISECONDS))
         if others:
             texts = "; ".join(f"{name}: {each.text}" for name, each in others.items())
-            found.append(Remark(Level.NOTE, f"in units of the file's own: {texts}"))
+            found.append(Remark(Level.NOTE, f"converted from the file's units: {texts}"))
         return sorted(found, key=lambda remark: remark.condition is not Level.CARE)
 
     @property
     def condition(self) -> Level:
-        """What may be done with the log."""
+        """Whether the log can be used: the level of its gravest remark."""
         return Level.worst(remark.condition for remark in self.remarks)
 
     @property
     def findings(self) -> list[str]:
-        """The same in words alone."""
+        """The texts of the remarks."""
         return [remark.text for remark in self.remarks]
 
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
-    """Return a log with increasing stamps and finite values, and what was found in it as recorded.
+    """Return a log with increasing timestamps and finite values, and its health as recorded.
 
-    Raises InputError if the log has a fault that ``repairs`` does not allow to be repaired, if its
-    time does not advance, if its angle never changes, or its sine's input.
+    Raises InputError for a fault that ``repairs`` does not cover, a clock that does not advance, a
+    constant angle, or a sine without input.
     """
     finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
     sound = _only(log, finite)
     if np.ptp(sound.time) == 0.0:
-        raise InputError(log.source, "time", "a clock that never advances", "increasing stamps")
+        raise InputError(log.source, "time", "a clock that never advances", "increasing timestamps")
     kept = increasing(sound.time)
     repeats = repeated(sound.time, kept)
     backward = ~(kept | repeats)
     refuse_separators(sound)
-    ascending = "stamps in ascending order"
+    ascending = "timestamps in ascending order"
     if Repair.BACKWARD not in repairs and backward.any() and restarts(sound.time):
-        ascending += f" (or {SPLIT}, where several recordings were put together)"
+        ascending += f" (or {SPLIT}, if the file holds several recordings)"
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, ascending)
-    _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
+    _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "distinct timestamps")
     clean = _with_sound_lead(_only(sound, kept))
     _refuse_implausible(clean)
     regimes = clean.regimes or find_regimes(clean.time)
@@ -218,20 +213,20 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
 
 
 def refuse_separators(log: Log) -> None:
-    """Raise InputError where thousands in the stamps were written with a separator."""
+    """Raise InputError if timestamps have a thousands separator."""
     if (first := cut_by_thousand(log.time)) is not None:
         found = f"{log.time[first]:g} after {log.time[first - 1]:g} at sample {first}"
-        expected = "stamps without separators of thousands (1000, not 1.000 or 1,000)"
+        expected = "timestamps without thousands separators (1000, not 1.000 or 1,000)"
         raise InputError(log.source, "time", found, expected)
 
 
 def _only(log: Log, kept: NDArray[np.bool_]) -> Log:
-    """Return the log of some samples, itself if that is all of them: copies of long logs cost."""
+    """Return the log of some samples; itself for all of them, since long copies cost."""
     return log if kept.all() else log.take(kept)
 
 
 def _with_sound_lead(log: Log) -> Log:
-    """Return a piece with what of the command before it has finite values and rising stamps."""
+    """Keep of the command before a piece what has finite values and increasing timestamps."""
     if log.lead is None:
         return log
     time, inputs = log.lead.time, log.lead.input
@@ -250,8 +245,7 @@ def _refuse_unless_allowed(
     if repair is Repair.NON_FINITE:
         field = next(name for name, column in columns.items() if not np.isfinite(column[first]))
     value = f"{columns[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
-    hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them: "
-    hint += f"--repair {repair}, or the manifest's key repair)"
+    hint = f"{expected} (or drop and count them: --repair {repair}, or the manifest's key repair)"
     raise InputError(log.source, field, value, hint)
 
 
@@ -260,19 +254,19 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
         return
     first = log.time[wrapping.rows[0]]
     value = f"{wrapping.rows.size} jumps by {wrapping.turn:.4g} rad, the first at {first:.6g} s"
-    hint = "an angle that goes on beyond a turn (or allow the repair 'unwrap', which undoes and "
-    hint += f"counts them: --repair {Repair.UNWRAP}, or the manifest's key repair)"
+    hint = "a continuous angle (or undo and count the jumps: "
+    hint += f"--repair {Repair.UNWRAP}, or the manifest's key repair)"
     if not wrapping.exact:
         hint = (
-            "jumps by whole turns of the joint, or a whole share of one: tell the angle's unit "
-            "(--units angle=counts/N), or undo the jumps before"
+            "jumps by a whole turn of the joint, or by 1/N of one: give the angle's unit "
+            "(--units angle=counts/N), or unwrap the angle first"
         )
     raise InputError(log.source, "angle", value, hint)
 
 
 def _refuse_implausible(log: Log) -> None:
-    """Refuse a joint at rest, a sine without input, and numbers that no bench has."""
-    meanings = {log.measures: "a moving joint (a log of one at rest is to be left out)"}
+    """Refuse a joint at rest, a sine without input, and numbers far out of range."""
+    meanings = {log.measures: "a moving joint (exclude this log if the joint rests)"}
     if log.excitation is not None:
         meanings["input"] = "an input that excites the joint"
     for name, meaning in meanings.items():
@@ -291,5 +285,5 @@ def _refuse_implausible(log: Log) -> None:
             raise InputError(log.source, name, found, f"a range above {_SMALLEST:g}")
     shortest = float(np.diff(log.time).min())
     if shortest < _SMALLEST:
-        expected = f"stamps that differ by more than {_SMALLEST:g} s"
-        raise InputError(log.source, "time", f"stamps {shortest:.3g} s apart", expected)
+        expected = f"timestamps more than {_SMALLEST:g} s apart"
+        raise InputError(log.source, "time", f"timestamps {shortest:.3g} s apart", expected)

@@ -1,4 +1,4 @@
-"""Logs in JSON: records (a list, or one a line) or columns, nested as they like."""
+"""Logs in JSON: records (a list, or one per line) or columns, nested in any way."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def read_json(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log (see `read_log`); what lies deeper is called ``joint.position.0``."""
+    """Read a log (see `read_log`); nested columns have names such as ``joint.position.0``."""
     content, cut = _content(path)
     ways = _ways(content)
     names = [*map(".".join, ways)]
@@ -38,7 +38,7 @@ def read_json(
 
 
 def holds_table(path: Path) -> bool:
-    """Whether a file holds as many numbers as a log does at least."""
+    """Whether a file holds enough numbers for a log."""
     try:
         content, _ = _content(path)
         sizes = [_column(path, content, "", way).size for way in _ways(content)[:3]]
@@ -48,7 +48,7 @@ def holds_table(path: Path) -> bool:
 
 
 def _content(path: Path) -> tuple[Any, int]:
-    """Return what a file holds, and how many last lines were cut off."""
+    """Return the content of a file, and how many incomplete last lines were dropped."""
     content = read_file(path, "an existing JSON file")
     require_room(path, "content", f"{len(content)} bytes of JSON", 32 * len(content))
     try:
@@ -59,21 +59,21 @@ def _content(path: Path) -> tuple[Any, int]:
         cut = not text.endswith("\n") and len(lines) > 1
         return [_parsed(line) for line in lines[: len(lines) - cut]], int(cut)
     except (ValueError, RecursionError) as error:
-        raise InputError(path, "content", f"unreadable ({error})", "whole JSON") from None
+        raise InputError(path, "content", f"unreadable ({error})", "complete JSON") from None
 
 
 def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            raise ValueError("an object that has a name twice")
+            raise ValueError("an object with the same key twice")
         return found
 
     return json.loads(text, parse_int=float, object_pairs_hook=unique)
 
 
 def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tuple[str, ...]]:  # noqa: ANN401 - any JSON
-    """Return how one gets to every column: names of objects, and numbers in lists of a ``row``."""
+    """Return the path to every column: keys of objects, and numbers in the lists of a ``row``."""
     if len(way) > 16:  # noqa: PLR2004 - objects within objects
         return []
     if isinstance(node, list) and not row:
@@ -88,7 +88,7 @@ def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tu
 
 
 def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: ANN401 - any JSON
-    """Return what lies at the end of a way, in every row of a list; ``...`` where nothing does."""
+    """Return the value at the end of a path, in every row of a list; ``...`` if missing."""
     if isinstance(node, list) and not row and node and isinstance(node[0], dict | list):
         return [_at(each, way, row=True) for each in node]
     if not way:
@@ -101,7 +101,7 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
 
 
 def _said(content: Any, way: Sequence[str]) -> dict[str, str]:  # noqa: ANN401 - any JSON
-    """Return the unit of a column: of ``units`` above all, or of ``unit`` beside the numbers."""
+    """Return the unit of a column: from ``units`` at the top, or ``unit`` beside the numbers."""
     ways = {"units": ("units", ".".join(way)), "unit": (*way[:-1], "unit")}
     found = {key: _at(content, each) for key, each in ways.items()}
     lists = {key: each if isinstance(each, list) else [each] for key, each in found.items()}

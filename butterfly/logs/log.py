@@ -1,4 +1,4 @@
-"""The one form in which recorded and simulated experiments reach identification."""
+"""The one form of recorded and simulated experiments for identification."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ MIN_SAMPLES = 16
 _MOST = 0.9
 _MOST_OF_NOISE = 4.029  # that quantile of its second differences, over its standard deviation
 
-_SPAN = 0.05  # s, over which an angle advances by more than noise
-_REACH = 0.7  # rad of the motion's own phase, over which a cubic follows it
+_SPAN = 0.05  # s in which an angle changes by more than noise
+_REACH = 0.7  # rad of the motion's phase that a cubic can follow
 _WIDE = 1.0  # rad, beyond which a wider motion is no slower
 _FEWEST = 12  # samples that a cubic is fitted to
-_SURE = 6.0  # standard errors from 0 at which a velocity counts as one
-_SETTLED = 0.3  # share by which half as many samples may give another velocity
-_NOTABLE = 0.1  # share of the rms velocity, from which on a beginning is in motion
+_SURE = 6.0  # standard errors from 0 at which a velocity counts
+_SETTLED = 0.3  # by which the velocity may change for half the samples
+_NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
@@ -42,7 +42,7 @@ SAMPLED = ("time", "input", "angle", "velocity")
 """The sampled columns of a log; one of the last two may be missing."""
 
 OF_SERVO = ("setpoint", "supply", "enabled")
-"""The sampled columns that a servo may have besides."""
+"""Further sampled columns of a servo."""
 
 _MEASURED_IN = {"supply": "voltage"}
 
@@ -55,13 +55,13 @@ class InputKind(StrEnum):
     VOLTAGE = "voltage"
     TORQUE = "torque"
     CURRENT = "current"
-    DUTY = "duty"  # the share of its supply that a voltage drive passes on
-    SETPOINT = "setpoint"  # what a servo is to follow, by a loop of its own
-    NONE = "none"  # nothing drives: a joint that swings freely needs no such column
+    DUTY = "duty"  # the fraction of the supply that a voltage drive applies
+    SETPOINT = "setpoint"  # what a servo follows, in its own loop
+    NONE = "none"  # a joint that swings freely, without an input column
 
     @property
     def unit(self) -> str:
-        """What p4 is per unit of."""
+        """The unit of the input in the unit of p4."""
         units = {InputKind.VOLTAGE: "V", InputKind.CURRENT: "A", InputKind.DUTY: "duty"}
         return units.get(self, "unit")
 
@@ -90,9 +90,9 @@ class Sine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lead:
-    """What was commanded before a log begins, which is then a piece of a longer recording."""
+    """The command before a log that is a piece of a longer recording."""
 
-    time: Samples  # (n,) increasing stamps in s, before the log's first one
+    time: Samples  # (n,) increasing timestamps in s, before the log's first one
     input: Samples  # the command at each
     setpoint: Samples | None = None  # of a servo in its loop
 
@@ -106,18 +106,18 @@ class InitialState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class FileReading:
-    """How a file was read, where it is not as the project writes it."""
+    """How a file was read, where it differs from the project's own format."""
 
-    layout: tuple[str, ...] = ()  # of its text: delimiters, decimal commas, lines without samples
-    cut_lines: int = 0  # last lines that were cut off in writing, and dropped
+    layout: tuple[str, ...] = ()  # of a text: delimiters, decimal commas, lines without samples
+    cut_lines: int = 0  # incomplete last lines, dropped
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # by field
 
 
 AS_WRITTEN = FileReading()
-"""Of a file as the project writes it, and of a log from no file."""
+"""Of a file in the project's own format, and of a log without a file."""
 
 LONGEST_LEAD = 2.0
-"""Of what was commanded before a log, in s: longer than any delay."""
+"""Seconds of command kept before a log: longer than any delay."""
 
 _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("added_mass", AddedMass, "an AddedMass"),
@@ -129,51 +129,52 @@ _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Log:
-    """One experiment: what was commanded and what the encoder saw.
+    """One experiment: the input and the measured motion.
 
-    Columns may be anything that NumPy makes arrays of; see `from_frame` for tables.
+    Columns may be anything that NumPy converts to arrays; see `from_frame` for tables.
 
     Parameters
     ----------
     time
-        (n,) stamps in s, as recorded (see `butterfly.logs.health` for repeated or backward ones).
+        (n,) timestamps in s, as recorded (`butterfly.logs.health` treats repeated or backward
+        ones).
     input
-        (n,) command at each stamp: V, A, units of torque command, a duty from -1 to 1, or what a
-        servo is to follow, in rad or rad/s; 0 where nothing drives.
+        (n,) command at each timestamp: V, A, units of torque command, a duty from -1 to 1, or the
+        setpoint of a servo in rad or rad/s; 0 if nothing drives the joint.
     angle
-        (n,) rad, from the encoder's own zero. Without one it is the integral of the velocity, which
-        does where no gravity acts.
+        (n,) rad, from the encoder zero. If missing, the integral of the velocity, which suffices
+        without gravity.
     velocity
-        (n,) rad/s, or None. Beside an angle it is kept for display.
+        (n,) rad/s, or None. Beside an angle it is only displayed.
     setpoint, supply, enabled
-        Of a servo, or None: (n,) what it follows, where the input is its drive; its supply in V;
-        and whether it is driven, 0 or 1.
+        Of a servo, or None: (n,) setpoint, if the input is its drive; its supply in V; and whether
+        it is driven, 0 or 1.
     servo
-        The loop in which it is simulated, by the set-point; None for one that its input drives.
+        The loop that is simulated from the setpoint; None if the input drives the joint.
     input_kind, intersample
-        What the command means, and how it is held between stamps.
+        What the command means, and how it is held between timestamps.
     added_mass
-        What the hand carried.
+        Mass added to the joint.
     excitation
-        The sinusoid that was commanded, or None for any other input.
+        The commanded sine, or None for any other input.
     zero
-        The encoder's reading in rad where the model's angle is 0, if it is known: a number, or a
-        pair of a value and its standard uncertainty.
+        The encoder's reading in rad at model angle 0, if known: a number, or a pair of a value and
+        its standard uncertainty.
     lead
-        What was commanded before, of a piece of a longer recording, which begins in motion; None
-        for a recording from its own beginning, at rest unless its first samples say otherwise.
+        The command before a piece of a longer recording, which begins in motion; None for a whole
+        recording, which begins at rest unless its first samples show motion.
     source
-        File or plant that the log came from, for messages.
+        File or plant of the log, for messages.
     name
-        What distinguishes the log from the others of its data set (see `with_unique_names`).
+        Name of the log in its data set (see `with_unique_names`).
     reading
         How its file was read.
     integrated, rebuilt
-        Whether the angle was not recorded, and is the integral of the velocity; and whether the
-        input was not, and is what the servo's law made of its set-point.
+        Whether the angle is the integral of the recorded velocity; whether the input is computed
+        from the setpoint by the servo's law.
     regimes
-        Of its clock, where its mean interval switches (see `butterfly.logs.regimes`): `examine` of
-        `butterfly.logs.health` finds them.
+        Of its clock, if its mean interval switches (see `butterfly.logs.regimes`); found by
+        `butterfly.logs.health.examine`.
     """
 
     time: Samples
@@ -212,25 +213,25 @@ class Log:
             object.__setattr__(self, "zero", known_of(self.zero, self.source, "zero"))
         self._declare_input()
         if self.input_kind is InputKind.SETPOINT and self.servo is None:
-            expected = "its loop, such as {law: dynamixel-x, kp: 400}"
-            raise InputError(self.source, "servo", "nothing, under a set-point", expected)
+            expected = "the loop that follows the setpoint, such as {law: dynamixel-x, kp: 400}"
+            raise InputError(self.source, "servo", "nothing", expected)
         self._require_lengths()
         if self.integrated:
             if self.velocity is None:
-                raise InputError(self.source, "angle", "nothing", "an angle, or a velocity")
+                raise InputError(self.source, "angle", "nothing", "an angle or a velocity")
             object.__setattr__(self, "angle", _integral(self.time, self.velocity))
 
     def _declare_input(self) -> None:
-        """Set the input of a joint that swings freely to 0; refuse one that says otherwise."""
+        """Set the input of a free joint to 0; refuse a nonzero one."""
         free = self.input_kind is InputKind.NONE
         if self.input is _NOT_RECORDED:
             if not free:
-                expected = "an input, or the kind of input none where nothing drives the joint"
+                expected = "an input, or the input kind none if nothing drives the joint"
                 raise InputError(self.source, "input", "nothing", expected)
             object.__setattr__(self, "input", np.zeros(self.time.size))
         elif free and np.any(self.input):
             found = f"{self.input[np.flatnonzero(self.input)[0]]:g}"
-            raise InputError(self.source, "input", found, "0 throughout, where nothing drives")
+            raise InputError(self.source, "input", found, "0 throughout, for the input kind none")
 
     def _require_lengths(self) -> None:
         n = self.time.size
@@ -252,23 +253,23 @@ class Log:
         units: Mapping[str, str | float] | None = None,
         **properties: Any,  # noqa: ANN401 - the other fields of the class
     ) -> Log:
-        """Make a log of the columns of a pandas frame, or of anything that has columns by name.
+        """Make a log from the columns of a pandas frame, or of anything with named columns.
 
         Parameters
         ----------
         frame
             The table.
         time, input, angle, velocity
-            Names of its columns; None of one that it lacks.
+            Names of its columns; None for a missing one.
         units
-            Of the columns (see `butterfly.logs.units`), besides what their names say in brackets.
+            Of the columns (see `butterfly.logs.units`), besides units in brackets in their names.
         properties
             The other fields.
 
         Raises
         ------
         InputError
-            If there is no such column, one holds no numbers, or a unit is none of its column.
+            If a column is missing or not numeric, or a unit does not fit its column.
         """
         named = {"time": time, "input": input, "angle": angle, "velocity": velocity}
         columns = {}
@@ -293,9 +294,9 @@ class Log:
         unasked: Collection[str] = (),
         **properties: Any,  # noqa: ANN401 - the other fields of the class
     ) -> Log:
-        """Make a log of columns in their units (see `read_unit`); all readers end here.
+        """Make a log from columns in their units (see `read_unit`); all readers end here.
 
-        Of those ``unasked`` for, one in a unit that is not known is left out.
+        A column that is ``unasked`` for is ignored if its unit is unknown.
         """
         log = cls(**columns, **properties)
         layout, found = list(log.reading.layout), {}
@@ -309,7 +310,7 @@ class Log:
             except InputError as error:
                 if name not in unasked:
                     raise
-                layout.append(f"{name} left out: {error.value} is not known")
+                layout.append(f"{name} ignored: {error.value} is unknown")
         reading = replace(log.reading, layout=tuple(layout), columns=found)
         changed: dict[str, Any] = dict.fromkeys(unasked)
         for name, each in found.items():
@@ -318,7 +319,7 @@ class Log:
         return replace(log, **changed, reading=reading)
 
     def quantities(self, name: str) -> tuple[str, ...]:
-        """Return what a sampled column may measure, the project's own unit of it first."""
+        """Return the quantities that a sampled column may hold, the project's own unit first."""
         turns = self.added_mass.joint is JointKind.HINGE
         own = {InputKind.VOLTAGE: "voltage", InputKind.CURRENT: "current", InputKind.DUTY: "share"}
         if name == "setpoint" or (name == "input" and self.input_kind is InputKind.SETPOINT):
@@ -333,9 +334,9 @@ class Log:
         return (kinds[name][not turns],) if name in kinds else (_MEASURED_IN.get(name, name),)
 
     def at_joint(self, ratio: float) -> Log:
-        """Return the log of an encoder on the motor, so many turns of which are one of the joint.
+        """Return the log at the joint of an encoder on the motor, ``ratio`` turns per joint turn.
 
-        A set-point, and the loop that follows it, are the motor's too.
+        The setpoint and its loop are at the motor too.
         """
         columns = ["angle", "velocity", "setpoint"]
         columns += ["input"] if self.input_kind is InputKind.SETPOINT else []
@@ -346,7 +347,7 @@ class Log:
         return replace(self, **own, zero=zero, servo=servo)
 
     def timed(self, factor: float) -> Log:
-        """Return the log with its stamps multiplied by a factor, by which speeds are divided."""
+        """Return the log with its timestamps multiplied by a factor, and speeds divided by it."""
         lead, velocity = self.lead, self.velocity
         return replace(
             self,
@@ -372,7 +373,7 @@ class Log:
                 given = np.where(np.ma.getmaskarray(column), np.nan, given)
             return given.astype(np.float64, copy=False)
         except (TypeError, ValueError):
-            raise InputError(self.source, name, "values that are no numbers", "numbers") from None
+            raise InputError(self.source, name, "values that are not numbers", "numbers") from None
 
     def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum:
         value, known = getattr(self, name), [str(each) for each in kind]
@@ -401,7 +402,7 @@ class Log:
     def piece(self, first: int, last: int) -> Log:
         """Return the log of the samples from number ``first`` to before number ``last``.
 
-        Unless it is the beginning, it begins in motion, with what was commanded before.
+        Unless it is the beginning, it begins in motion and keeps the command before.
         """
         cut = self.take(np.arange(first, last))
         if first == 0:
@@ -415,7 +416,7 @@ class Log:
 
     @property
     def command(self) -> tuple[Samples, Samples]:
-        """(n,) stamps in s and commands, those before the first sample included."""
+        """(n,) timestamps in s and commands, including those before the first sample."""
         if self.lead is None:
             return self.time, self.input
         time = np.concatenate([self.lead.time, self.time])
@@ -423,7 +424,7 @@ class Log:
 
     @property
     def goal(self) -> tuple[Samples, Samples]:
-        """(n,) stamps in s and set-points; before the first one a servo holds where it is told."""
+        """(n,) timestamps in s and setpoints; a servo held the first one before the log."""
         assert self.setpoint is not None  # noqa: S101 - of a servo
         if self.lead is None or self.lead.setpoint is None:
             return self.held("setpoint")
@@ -431,44 +432,44 @@ class Log:
         return time, np.concatenate([self.lead.setpoint, self.setpoint])
 
     def held(self, name: str) -> tuple[Samples, Samples]:
-        """(n + 1,) stamps in s and values of a column, whose first one was there before."""
+        """(n + 1,) timestamps in s and values of a column, the first value also before the log."""
         column = getattr(self, name)
         return np.append(self.time[0] - LONGEST_LEAD, self.time), np.append(column[0], column)
 
     def is_slow(self, limit: float) -> NDArray[np.bool_]:
-        """(n,) whether the mean interval of its clock is above a limit in s at each command."""
+        """(n,) whether the mean interval of the clock is above a limit in s at each command."""
         time, regimes = self.command[0], self.clock_regimes
         last = np.searchsorted([each.begin for each in regimes], time, side="right") - 1
         return np.array([0 < limit < each.interval for each in regimes])[np.maximum(last, 0)]
 
     def arrivals(self, late: float, limit: float) -> Samples:
-        """(n,) stamps in s of `command`, ``late`` by so many s where the clock `is_slow`."""
+        """(n,) timestamps in s of `command`, shifted by ``late`` s where the clock `is_slow`."""
         time = self.command[0]
         return np.maximum.accumulate(time + late * self.is_slow(limit)) if late else time
 
     @property
     def clock_regimes(self) -> tuple[Regime, ...]:
-        """Regimes of its clock, one at least."""
+        """Regimes of its clock, at least one."""
         return self.regimes or (Regime(float(self.time[0]), self.mean_step),)
 
     @property
     def closed(self) -> bool:
-        """Whether it is simulated in a servo's loop."""
+        """Whether it is simulated in a servo loop."""
         return self.servo is not None and self.setpoint is not None
 
     @property
     def opened(self) -> Log:
-        """The log as its drive alone moves the joint."""
+        """The log without its servo loop: the input drives the joint."""
         return replace(self, servo=None)
 
     @property
     def measures(self) -> str:
-        """Name of the column that says how it moves: the angle, or else the velocity."""
+        """Name of the measured column: the angle, or else the velocity."""
         return "velocity" if self.integrated else "angle"
 
     @property
     def measured(self) -> Samples:
-        """(n,) what that column holds."""
+        """(n,) values of that column."""
         return np.asarray(getattr(self, self.measures))
 
     @property
@@ -477,13 +478,13 @@ class Log:
         return self.added_mass.joint.way + ("/s" if self.integrated else "")
 
     def moving_so(self, measured: Samples) -> Log:
-        """Return the log of another motion: (n,) of what was `measured`."""
+        """Return the log with other (n,) `measured` values."""
         moved: dict[str, Any] = {"velocity": None, self.measures: measured}
         return replace(self, **moved)
 
     @cached_property
     def rms_measured(self) -> float:
-        """Rms of what was measured about its mean."""
+        """Rms of the measured values about their mean."""
         return float(np.std(self.measured))
 
     @cached_property
@@ -493,7 +494,7 @@ class Log:
 
     @cached_property
     def _velocities(self) -> Samples:
-        """Velocities in rad/s over spans that are long against noise."""
+        """Velocities in rad/s over spans long enough to exceed noise."""
         every = min(max(1, round(_SPAN / self.mean_step)), self.time.size // 2)
         return np.diff(self.angle[::every]) / np.diff(self.time[::every])
 
@@ -504,16 +505,16 @@ class Log:
 
     @property
     def lag_per_play(self) -> float:
-        """Delay in s/rad that is most like staying behind by as much, whichever way it moves."""
+        """Delay in s per rad of lag (play): the delay that resembles that lag most."""
         speeds = abs(self._velocities - self._velocities.mean())
         return float(speeds.mean() / np.mean(speeds**2)) if self.rms_speed else 0.0
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """How it begins: a piece of a longer recording in motion, as its first samples say.
+        """Initial angle and velocity.
 
-        These are followed by the cubic that fits them best. A whole log begins at rest at its first
-        sample, unless they say otherwise (see `_moves`).
+        A whole log begins at rest at its first sample, unless it moves at once (see `_moves`).
+        Otherwise, and for a piece of a longer recording, a cubic is fitted to the first samples.
         """
         time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
         if not self.rms_speed > 0:
@@ -527,10 +528,10 @@ class Log:
 
     @cached_property
     def roughness(self) -> float:
-        """Share of the input's rms value that is noise from sample to sample; rare steps are not.
+        """Sample-to-sample noise of the input over its rms value; rare steps do not count.
 
-        Of white noise it is its standard deviation, by the 90 % quantile of its second differences:
-        the noise of an encoder of coarse steps is not there most of the time.
+        The standard deviation of white noise, from the 90 % quantile of its second differences:
+        noise from a coarse encoder is absent most of the time.
         """
         size = float(np.sqrt(np.mean(self.input**2)))
         if size == 0.0:
@@ -552,23 +553,23 @@ class Log:
 
 
 def slow_interval(logs: Sequence[Log]) -> float:
-    """Return the sampling interval in s above which clocks are slow; 0 where none switches."""
+    """Return the sampling interval in s above which clocks are slow; 0 if none switches."""
     ends = [float(log.time[-1]) for log in logs]
     return between_regimes([log.clock_regimes for log in logs], ends)
 
 
 def _integral(time: Samples, velocity: Samples) -> Samples:
     """Return (n,) angles in rad, the first 0, of (n,) velocities in rad/s."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of stamps and samples not looked at yet
+    with np.errstate(over="ignore", invalid="ignore"):  # of timestamps and samples not checked yet
         steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
         return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:
-    """Whether (n,) first samples move at once: ever fewer of them have one velocity, and no noise.
+    """Whether (n,) first samples are in motion: ever fewer of them give the same velocity.
 
-    Of a joint that starts from rest half as long a stretch gives a quarter, or half, of it; if not
-    while it already runs evenly, then as soon as stretches are short beside its spin-up.
+    From rest, half the stretch gives a quarter to a half of the velocity, at the latest when
+    stretches are short compared with the spin-up.
     """
     steps = np.abs(np.diff(angle))
     finest = float(np.min(steps, where=steps > 0, initial=np.ptp(angle)))  # an encoder's step
@@ -589,9 +590,9 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
 def _fitted(
     time: Samples, angle: Samples, order: int, finest: float = 0.0
 ) -> tuple[InitialState, float]:
-    """Fit a polynomial to (n,) first samples; return its beginning, and its velocity's error.
+    """Fit a polynomial to (n,) first samples; return its initial state and velocity error.
 
-    The error is no less than that of readings in steps as fine as the ``finest`` in rad.
+    The error is at least that of quantisation in steps of ``finest`` rad.
     """
     span = float(time[-1] - time[0])
     columns = polynomial.polyvander((time - time[0]) / span, order)

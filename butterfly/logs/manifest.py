@@ -1,7 +1,7 @@
-"""Data-set manifests: the one list of facts that data may have.
+"""Data-set manifests: the one list of facts about data.
 
-A YAML file, the options of a command and the keywords of `butterfly.read` each fill some of the
-fields of `Manifest`; `described` puts them together and checks them.
+A YAML file, the options of a command and the keywords of `butterfly.read` each set some fields of
+`Manifest`; `described` merges and checks them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from butterfly.model.servo import ServoLoop
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
-"""File that describes the logs of the folder it lies in."""
+"""File that describes the logs of its folder."""
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -64,7 +64,7 @@ def _require_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
 
 
 LoopFacts = Annotated[dict[str, Any], BeforeValidator(_require_loop)]
-"""What is said of a servo's loop."""
+"""Facts about a servo loop."""
 
 _Known = Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
 
@@ -76,7 +76,7 @@ Size = Annotated[float, Field(ge=0)] | _Known
 
 
 class Recordings(StrEnum):
-    """Where a file is cut into several logs."""
+    """Where a file is split into several logs."""
 
     RESTARTS = "restarts"
 
@@ -93,25 +93,25 @@ class LogEntry(StrictModel):
     added_mass: Size = 0.0
     """In kg, with or without an uncertainty."""
     arm: Size | None = None
-    """In m; the data set's own if not given."""
+    """In m; default: that of the data set."""
     inertia: Annotated[float, Field(ge=0)] | None = None
-    """Of the added mass about its own centre, in kg m^2; a disc's of radius r is m r^2/2."""
+    """Of the added mass about its own centre, in kg m^2; m r^2/2 for a disc of radius r."""
     omega: Annotated[float, Field(gt=0)] | None = None
-    """Of the sine that was commanded, in rad/s."""
+    """Of a commanded sine, in rad/s."""
     amplitude: Annotated[float, Field(gt=0)] | None = None
-    """Of that sine, in units of the input; neither for any other input."""
+    """Of that sine, in units of the input; set both or neither."""
     input: Literal[InputKind.NONE] | None = None
-    """``none``: nothing drove the joint in this log, which needs no input column."""
+    """``none`` if nothing drove the joint in this log; it needs no input column."""
     zero: Uncertain | None = None
-    """What the encoder reads in rad where the hand hangs, if known of this log by itself."""
+    """Encoder zero of this log: the reading in rad where the joint hangs at rest, if known."""
     loop: Annotated[dict[str, Any] | None, BeforeValidator(_require_loop)] = None
-    """Of the servo, where it differs from the data set's: gains, supply."""
+    """Of the servo, where this log differs from the data set: gains, supply."""
     begin: Annotated[float | None, Field(alias="from")] = None
-    """First instant in s of the piece that is meant, by the file's own clock."""
+    """Start of the piece in s, on the clock of the file."""
     end: Annotated[float | None, Field(alias="to")] = None
-    """Last instant in s of that piece."""
+    """End of the piece in s."""
     part: Annotated[int, Field(ge=1)] | None = None
-    """Which of the recordings in the file is meant, from 1: one ends where the clock falls back."""
+    """Number of the recording in the file, from 1; a recording ends where the clock falls back."""
     split: Recordings | None = None
     """``restarts``: each of these recordings is a log."""
 
@@ -131,9 +131,9 @@ class LogEntry(StrictModel):
         if (self.omega is None) != (self.amplitude is None):
             raise ValueError("omega and amplitude together, or neither")
         if self.split and (self.part, self.begin, self.end) != (None, None, None):
-            raise ValueError("split, or from, to and part, not both")
+            raise ValueError("either split, or from, to and part")
         if self.begin is not None and self.end is not None and not self.begin < self.end:
-            raise ValueError("from before to")
+            raise ValueError("from less than to")
         return self
 
 
@@ -141,72 +141,71 @@ class MassZero(StrictModel):
     """The encoder's zero in the logs with one added mass."""
 
     added_mass: Annotated[float, Field(ge=0)]
-    """In kg, as the logs say it."""
+    """In kg, as in the logs."""
     zero: Uncertain
     """In rad."""
 
 
 class _Rule(Enum):
-    """What an option or keyword does to a field that a manifest has; else it replaces it."""
+    """What an option or keyword does to a field of the manifest; by default it replaces it."""
 
-    FILLS = "only where the manifest is silent"
-    ADDS = "besides what the manifest says, and before it"
+    FILLS = "only if the manifest does not set it"
+    ADDS = "added to the manifest, with precedence"
 
 
 class Manifest(StrictModel):
     """A data set: its files and what they have in common.
 
-    A new fact is a field here, and what uses it. Marks say what an option does to the field.
+    A new fact is a field here and its use. Marks say what an option does to the field.
     """
 
     name: str
     description: str = ""
     root: str = "."
-    """Folder of the files, relative to the manifest; ``${NAME}`` is an environment variable, and
-    what begins with one is relative to where the command runs."""
+    """Folder of the files, relative to the manifest; ``${NAME}`` is an environment variable. A path
+    that begins with one is relative to the working directory."""
     input: Annotated[InputKind, _Rule.FILLS]
-    """What the input column commands: ``voltage``, ``torque``, ``current`` or ``duty``;
-    ``setpoint`` what a servo is to follow by its ``loop``; ``none`` where nothing drives the joint,
-    which swings freely."""
+    """What the input column commands: ``voltage``, ``torque``, ``current``, ``duty``, the
+    ``setpoint`` of a servo (see ``loop``), or ``none`` if the joint swings freely."""
     loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """The servo's own: its ``law`` and gains (see `butterfly.model.servo`)."""
+    """Of a servo: its ``law`` and gains (see `butterfly.model.servo`)."""
     intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
     """How the command is held between its samples."""
     sign: Literal[1, -1] = 1
-    """-1 where a positive command turns towards negative angles: the input is negated."""
+    """-1 if a positive command turns towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None
-    """Pivot to added mass in m; needed where a mass is added to a hinge."""
+    """Pivot to added mass in m; required for an added mass on a hinge."""
     joint: JointKind = JointKind.HINGE
-    """``hinge``, or ``slide``, whose way is in m, and whose parameters are masses and forces."""
+    """``hinge``, or ``slide``, with positions in m and parameters that are masses and forces."""
     shape: Literal["bar", "butterfly"] = "bar"
-    """What pictures and exported models show: a plain bar, or the Butterfly robot's hand."""
+    """Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand."""
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
-    """In m/s^2, across the joint's axis; 0 for a joint that turns about the vertical."""
+    """In m/s^2, perpendicular to the axis; 0 for a vertical axis."""
     encoder: Literal["joint", "motor"] = "joint"
-    """``motor`` where angle, velocity and set-point, and the loop's gains, are those before a gear
-    whose ``gear_ratio`` is among what is ``known``."""
+    """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
+    ``gear_ratio`` must be ``known``."""
     known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Of the robot: parameters of the model, of motor and hand (see `butterfly.model.prior`)."""
+    """Known values of the robot, its motor and link (see `butterfly.model.prior`)."""
     zero: Uncertain | None = None
-    """What the encoder reads in rad where the hand hangs; found from the logs if not given."""
+    """Encoder zero: the reading in rad where the joint hangs; estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)
-    """The same for single added masses, before ``zero``; that of a log goes before both."""
+    """Encoder zero per added mass; overrides ``zero``, and a log's own zero overrides both."""
     units: Annotated[dict[str, str | float], BeforeValidator(_require_units), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Of the columns, and of ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`)."""
+    """Units of the columns, ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`)."""
     columns: dict[str, str | int] | None = None
-    """What holds time, input and angle: columns or .mat variables, by name or number."""
+    """Columns or .mat variables of time, input and angle, by name or number."""
     repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
-    """Repairs that may be made."""
+    """Allowed repairs."""
     split: Recordings | None = None
-    """``restarts``: where the clock falls back in a file, another log begins."""
+    """``restarts``: another log begins where the clock of a file falls back."""
     holdout: Annotated[list[str], _Rule.ADDS] = Field(default_factory=list)
-    """Files, or glob patterns of them, that no fit sees, only a test."""
+    """Files, or glob patterns of them, held out from fits for testing."""
     logs: Annotated[list[LogEntry], Field(min_length=1)]
     """The files."""
 
@@ -215,77 +214,77 @@ class Manifest(StrictModel):
         if self.joint is JointKind.HINGE and self.arm is None:
             for entry in self.logs:
                 if known_of(entry.added_mass).value and entry.arm is None:
-                    raise ValueError(f"arm, in m, since {entry.file} carries a mass")
+                    raise ValueError(f"arm in m, since {entry.file} has an added mass")
         for entry in self.logs:
             told = entry.input or self.input
             if told is InputKind.SETPOINT and "law" not in self.loop_of(entry):
-                expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
-                raise InputError(entry.file, "loop.law", "nothing, under a setpoint", expected)
+                expected = "the servo's law for a setpoint, such as {law: dynamixel-x, kp: 400}"
+                raise InputError(entry.file, "loop.law", "nothing", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
         for each in self.zeros:
             if rounded(each.added_mass) not in carried:
                 masses = ", ".join(f"{mass:g}" for mass in sorted(carried))
-                raise ValueError(f"zeros of masses that logs carry: {masses} kg")
+                raise ValueError(f"zeros of the logs' added masses: {masses} kg")
         return self
 
     @property
     def scale(self) -> Units:
-        """What makes the project's own units of the manifest's numbers and the files' columns."""
+        """Factors from the units of the manifest and the columns to the project's own."""
         return Units.of(self.units).with_sign(self.sign)
 
     @property
     def turns(self) -> float:
-        """Turns of the encoder per turn of the joint; InputError if nobody says how many."""
+        """Turns of the encoder per turn of the joint; InputError if unknown."""
         if self.encoder == "joint":
             return 1.0
         ratio = self.prior.physical.get("gear_ratio")
         if ratio is None:
-            raise InputError(self.name, "known.gear_ratio", "nothing", "the ratio of the gear")
+            raise InputError(self.name, "known.gear_ratio", "nothing", "the gear ratio")
         return ratio.value
 
     @property
     def prior(self) -> Prior:
-        """What is known of the robot."""
+        """Known values of the robot."""
         return Prior.of(self.known)
 
     def knowing(self, known: Prior) -> Manifest:
-        """Return the manifest of a robot of which more is known."""
+        """Return the manifest with more known values."""
         if not known:
             return self
         return self.model_copy(update={"known": (self.prior | known).values})
 
     def with_zero(self, zero: Known) -> Manifest:
-        """Return the manifest with another encoder's zero, of all logs."""
+        """Return the manifest with one encoder zero for all logs."""
         logs = [entry.model_copy(update={"zero": None}) for entry in self.logs]
         return self.model_copy(update={"zero": zero, "zeros": [], "logs": logs})
 
     def piece(self, begin: float | None, end: float | None) -> Manifest:
-        """Return the manifest of what lies between two instants in s of its single, whole log."""
+        """Return the manifest of the piece between two times in s of its single, whole log."""
         if begin is None and end is None:
             return self
         name, value = ("to", end) if begin is None else ("from", begin)
         (entry, *others) = self.logs
         if others or self.split or (entry.begin, entry.end) != (None, None):
-            expected = "a whole log by itself, of which a piece is meant (else in a manifest)"
+            expected = "a single, whole log (for several, set from and to of each in a manifest)"
             raise InputError("data", name, value, expected)
         if begin is not None and end is not None and not begin < end:
-            raise InputError("data", "from", begin, f"less than {end:g} s, the end")
+            raise InputError("data", "from", begin, f"less than the end, {end:g} s")
         own = entry.model_copy(update={"begin": begin, "end": end, "split": None})
         return self.model_copy(update={"logs": [own]})
 
     def loop_of(self, entry: LogEntry) -> dict[str, Any]:
-        """Return what is said of the servo in a log."""
+        """Return the facts about the servo in a log."""
         return self.loop | (entry.loop or {})
 
     def zero_of(self, entry: LogEntry) -> Known | None:
-        """Return what is known of the encoder's zero in a log."""
+        """Return the encoder zero of a log, if known."""
         mass = rounded(known_of(entry.added_mass).value)
         of_mass = (each.zero for each in self.zeros if rounded(each.added_mass) == mass)
         given = next((each for each in (entry.zero, *of_mass, self.zero) if each is not None), None)
         return None if given is None else known_of(given)
 
     def added_mass(self, entry: LogEntry) -> AddedMass:
-        """Return what the hand carried in a log."""
+        """Return the added mass of a log."""
         mass = known_of(entry.added_mass)
         arm = known_of((self.arm if entry.arm is None else entry.arm) or 0.0)
         of_mass, of_arm = map(self.scale.factor, ("mass", "arm"))
@@ -300,7 +299,7 @@ class Manifest(StrictModel):
         )
 
     def excitation(self, entry: LogEntry) -> Sine | None:
-        """Return the sine that was commanded in a log, if it was one; its amplitude is positive."""
+        """Return the commanded sine of a log, if any; its amplitude is positive."""
         if entry.omega is None or entry.amplitude is None:
             return None
         return Sine(
@@ -309,7 +308,7 @@ class Manifest(StrictModel):
         )
 
     def properties(self, entry: LogEntry) -> dict[str, Any]:
-        """Return the fields of `Log` that no file knows, for one of the logs."""
+        """Return the fields of `Log` for a log that its file does not contain."""
         return {
             "input_kind": entry.input or self.input,
             "intersample": self.intersample,
@@ -332,7 +331,7 @@ _SELDOM = (
     "units",
     "holdout",
 )
-"""Fields that are not written where they are as usual."""
+"""Fields that are not written at their default."""
 
 
 @cache
@@ -347,7 +346,7 @@ def _options() -> type[StrictModel]:
 
 
 def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what options or keywords say that are not None, checked: fields, begin and end."""
+    """Return the options or keywords that are not None, checked: fields, begin and end."""
     some = {name: value for name, value in given.items() if value is not None}
     found = validate([], some, _options(), source="data")
     return {name: getattr(found, name) for name in some}
@@ -359,10 +358,10 @@ def described(
     documents: Sequence[Document] = (),
     source: object = "data",
 ) -> Manifest:
-    """Return the manifest of a file's content and what `checked_options` found besides.
+    """Return the manifest of a file's content and of what `checked_options` returned.
 
-    They replace what the content says, but for fields marked with a `_Rule`. A zero is that of all
-    logs. ``begin`` and ``end`` are left to `Manifest.piece`, once it is clear which log is meant.
+    The options replace the content, except in fields marked with a `_Rule`. A zero applies to all
+    logs. ``begin`` and ``end`` are applied later, by `Manifest.piece`.
     """
     both = dict(content)
     for name in given.keys() - {"begin", "end", "zero"}:
@@ -377,7 +376,7 @@ def described(
 
 
 def _added(own: Any, more: Any) -> Any:  # noqa: ANN401 - whatever a file holds
-    """Return what a field holds, and more; what a file has wrong stays, to be refused."""
+    """Return a field with more values; a wrong value stays, to be refused."""
     if isinstance(own, Mapping):
         return {**own, **more}
     return [*own, *more] if isinstance(own, list | frozenset) else own
@@ -386,7 +385,7 @@ def _added(own: Any, more: Any) -> Any:  # noqa: ANN401 - whatever a file holds
 def read_manifest(
     path: Path, root: Path | None = None, given: Mapping[str, Any] | None = None
 ) -> Manifest:
-    """Read a manifest, its root made absolute, or ``root``; ``given`` is of `checked_options`."""
+    """Read a manifest with absolute root, or ``root``; ``given`` is from `checked_options`."""
     document = load_yaml(path)
     manifest = described(document.content, given or {}, [document])
     folder = _expand_root(path, manifest.root) if root is None else root.absolute()
@@ -414,14 +413,14 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
 def _expand_root(manifest_path: Path, root: str) -> Path:
     """Resolve ``root``, environment variables (``${NAME}``) filled in.
 
-    It is relative to the manifest's folder; what begins with a variable, to where the command runs.
+    It is relative to the manifest's folder, or after a variable to the working directory.
     """
 
     def expand(match: re.Match[str]) -> str:
         of_thesis = match[1] == thesis_logs.VARIABLE
         folder = thesis_logs.found_folder() if of_thesis else os.environ.get(match[1])
         if folder is None:
-            expected = f"${match[1]} to name the folder of the logs (or --root)"
+            expected = f"${match[1]} set to the folder of the logs (or --root)"
             fetched = "the logs: run `butterfly fetch`; or " if of_thesis else ""
             raise InputError(manifest_path, "root", root, fetched + expected)
         return str(folder)

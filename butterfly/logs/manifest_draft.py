@@ -1,4 +1,4 @@
-"""Manifests of logs that come without one, from their files' names and what else is given."""
+"""Manifests drafted for logs without one, from file names and given values."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)? The files do not say.",
-    "intersample": "how does the input go between two samples, held (zero_order_hold) or in a line "
+    "intersample": "is the input held between samples (zero_order_hold) or interpolated linearly "
     "(first_order_hold)? The files do not say.",
-    "columns": "which columns hold time, input and angle, by name or number? None is called so. "
-    "Taken for the first three, in this order.",
-    "logs": "what was added in each log (added_mass in kg, arm in m), and omega and amplitude of a "
-    "sine? The names of the files do not say.",
+    "columns": "which columns hold time, input and angle, by name or number? No column has these "
+    "names; the first three are assumed, in this order.",
+    "logs": "which mass was added in each log (added_mass in kg, arm in m), and which sine drove "
+    "it (omega, amplitude)? The file names do not say.",
 }
 _FIRST_THREE = {"time": 0, "input": 1, "angle": 2}
-_INDEX = {"", "index", "Unnamed: 0"}  # names of a column in front that numbers rows
-_DIGITS = 12  # of a number in another unit: the last ones are those of rounding
+_INDEX = {"", "index", "Unnamed: 0"}  # names of a first column that numbers the rows
+_DIGITS = 12  # of a number in another unit: the others are rounding
 
 
 def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Manifest:
-    """Return the manifest of a log, or of all logs below a folder, that come without one.
+    """Return a manifest for a log, or for all logs below a folder, without one.
 
-    ``given`` is what `checked_options` found. Masses and sines are those of the thesis's names,
-    ``Data_<grams>__<rad/s>__<0amplitude>``: ``_`` stands for a decimal point within a number, and
-    the amplitude's point follows its first 0, so that ``Data_120_5__3_5__0015.mat`` is 120.5 g,
-    3.5 rad/s, 0.015. Without an arm the mass of a single log is left out, and so are all those of a
-    folder if it may be ``massless``. By any other name nothing was added.
+    ``given`` comes from `checked_options`. Masses and sines are read from the thesis's names,
+    ``Data_<grams>__<rad/s>__<0amplitude>``: ``_`` is the decimal point within a number, and the
+    amplitude's point follows its first 0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s,
+    0.015. Without an arm the mass of a single log is ignored, and all masses of a folder if it may
+    be ``massless``. Other names mean no added mass.
     """
     units, folder = Units.of(given.get("units")), path
     if not path.is_dir():
@@ -51,7 +51,7 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
     elif "arm" in given:
         entries = _entries_by_name(path, units)
     else:
-        expected = "a manifest, or the arm (--arm) in m of the masses in the names of the files"
+        expected = "a manifest, or --arm in m for the masses in the file names"
         raise InputError(path, MANIFEST_NAME, "no such file", expected)
     name = path.resolve().name if path.is_dir() else path.name
     return of_logs(name, folder, entries, given)
@@ -70,7 +70,7 @@ def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
 
 
 def _entries(folder: Path) -> list[LogEntry]:
-    """Return an entry for each log; files that are often other texts are if they hold a table."""
+    """Return an entry for each log; a file that is often another text must hold a table."""
     paths = [
         path
         for path in log_files(folder)
@@ -90,7 +90,7 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest by which its first log can be read, if it can: by the first columns."""
+    """Return a manifest that can read its first log, by the first columns if need be."""
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
     if manifest.columns is not None or _read(manifest) or (log := _read(numbered)) is None:
         return manifest
@@ -109,16 +109,16 @@ def _read(manifest: Manifest) -> Log | None:
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return what a draft takes for granted, by the key whose value it is and was not given.
+    """Return the questions on what a draft assumes, by the key that was not given.
 
-    ``named``: whether the names of the files give masses and sines.
+    ``named``: whether the file names give masses and sines.
     """
     settled = {*given, "columns" * (manifest.columns is None), "logs" * named}
     return {key: text for key, text in _QUESTIONS.items() if key not in settled}
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
-    """Return a manifest as YAML, each question as a comment above the key that it is about."""
+    """Return a manifest as YAML, each question as a comment above its key."""
     lines = manifest_text(manifest).splitlines(keepends=True)
     return "".join(
         f"# To settle: {questions[key]}\n{line}" if key in questions else line
@@ -128,12 +128,12 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files below a folder that end as logs do."""
+    """Return the files below a folder with the endings of logs."""
     if not folder.is_dir():
         raise InputError(folder, "path", "no such folder", "a folder of logs")
 
     def refuse(error: OSError) -> None:
-        raise InputError(error.filename, "path", error.strerror, "a folder that can be looked into")
+        raise InputError(error.filename, "path", error.strerror, "a readable folder")
 
     walked = os.walk(folder, onerror=refuse)
     paths = (Path(below) / name for below, _, names in walked for name in names)
@@ -141,12 +141,12 @@ def log_files(folder: Path) -> list[Path]:
 
 
 def has_thesis_names(folder: Path) -> bool:
-    """Whether a file below a folder is named as the thesis does it."""
+    """Whether a file below a folder is named as in the thesis."""
     return any(_THESIS_NAME.fullmatch(path.stem) for path in log_files(folder))
 
 
 def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:
-    """Read added mass and sine off a file name as the thesis forms it; None if it is another."""
+    """Read added mass and sine from a file name of the thesis; None for another name."""
     match = _THESIS_NAME.fullmatch(path.stem)
     if match is None:
         return None

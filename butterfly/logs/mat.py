@@ -27,9 +27,9 @@ def read_mat(
 ) -> Log:
     """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``.
 
-    A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` of the second of an
-    array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, where each of its columns is
-    a sample). Without a map they are the columns t, u, q[, dq] of ``D``.
+    A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
+    array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
+    Without a map the columns are t, u, q[, dq] of ``D``.
     """
     if columns is None:
         arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
@@ -48,13 +48,13 @@ def read_mat(
 
 
 def write_mat(log: Log, path: Path) -> None:
-    """Write a log in the thesis's form; a missing velocity column is left out.
+    """Write a log in the thesis's form; the velocity column is optional.
 
-    Not compressed: angles and velocities hardly shrink, and to inflate them takes longer than all
-    else that is done with a log of a minute.
+    Not compressed: angles and velocities hardly shrink, and decompressing takes longer than
+    everything else with a log of a minute.
     """
     if log.integrated:
-        raise InputError(path, "angle", "a velocity alone", "an angle; or another format")
+        raise InputError(path, "angle", "only a velocity", "an angle, or another format")
     with replacing(path) as draft:
         savemat(draft, {_MATRIX: np.column_stack(list(log.columns().values()))})
 
@@ -81,14 +81,14 @@ def _matrix(path: Path) -> NDArray[np.float64]:
 
 
 def _real(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
-    """Return a copy, a column after the other: `values` may lie in the file itself."""
+    """Return a copy in column order: `values` may be mapped from the file."""
     if values.dtype.kind not in "fiu":
         raise InputError(path, name, f"type {values.dtype}", "real numbers")
     return np.array(values, dtype=np.float64, order="F")
 
 
 def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Return a matrix whose rows are too few to be samples, while its columns are not, turned."""
+    """Transpose a matrix with too few rows for samples but enough columns."""
     matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
     return found.T if matrix and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
 
@@ -96,7 +96,7 @@ def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 def _vector(
     path: Path, variables: dict[str, Any], names: list[str], parts: list[str]
 ) -> NDArray[np.float64]:
-    """Return a vector by the name of its variable and what follows."""
+    """Return a vector by the parts of its name."""
     wanted = ".".join(parts)
     if parts[0] not in variables:
         _refuse_objects(path, wanted, variables)
@@ -123,7 +123,7 @@ def _vector(
 
 
 def _below(found: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
-    """Return what a struct, an array of structs or a matrix consists of, by its name or number."""
+    """Return the parts of a struct, an array of structs or a matrix, by name or number."""
     if isinstance(found, dict):
         return found
     matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
@@ -132,13 +132,11 @@ def _below(found: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file ho
 
 
 def _refuse_objects(path: Path, wanted: str, variables: dict[str, Any]) -> None:
-    """Raise InputError if there are objects, which are what is likely to be meant."""
+    """Raise InputError if there are objects, which are probably meant."""
     for name, each in variables.items():
         if isinstance(each, MatlabObject):
             raise each.refused(path, wanted, name)
 
 
 def _listing(wanted: str, valid: list[str]) -> str:
-    return (
-        nearest(wanted, valid) if valid else "a file that holds it: there is nothing to name here"
-    )
+    return nearest(wanted, valid) if valid else "a file that contains it (there are no names here)"

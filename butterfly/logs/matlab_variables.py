@@ -24,17 +24,17 @@ _CONVERSIONS = {
     "Simulink.SimulationData.Dataset": _SIGNAL.format(x="x{1}.Values."),
     "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
     "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
-}  # lines of MATLAB that make a file for others of an object x; of all others as of a timeseries
+}  # lines of MATLAB that convert an object x; all others are converted as timeseries
 
 
 @dataclass(frozen=True)
 class MatlabObject:
-    """Stands for an object of MATLAB's, which nobody else can read."""
+    """An object that only MATLAB can read."""
 
     kind: str = ""
 
     def refused(self, path: Path, wanted: str, name: str = "x") -> InputError:
-        """Return the error, with the line of MATLAB that makes a file for others of it."""
+        """Return the error, with a line of MATLAB that converts the object."""
         line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
         kind = f" ({self.kind})" if self.kind else ""
         found = f"a MATLAB object{kind}, which only MATLAB can read"
@@ -48,9 +48,9 @@ _HDF5 = b"\x00\x02"
 def load_variables(
     path: Path, wanted: Collection[str], said: dict[str, dict[str, str]] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return variables, the wanted ones among them if they are there, and the names of all.
+    """Return variables, including the wanted ones if present, and the names of all.
 
-    What attributes say of units, which only version 7.3 has, is added to ``said``.
+    Units in attributes, which only version 7.3 has, are added to ``said``.
     """
     require_file(path, "an existing .mat file")
     try:
@@ -58,11 +58,11 @@ def load_variables(
             header = file.read(_HEADER)
             if header[_VERSION] == _HDF5:
                 return _load73(path, wanted, {} if said is None else said)
-            data = memoryview(header + file.read())  # mapped, it would end us if it were cut now
+            data = memoryview(header + file.read())  # mapped, a truncation now would crash us
             found = _load4(data) if 0 in header[:4] else _load5(data)
     except InputError:
         raise
-    except Exception as error:  # readers meet corrupt bytes with whatever they lead to
+    except Exception as error:  # readers raise anything on corrupt bytes
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
     return found, [*found]
@@ -73,7 +73,7 @@ def load_variables(
 
 _OF_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 _OTHERS_OF_4 = {1: "text", 2: "a sparse matrix"}
-_MACHINES = "a machine's numbers that are no IEEE floats: VAX's or Cray's"
+_MACHINES = "numbers in VAX or Cray format, not IEEE floats"
 
 
 def _load4(data: Bytes) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def _load4(data: Bytes) -> dict[str, Any]:
     found: dict[str, Any] = {}
     while data:
         if len(data) < 20:  # noqa: PLR2004 - bytes of five numbers
-            raise ValueError(f"{len(data)} bytes where five numbers should be")
+            raise ValueError(f"{len(data)} bytes instead of five numbers")
         order = "<" if struct.unpack_from("<I", data)[0] < 10_000 else ">"  # noqa: PLR2004
         kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5I", data)
         machine, rest = divmod(kind, 1000)
@@ -94,7 +94,7 @@ def _load4(data: Bytes) -> dict[str, Any]:
         begin, count = 20 + length, rows * columns * (2 if imaginary else 1)
         end = begin + count * numbers.itemsize
         if end > len(data):
-            raise ValueError(f"an array of {end} bytes of which {len(data)} are there")
+            raise ValueError(f"an array of {end} bytes, {len(data)} present")
         name = bytes(data[20:begin]).partition(b"\0")[0].decode("latin-1")
         parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
         values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
@@ -119,21 +119,21 @@ Bytes = memoryview
 
 
 class _Elements:
-    """Elements of a file or of an array, one after the other."""
+    """The elements of a file or an array, in sequence."""
 
     def __init__(self, data: Bytes, order: str) -> None:
         self.data, self.order = data, order
 
     def next(self, what: str, types: Container[int]) -> tuple[int, Bytes]:
-        """Return type and data of the next one, which must be of some types."""
+        """Return type and data of the next element, of one of the given types."""
         if len(self.data) < 8:  # noqa: PLR2004 - bytes of a tag
-            raise ValueError(f"{len(self.data)} bytes where a tag of 8 should be")
+            raise ValueError(f"{len(self.data)} bytes instead of a tag of 8")
         kind, size = struct.unpack_from(f"{self.order}II", self.data)
         begin, room = 8, len(self.data) - 8
-        if kind >> 16:  # a short one has its data within the tag
+        if kind >> 16:  # a small element has its data in the tag
             kind, size, begin, room = kind & 0xFFFF, kind >> 16, 4, 4
         if size > room:
-            raise ValueError(f"an element of {size} bytes of which {room} are there")
+            raise ValueError(f"an element of {size} bytes, {room} present")
         if kind not in types:
             raise ValueError(f"{what} of type {kind}")
         found = self.data[begin : begin + size]
@@ -142,7 +142,7 @@ class _Elements:
         return kind, found
 
     def numbers(self, what: str, kind: int) -> list[int]:
-        """Return the whole numbers of the next one."""
+        """Return the integers of the next element."""
         _, data = self.next(what, {kind})
         if len(data) % 4:
             raise ValueError(f"{what} of {len(data)} bytes")
@@ -150,7 +150,7 @@ class _Elements:
         return list(struct.unpack(f"{self.order}{len(data) // 4}{letter}", data))
 
     def text(self, what: str) -> str:
-        """Return the text of the next one."""
+        """Return the text of the next element."""
         return bytes(self.next(what, {_INT8})[1]).decode("latin-1")
 
 
@@ -158,7 +158,7 @@ def _load5(data: Bytes) -> dict[str, Any]:
     """Return the variables of a file of level 5 by their names."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[_ORDER]))
     if order is None:
-        raise ValueError("its header names no order of bytes")
+        raise ValueError("no byte order in its header")
     elements, found, most = _Elements(data[_HEADER:], order), {}, most_in(len(data))
     while elements.data:
         kind, variable = elements.next("a variable", {_ARRAY, _COMPRESSED})
@@ -177,18 +177,18 @@ def _inflated(packed: Bytes, most: int) -> Bytes:
     try:
         found = engine.decompress(packed, most + 1)
     except zlib.error as error:
-        raise ValueError(f"packed data that cannot be unpacked ({error})") from None
+        raise ValueError(f"damaged compressed data ({error})") from None
     if len(found) > most:
-        raise ValueError(f"packed data of more than {most:,} bytes")
+        raise ValueError(f"compressed data that expand to more than {most:,} bytes")
     if not engine.eof:
-        raise ValueError("packed data that end too soon")
+        raise ValueError("truncated compressed data")
     return memoryview(found)
 
 
 def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
-    """Return the name and the value of an array: numbers, a struct, or in words what else."""
+    """Return the name and value of an array: numbers, a struct, or a description of others."""
     if depth > _DEEPEST:
-        raise ValueError(f"arrays within arrays, more than {_DEEPEST} deep")
+        raise ValueError(f"arrays nested more than {_DEEPEST} deep")
     flags = elements.numbers("flags of an array", _UINT32)
     if len(flags) != 2:  # noqa: PLR2004 - flags and the size of a sparse one
         raise ValueError(f"{4 * len(flags)} bytes of flags")
@@ -199,7 +199,7 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
         return name, MatlabObject(elements.text("the class of an object"))
     shape = elements.numbers("a shape", _INT32)
     if not 2 <= len(shape) <= _DEEPEST or min(shape) < 0:  # noqa: PLR2004 - rows and columns
-        raise ValueError(f"a shape of {len(shape)} numbers, {min(shape, default=0)} the least")
+        raise ValueError(f"a shape of {len(shape)} numbers, the smallest {min(shape, default=0)}")
     name = elements.text("a name")
     if kind in _NUMERIC:
         values = [_numbers(elements, shape) for _ in range(parts)]
@@ -221,23 +221,23 @@ def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:
     kind, data = elements.next("numbers", _NUMBERS)
     form, count = np.dtype(f"{elements.order}{_NUMBERS[kind]}"), math.prod(shape)
     if len(data) != count * form.itemsize:
-        raise ValueError(f"{len(data)} bytes of numbers where {count} should be")
+        raise ValueError(f"{len(data)} bytes of data for {count} numbers")
     return np.frombuffer(data, form).reshape(shape, order="F")
 
 
 def _fields(elements: _Elements) -> list[str]:
-    """Return the names of a struct's fields, each of the same length, filled up with zeros."""
-    lengths = elements.numbers("the length of names", _INT32)
-    names = elements.text("names of fields")
+    """Return the field names of a struct, stored zero-padded at one length."""
+    lengths = elements.numbers("the length of field names", _INT32)
+    names = elements.text("field names")
     length = lengths[0] if len(lengths) == 1 else 0
     if length <= 0 or len(names) % length:
-        raise ValueError(f"{len(names)} bytes of names of {length} each")
+        raise ValueError(f"{len(names)} bytes of field names of {length} bytes each")
     starts = range(0, len(names), length)
     return [names[start : start + length].partition("\0")[0] for start in starts]
 
 
 def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
-    _, data = elements.next("an array within", {_ARRAY})
+    _, data = elements.next("a nested array", {_ARRAY})
     if not data:  # one without any bytes is empty
         return np.empty((0, 0))
     return _array(_Elements(data, elements.order), depth + 1)[1]
@@ -264,7 +264,7 @@ def _load73(
     left = most_in(path.stat().st_size)
 
     def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
+        """Return a variable with MATLAB's order of dimensions, which HDF5 reverses."""
         nonlocal left
         for key in _UNIT_KEYS & node.attrs.keys():
             text = node.attrs[key]
@@ -276,7 +276,7 @@ def _load73(
         size = _OF_NODE + getattr(node, "nbytes", 0)
         left -= size
         if size < 0 or left < 0:  # a file may claim any size
-            raise ValueError(f"arrays of {size_text(size)} more than there may be")
+            raise ValueError(f"an array of {size_text(size)}, more than the file can hold")
         if hasattr(node, "items"):
             found = {key: value(_own_node(path, node, key)) for key in node}
             lists = [each for each in found.values() if isinstance(each, list)]
@@ -296,22 +296,22 @@ def _load73(
 
 
 def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py's
-    """Return what a file itself holds: no link, which MATLAB writes none of, leads elsewhere."""
+    """Return a node stored in the file itself; MATLAB writes no links."""
     link = parent.get(name, getlink=True)
     if type(link).__name__ != "HardLink":
-        raise InputError(path, name, "a link to another place", "numbers in the file itself")
+        raise InputError(path, name, "a link", "all numbers written in this file")
     return parent[name]
 
 
 def _require_written(path: Path, data: Any) -> None:  # noqa: ANN401 - h5py's
-    """Refuse numbers of other files, and those never written, which HDF5 reads as zeros."""
+    """Refuse numbers in other files, and those never written, which HDF5 reads as zeros."""
     if data.external or data.is_virtual:
-        found = "numbers that lie in another file"
+        found = "numbers stored in another file"
     elif data.chunks:
         counts = [-(-n // chunk) for n, chunk in zip(data.shape, data.chunks, strict=True)]
         written = data.id.get_num_chunks()
-        found = f"{written} of {math.prod(counts)} pieces" if written < math.prod(counts) else ""
+        found = f"{written} of {math.prod(counts)} chunks" if written < math.prod(counts) else ""
     else:
         found = "numbers never written" if data.nbytes and not data.id.get_storage_size() else ""
     if found:
-        raise InputError(path, data.name.strip("/"), found, "numbers in the file, all written")
+        raise InputError(path, data.name.strip("/"), found, "all numbers written in this file")

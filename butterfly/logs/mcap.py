@@ -1,4 +1,4 @@
-"""Logs in MCAP, as ROS 2 bags hold them: the messages sensor_msgs/JointState of one topic."""
+"""Logs in MCAP files (ROS 2 bags): the sensor_msgs/JointState messages of one topic."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from butterfly.logs.units import AS_IS, Heading, Units
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
 _FIELDS = {"angle": "position", "input": "effort", "velocity": "velocity"}
 _EXTRA = "the extra mcap (pip install 'butterfly-testbed[mcap]')"
-_WHOLE = "a whole MCAP file (`mcap recover` mends one that was cut off)"
+_WHOLE = "a whole MCAP file (`mcap recover` repairs a truncated one)"
 
 
 def read_mcap(
@@ -30,11 +30,11 @@ def read_mcap(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log (see `read_log`): ``time``, the messages' own stamps, and ``JOINT.position``.
+    """Read a log (see `read_log`) from a bag.
 
-    Besides ``JOINT.velocity``, ``JOINT.effort`` and ``log_time``, when the bag received them; where
-    there are several topics, each name begins with its own (``/joint_states:time``). Both times
-    begin at 0. Without a map it is position and effort of the only joint.
+    Its columns: ``time``, the timestamps of the messages; ``log_time``, when the bag received them;
+    ``JOINT.position``, ``JOINT.velocity``, ``JOINT.effort``. With several topics each name has a
+    prefix (``/joint_states:time``). Both times begin at 0. Without a map the only joint is read.
     """
     table = _table(path)
     names = list(table)
@@ -45,14 +45,14 @@ def read_mcap(
     places, _ = chosen_columns(path, names, columns, properties)
     arrays = {field: table[names[k]] for field, k in places.items()}
     if not np.any(arrays["time"]):
-        expected = "stamps in the messages' headers, or log_time as the column time"
+        expected = "timestamps in the message headers, or --columns time=log_time,..."
         raise InputError(path, names[places["time"]], "0 throughout", expected)
     headings = {field: Heading(name=names[k], number=k) for field, k in places.items()}
     return Log.of_columns(arrays, headings, units, **properties | {"source": str(path)})
 
 
 def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
-    """Return the columns of a bag in which one joint moves."""
+    """Return the columns of a bag with one joint."""
     joints = [name.removesuffix(".position") for name in names if name.endswith(".position")]
     if len(joints) != 1 or ":" in joints[0]:
         expected = "--columns time=time,input=JOINT.effort,angle=JOINT.position"
@@ -64,7 +64,7 @@ def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
 
 
 def _table(path: Path) -> dict[str, Samples]:
-    """Return the columns of all topics with states of joints."""
+    """Return the columns of all topics with joint states."""
     size = require_file(path, "an existing MCAP file")
     try:
         from mcap.reader import make_reader  # noqa: PLC0415 - an extra
@@ -85,7 +85,7 @@ def _table(path: Path) -> dict[str, Samples]:
             topics = sorted({c.topic for c in channels if kinds.get(c.schema_id) in _TYPES})
             if not topics:
                 found = ", ".join(sorted({*kinds.values()})) or "no messages"
-                raise InputError(path, "content", found, "messages sensor_msgs/msg/JointState")
+                raise InputError(path, "content", found, "sensor_msgs/msg/JointState messages")
             table: dict[str, Samples] = {}
             for topic in topics:
                 before = f"{topic}:" if len(topics) > 1 else ""
@@ -93,14 +93,14 @@ def _table(path: Path) -> dict[str, Samples]:
                 table |= {before + name: each for name, each in own.items()}
     except InputError:
         raise
-    except Exception as error:  # readers meet damage with whatever it is
+    except Exception as error:  # readers raise anything on damage
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", _WHOLE) from None
     return table
 
 
 def _columns(messages: Any) -> Mapping[str, Samples]:  # noqa: ANN401 - mcap's
-    """Return times from 0 on, and what each joint's messages hold; NaN where one is silent."""
+    """Return times from 0, and the values of each joint; NaN where missing."""
     found: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
     stamps, received = array("q"), array("q")
     for count, (_, _, message, state) in enumerate(messages):

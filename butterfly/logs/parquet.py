@@ -1,4 +1,4 @@
-"""Logs as Parquet files: columns time, input, angle and, if known, velocity."""
+"""Logs in Parquet files: columns time, input, angle and, if recorded, velocity."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def read_parquet(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log (see `read_log`); columns that are not asked for are ignored."""
+    """Read a log (see `read_log`); other columns are ignored."""
     require_file(path, "an existing Parquet file")
     try:
         with parquet.ParquetFile(path) as file:
@@ -61,12 +61,12 @@ def _heading(schema: pa.Schema, number: int) -> Heading:
 
 
 def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -> dict[str, Any]:
-    """Read columns one after the other, by the log's field."""
+    """Read columns one by one, by field of the log."""
     names = file.schema_arrow.names
     most = most_in(path.stat().st_size)
     if not 0 <= file.metadata.num_rows * len(places) * _BYTES <= most:
         found = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
-        expected = f"a whole Parquet file, of up to {size_text(most)}"
+        expected = f"a whole Parquet file of at most {size_text(most)}"
         raise InputError(path, "content", found, expected)
     arrays = {}
     for field, number in places.items():
@@ -80,7 +80,7 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
         if clock:
             own = [each.cast(pa.int64()) for each in own]
         parts = [each.to_numpy(zero_copy_only=False) for each in own]
-        if clock and parts:  # since 1970 no double holds nanoseconds
+        if clock and parts:  # a double cannot hold nanoseconds since 1970
             parts = [each - parts[0][0] for each in parts]
         arrays[field] = np.concatenate([np.empty(0), *parts])
     return arrays

@@ -1,4 +1,4 @@
-"""The logs of a manifest: read, cut into pieces and recordings, and called by name."""
+"""The logs of a manifest: read, cut into pieces and recordings, and found by name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from butterfly.progress import Track, untracked
 
 
 def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
-    """Read all logs of a manifest, as recorded; return the manifest with an entry for each."""
+    """Read all logs of a manifest as recorded; return it with an entry for each, and the logs."""
     found = [read_pieces(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
     pairs = [pair for pairs in found for pair in pairs]
     entries = [entry for entry, _ in pairs]
@@ -30,7 +30,7 @@ def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, l
 
 
 def with_parts(manifest: Manifest) -> Manifest:
-    """Return a manifest with an entry for each recording in files that are split and readable."""
+    """Return a manifest with an entry for each recording of the readable, split files."""
     entries: list[LogEntry] = []
     for entry in manifest.logs:
         try:
@@ -54,12 +54,12 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
 
 
 def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log]]:
-    """Read the logs that an entry stands for, each with an entry of its own (see `read_logs`)."""
+    """Read the logs of an entry, each with its own entry (see `read_logs`)."""
     return pieces_of(manifest, entry, read_entry(manifest, entry))
 
 
 def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[LogEntry, Log]]:
-    """Return the logs that an entry means of its whole file, each with an entry of its own."""
+    """Return the logs of an entry from its whole file, each with its own entry."""
     if (entry.part, entry.begin, entry.end) != (None, None, None):
         return [(entry, replace(_piece(whole, entry), name=piece_name(entry)))]
     parts = _parts(whole) if entry.split or manifest.split else [whole]
@@ -71,7 +71,7 @@ def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[Log
 
 
 def piece_name(entry: LogEntry) -> str:
-    """Return what an entry's log is called: its file, and which piece of that."""
+    """Return the name of an entry's log: its file, and the piece of it."""
     which = [] if entry.part is None else [f"part {entry.part}"]
     if entry.begin is not None or entry.end is not None:
         begin = "start" if entry.begin is None else f"{entry.begin:g} s"
@@ -81,23 +81,23 @@ def piece_name(entry: LogEntry) -> str:
 
 
 def _parts(whole: Log) -> list[Log]:
-    """Return the recordings that were put together in a file, each with a clock of its own."""
+    """Return the recordings of a file, split where its clock falls back."""
     refuse_separators(whole)
     edges = list(pairwise([0, *restarts(whole.time), whole.time.size]))
     for first, last in edges:
         if last - first < MIN_SAMPLES:
-            found = f"{last - first} samples from sample {first} on, where the clock falls back"
-            raise InputError(whole.source, "time", found, f"at least {MIN_SAMPLES} in each part")
+            found = f"{last - first} samples after the clock falls back at sample {first}"
+            raise InputError(whole.source, "time", found, f"at least {MIN_SAMPLES} per recording")
     return [whole.take(np.arange(first, last)) for first, last in edges]
 
 
 def _piece(whole: Log, entry: LogEntry) -> Log:
-    """Cut the piece that an entry means out of its file."""
+    """Cut the piece of an entry out of its file."""
     part = whole
     if entry.part is not None:
         parts = _parts(whole)
         if entry.part > len(parts):
-            found = f"{len(parts)} recordings in this file"
+            found = f"a number up to {len(parts)}, the recordings in this file"
             raise InputError(whole.source, "part", entry.part, found)
         part = parts[entry.part - 1]
     if entry.begin is None and entry.end is None:
@@ -110,14 +110,14 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
         found = f"{numbers.size} samples in {piece_name(entry)}"
         raise InputError(
-            whole.source, "from, to", found, f"{MIN_SAMPLES} samples or more, of {span}"
+            whole.source, "from, to", found, f"at least {MIN_SAMPLES} samples within {span}"
         )
     first, last = int(numbers[0]), int(numbers[-1]) + 1
     return part.piece(first, last)
 
 
 def with_unique_names(logs: Sequence[Log]) -> list[Log]:
-    """Return the logs, each with a name of its own: the label, and ``NAME (2)`` of a second."""
+    """Return the logs with unique names: the label, and ``NAME (2)`` for a second."""
     firsts = [log.name or log.label for log in logs]
     names: list[str] = []
     taken, seen = set(firsts), set[str]()
@@ -132,9 +132,9 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
 
 
 def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
-    """Return the numbers of logs by names, or glob patterns, of them or their files."""
+    """Return the numbers of logs by name or glob pattern, of the log or its file."""
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")
+        raise InputError(source, "holdout", names, "a list of log names or glob patterns")
     forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
     chosen = set[int]()
     for name in names:
@@ -145,6 +145,6 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
         if not own:
             known = [log.name for log in logs]
             (close,) = get_close_matches(name, known, n=1, cutoff=0.0) or known[:1]
-            raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
+            raise InputError(source, "holdout", name, f"a log name, such as {close}")
         chosen.update(own)
     return sorted(chosen)

@@ -1,9 +1,9 @@
-"""Regimes of a controller's clock: its mean sampling interval switches, found from stamps alone.
+"""Regimes of a controller's clock: switches of its mean sampling interval, from timestamps alone.
 
 A self-normalised statistic (Shao & Zhang, J. Am. Stat. Assoc. 105, 2010) asks whether the mean of
-the intervals changes once. It needs no variance, so that intervals may hang together, and a drift
-stays below 43. What is found counts if it also shows close by, and a step says more of the
-intervals than a smooth drift does.
+the intervals changes once. It needs no variance, so the intervals may be correlated, and a drift
+stays below 43. A switch counts if it also shows in the neighbouring intervals, and if a step fits
+them better than a smooth drift.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 
-_GAP = 3.0  # median intervals, above which one says nothing of the clock
-_BLOCK = 32  # intervals of which means are taken,
-_MOST = 1000  # and how many means of one piece at most
+_GAP = 3.0  # median intervals, above which one is a gap
+_BLOCK = 32  # intervals per mean,
+_MOST = 1000  # and means per piece at most
 _LEAST = 16  # means of a regime
 _WHOLE = 200.0  # of the statistic; of a million even clocks fewer than 200 come to 138
 _NEAR = 80.0  # of the statistic over so many means on either side,
 _BESIDE = 32
 _STEP = 0.01  # of the interval, that counts as a change
 _SMOOTH = 5  # degree of a drift,
-_LESS = 0.95  # and what a step leaves at most of what that leaves of the squares
-_HALVES = 2  # times that a piece without a switch is halved, where two may hide each other
+_LESS = 0.95  # and the residual squares of a step over its own, at most
+_HALVES = 2  # of a piece without a switch, as two may cancel
 
 
 class Regime(NamedTuple):
-    """A stretch of a log: the instant in s from which on, and its mean sampling interval in s."""
+    """A stretch of a log: its beginning in s, and its mean sampling interval in s."""
 
     begin: float
     interval: float
 
 
 def find_regimes(time: Samples) -> tuple[Regime, ...]:
-    """Return the regimes of (n,) increasing stamps in s, one at least."""
+    """Return the regimes of (n,) increasing timestamps in s, at least one."""
     intervals = np.diff(time)
     even = intervals <= _GAP * np.median(intervals)
     regular = intervals if even.all() else intervals[even]
@@ -55,8 +55,8 @@ def find_regimes(time: Samples) -> tuple[Regime, ...]:
 def between_regimes(logs: Sequence[tuple[Regime, ...]], ends: Iterable[float]) -> float:
     """Return an interval between those of the fast regimes of logs and of the slow ones.
 
-    It is 0 where no log switches. ``ends``: of each log, in s. The intervals, each weighed by how
-    long it lasts, fall into the two groups with the least variance within (Otsu, IEEE Trans. SMC 9,
+    It is 0 if no log switches. ``ends``: of each log, in s. The intervals, weighted by how long
+    they last, fall into the two groups with the least variance within (Otsu, IEEE Trans. SMC 9,
     1979).
     """
     if all(len(regimes) == 1 for regimes in logs):
@@ -75,7 +75,7 @@ def between_regimes(logs: Sequence[tuple[Regime, ...]], ends: Iterable[float]) -
 
 
 def _switches(intervals: Samples) -> list[int]:
-    """Return the numbers of the intervals with which a regime begins, the first aside."""
+    """Return the numbers of the intervals at which a regime begins, except the first."""
     found, waiting = [], [(0, intervals.size, 0)]
     while waiting:
         begin, end, halved = waiting.pop()
@@ -90,7 +90,7 @@ def _switches(intervals: Samples) -> list[int]:
         own = halved + (cut is None)
         waiting += [(begin, middle, own), (middle, end, own)]
     found.sort()
-    while True:  # without the least that is none
+    while True:  # drop the smallest false switch
         pieces = np.split(intervals, found)
         wrong = [
             (abs(before.mean() - after.mean()), number)
@@ -103,7 +103,7 @@ def _switches(intervals: Samples) -> list[int]:
 
 
 def _switch(intervals: Samples) -> int | None:
-    """Return the number of the interval from which on their mean is another, if there is one."""
+    """Return the number of the interval at which the mean changes, if it does."""
     block = _length(intervals.size)
     means = _means(intervals, block)
     if not _changes(means)[_LEAST - 1 : -_LEAST].max(initial=0.0) > _WHOLE:
@@ -116,7 +116,7 @@ def _switch(intervals: Samples) -> int | None:
 
 
 def _is_step(before: Samples, after: Samples) -> bool:
-    """Whether a switch between two pieces is one, close by too, and not a drift."""
+    """Whether two pieces differ by a step, also close by, and not by a drift."""
     means = before.mean(), after.mean()
     if abs(means[1] - means[0]) <= _STEP * min(means):
         return False
@@ -138,7 +138,7 @@ def _length(count: int) -> int:
 
 
 def _means(intervals: Samples, block: int) -> Samples:
-    """Return the means of blocks, what is left over at the end aside."""
+    """Return the means of whole blocks."""
     count = intervals.size // block
     return np.asarray(intervals[: count * block].reshape(count, block).mean(axis=1))
 
@@ -154,7 +154,7 @@ def _changes(values: Samples) -> Samples:
 
 
 def _partial(values: Samples) -> tuple[Samples, NDArray[np.float64]]:
-    """Return (n,) partial sums, and the sums of squares of those about their own mean's line."""
+    """Return (n,) partial sums, and the sums of their squares about the line of their mean."""
     count = np.arange(1.0, values.size + 1)
     sums = np.cumsum(values)
     line = sums / count

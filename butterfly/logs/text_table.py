@@ -1,4 +1,4 @@
-"""Tables of text, however they are delimited, encoded and named."""
+"""Text tables of any delimiter, encoding and column names."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from butterfly.files import read_file, require_file
 from butterfly.logs.log import AS_WRITTEN, FileReading
 from butterfly.logs.units import UNITS, units_spelt, without_unit, words_in
 
-_PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
+_PER_BYTE = 16  # bytes of memory per byte of text
 _COMMENTS = ("#", "%", "//")
 _WIDEST = 10_000  # columns
-_SAMPLE = 60  # lines that show how a file is delimited
+_SAMPLE = 60  # lines from which the delimiter is found
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
-_BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # but for those before and within brackets
+_BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
 _MARKS = {
@@ -39,12 +39,12 @@ Column: TypeAlias = Samples | pyarrow.ChunkedArray
 
 @dataclass(frozen=True, kw_only=True)
 class TextColumns:
-    """A table as its file gives it."""
+    """A table as read."""
 
-    names: Sequence[str]  # "" each if the file has no header
+    names: Sequence[str]  # "" if the file has no header
     columns: Mapping[int, Column]
     units: Sequence[str] | None = None  # the row below the header; None if there is none
-    headless: str | None = None  # what stands where a header should; None if that is one
+    headless: str | None = None  # the line in place of a header; None with a header
     lines: Sequence[int] = ()  # (n,) number of each row's line, from 1 on
     reading: FileReading = AS_WRITTEN
 
@@ -55,9 +55,9 @@ class _Line(NamedTuple):
 
 
 def read_text_table(path: Path) -> TextColumns:
-    """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
+    """Read a table of any delimiter, decimal mark and encoding, with or without a header."""
     size = require_file(path, "an existing file")
-    require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
+    require_room(path, "content", f"{size_text(size)} of text", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
@@ -87,7 +87,7 @@ def read_text_table(path: Path) -> TextColumns:
         f"comment lines: {len(comments)}": bool(comments),
         f"lines above the table: {others}": others > 0,
         "no header": names is None,
-        "row names in front": named,
+        "row names in the first column": named,
     }
     layout = tuple(text for text, holds in texts.items() if holds)
     return TextColumns(
@@ -106,7 +106,7 @@ def is_number(text: str) -> bool:
 
 
 def _decoded(path: Path) -> tuple[str, str]:
-    """Return a file's text and the name of its encoding."""
+    """Return the text of a file and its encoding."""
     content = read_file(path, "an existing file")
     encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
     if encoding is None and content[1:200:2].count(0) > content[0:200:2].count(0):
@@ -135,7 +135,7 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 
 def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
-    """Return the delimiter by which most cells are numbers, and which line is the first row."""
+    """Return the delimiter that makes most cells numbers, and the first row's line."""
     sample = body[:_SAMPLE]
     best, share = ",", 0.0
     for delimiter in _DELIMITERS:
@@ -158,17 +158,17 @@ def _is_value(cell: str) -> bool:
 
 
 def _is_without_names(cells: list[str]) -> bool:
-    """Whether a line above the first full row is one too, its numbers missing, and no header."""
+    """Whether a line above the first full row is a row with missing numbers, not a header."""
     return any(cells) and len(cells) > 1 and all(_is_value(cell.rstrip(";")) for cell in cells)
 
 
 def _heads(
     above: list[_Line], comments: list[_Line], rows: list[_Line], delimiter: str, width: int
 ) -> tuple[list[list[str]], bool]:
-    """Return the cells of the lines, two at most, right above the rows that name their columns.
+    """Return the cells of the header, at most two lines right above the rows.
 
-    If there are none, the comment lines right above the rows may be: so NumPy writes a header. Also
-    whether they are one short, as R writes them, since the rows have names in front.
+    Without one, of the comment lines right above the rows, as NumPy writes a header. Also return
+    whether the rows begin with names, for which the header of R has no cell.
     """
     texts = [line.text for line in above]
     if not texts:
@@ -194,13 +194,13 @@ def _heads(
 
 
 def _are_names(cells: list[str]) -> bool:
-    """Whether a column names rows: numbers from R, each once, or no numbers."""
+    """Whether a column names rows: distinct whole numbers, as from R, or no numbers."""
     whole = all(cell.isdecimal() for cell in cells) and len(set(cells)) == len(cells)
     return whole or not any(map(is_number, cells))
 
 
 def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str] | None]:
-    """Tell the names from the row of units below or above them."""
+    """Return the names, and the row of units below or above them."""
     if not heads:
         return None, None
     first, last = heads[0], heads[-1]
@@ -211,7 +211,7 @@ def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str
 
 
 def _are_units(cells: list[str], *, most: bool = True) -> bool:
-    """Whether a row holds units: most of its cells are, or one if not ``most``; or all brackets."""
+    """Whether a row holds units: in most cells (in one if not ``most``), or all in brackets."""
     given = [cell for cell in cells if cell not in {"", "-"}]
     known = [
         cell for cell in given if any(units_spelt(name, cell.strip("[]() ")) for name in UNITS)
@@ -221,7 +221,7 @@ def _are_units(cells: list[str], *, most: bool = True) -> bool:
 
 
 def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:
-    """Whether the first number that is no whole one is written with a comma."""
+    """Whether the first number with decimals has a comma."""
     for line in rows:
         if "," not in line.text and "." not in line.text:
             continue
@@ -261,12 +261,12 @@ def _parsed(
 
 
 def require_narrow(path: Path, number: int, line: str) -> None:
-    """Refuse a line of more cells than anybody logs: pyarrow would make room for each."""
+    """Refuse a line of too many cells, since pyarrow allocates each."""
     cells = max(len(line.split(None if each == " " else each)) for each in _DELIMITERS)
     if cells > _WIDEST:
-        raise InputError(path, f"line {number}", f"{cells} cells", f"up to {_WIDEST} columns")
+        raise InputError(path, f"line {number}", f"{cells} cells", f"at most {_WIDEST} columns")
 
 
 def is_number_type(kind: pyarrow.DataType) -> bool:
-    """Whether a column of pyarrow's holds numbers."""
+    """Whether a pyarrow column holds numbers."""
     return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))

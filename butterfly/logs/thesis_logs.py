@@ -1,4 +1,4 @@
-"""The thesis's 41 public logs: which they are, where they lie, and how they are fetched."""
+"""The thesis's 41 public logs: names and checksums, their folder, and fetching them."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ PUBLISHED = (
     "https://raw.githubusercontent.com/ArtemShiryaev/Thesis_Butterfly_Robot/"
     "526ea3e8c935dbf9ddb44766e5477903089a4b32"
 )
-"""Where the logs are public."""
+"""Public address of the logs."""
 
 _AT_ONCE = 4
-_TIMEOUT = 30.0  # s in which a server must answer, and send more once it has begun
-_DEADLINE = 1800.0  # s in which all logs must have come
-_PART = 1 << 16  # bytes that are taken at a time, or fewer, as they come
+_TIMEOUT = 30.0  # s in which a server must answer, and then send more
+_DEADLINE = 1800.0  # s for all logs
+_PART = 1 << 16  # bytes read at a time, at most
 _GOES_ON = (
-    "a log; those that have come stay, and the same command goes on "
-    "(or takes them from a folder or another address: --from)"
+    "a log; the logs fetched so far are kept: repeat the command to continue, or use --from "
+    "with a folder or another address"
 )
 _ADDRESSES = ("http://", "https://")
 
 
 class Pin(NamedTuple):
-    """What a log is known by."""
+    """Checksum and size of a log."""
 
     sha256: str
     size: int  # bytes
@@ -44,13 +44,13 @@ class Pin(NamedTuple):
 
 @cache
 def pins() -> dict[str, Pin]:
-    """Return what each log is known by, by its path below their folder."""
+    """Return checksum and size of each log, by its path in the folder."""
     lines = Path(__file__).with_name("thesis_logs.txt").read_text(encoding="utf-8").splitlines()
     return {name: Pin(digest, int(size)) for digest, size, name in map(str.split, lines)}
 
 
 def own_folder() -> Path:
-    """Return the user's folder to which the logs are fetched."""
+    """Return the user's folder for fetched logs."""
     from platformdirs import user_data_path  # noqa: PLC0415 - slow to import
 
     return user_data_path("butterfly-testbed", appauthor=False) / "thesis-logs"
@@ -65,11 +65,11 @@ def found_folder() -> Path | None:
 
 
 def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> int:
-    """Fetch the logs that a folder lacks from another, or an address; return how many.
+    """Fetch the missing logs of a folder from another folder or an address; return how many.
 
-    Each is put in place whole, once its SHA-256 is right; what has been fetched stays. InputError
-    if a log cannot be fetched or written, is another one at the source or longer, or a file of its
-    name with other content is in the folder already; or if all have not come in half an hour.
+    Each is written whole once its SHA-256 is right; fetched logs are kept. InputError if a log
+    cannot be fetched or written, has the wrong content or size, or if the folder has another file
+    of its name; or if half an hour does not suffice.
     """
     if not source.startswith(_ADDRESSES) and not Path(source).is_dir():
         expected = f"an existing folder, or an address that begins with {' or '.join(_ADDRESSES)}"
@@ -87,14 +87,14 @@ def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> in
             except Exception as error:
                 future.set_exception(error)
 
-    for _ in range(_AT_ONCE):  # threads of an executor are waited for at the end, whatever happens
+    for _ in range(_AT_ONCE):  # an executor would wait for its threads at the end
         Thread(target=bring, daemon=True).start()
     try:
         for name in track(list(waiting), "Fetching logs"):
             content = waiting.pop(name).result(max(end - time.monotonic(), 0.0))
             write_file(folder / name, content)
     except TimeoutError:
-        found = f"{len(waiting) + 1} logs that had not come in {_DEADLINE:g} s"
+        found = f"{len(waiting) + 1} logs still missing after {_DEADLINE:g} s"
         raise InputError(source, "transfer", found, _GOES_ON) from None
     finally:
         stop.set()
@@ -102,23 +102,23 @@ def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> in
 
 
 def _is_there(folder: Path, name: str) -> bool:
-    """Tell whether a folder has a log; a file of its name that is another is refused."""
+    """Whether a folder has a log; another file of its name is refused."""
     path = folder / name
     if not path.exists():
         return False
-    expected = "the log of this name, or no such file: it is not overwritten"
+    expected = "the log of this name, or no file (it is not overwritten)"
     content = read_file(path, expected, most=pins()[name].size)
-    _require(pins()[name], content, path, "or no such file: it is not overwritten")
+    _require(pins()[name], content, path, "or no file (it is not overwritten)")
     return True
 
 
 def _content(origin: str, pin: Pin, stop: Event) -> bytes:
-    """Return a log, as it is at its origin."""
+    """Return the content of a log at its origin."""
     if origin.startswith(_ADDRESSES):
         content = _downloaded(origin, pin.size, stop)
     else:
         content = read_file(Path(origin), "a log to copy", most=pin.size)
-    _require(pin, content, origin, "as the log of this name has")
+    _require(pin, content, origin, "that of the log of this name")
     return content
 
 
@@ -129,7 +129,7 @@ def _require(pin: Pin, content: bytes, source: object, more: str) -> None:
 
 
 def _downloaded(address: str, size: int, stop: Event) -> bytes:
-    """Return what an address sends, which may be so many bytes."""
+    """Return what an address sends, at most ``size`` bytes."""
     import requests  # noqa: PLC0415 - slow to import
     from urllib3.exceptions import HTTPError  # noqa: PLC0415
 
@@ -142,14 +142,14 @@ def _downloaded(address: str, size: int, stop: Event) -> bytes:
                 if stop.is_set():
                     break
                 if len(content) > size:
-                    raise InputError(address, "transfer", f"more than {size} bytes", "no more")
+                    raise InputError(address, "transfer", f"more than {size} bytes", "the log")
     except (requests.RequestException, HTTPError) as error:
         raise InputError(address, "transfer", _why(error), _GOES_ON) from None
     return bytes(content)
 
 
 def _why(error: BaseException) -> object:
-    """Return what was at the bottom of a failed transfer, without what requests adds."""
+    """Return the root cause of a failed transfer."""
     if (response := getattr(error, "response", None)) is not None:
         return f"{response.status_code} {response.reason}"
     while (cause := error.__cause__ or error.__context__) is not None:

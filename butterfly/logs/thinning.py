@@ -1,7 +1,7 @@
-"""Means of neighbouring samples, in place of logs that have far more of them than motion.
+"""Means of neighbouring samples, for logs sampled far faster than they move.
 
-Input and angle are averaged over the same stretches. A linear equation of motion holds for such
-means exactly, gravity and friction to the second order of how far the motion goes on meanwhile.
+Input and angle are averaged over the same stretches. A linear equation of motion holds exactly for
+such means, gravity and friction to second order in the motion within a stretch.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from butterfly.logs.health import GAP_FACTOR
 from butterfly.logs.log import Intersample, Log
 
 ENOUGH = 4_000_000
-"""Samples of a log, above which their means are taken: an hour at 1.1 kHz."""
+"""Samples of a log above which it is averaged: an hour at 1.1 kHz."""
 
 GLANCE = 10_000
 """Samples of a log that a first look needs."""
 
-_SLOW = 0.1  # rad of its own phase that a motion may go on from one mean to the next
+_SLOW = 0.1  # rad of phase of a motion from one mean to the next
 _ROWS = 100_000  # samples that show how fast it is
 
 
 def thinned(log: Log, enough: int = ENOUGH) -> Log:
-    """Return a log of means; itself if it has only ``enough`` samples, or its motion is fast."""
+    """Return a log of means; itself if it has at most ``enough`` samples or moves fast."""
     block = _block(log.angle, -(-log.time.size // enough))
     if block == 1:
         return log
@@ -35,7 +35,7 @@ def thinned(log: Log, enough: int = ENOUGH) -> Log:
     columns = {name: _blocks(values, block) @ share for name, values in log.columns().items()}
     if log.intersample is Intersample.ZERO_ORDER_HOLD:
         columns["input"] = _held(log, block)
-    kept = _without_gap(log.time, block)  # nor is what is left over at the end
+    kept = _without_gap(log.time, block)  # without an incomplete stretch at the end
     means: dict[str, Any] = {name: values[kept] for name, values in columns.items()}
     return replace(log, **means)
 
@@ -46,12 +46,11 @@ def _blocks(values: Samples, block: int) -> Samples:
 
 
 def _held(log: Log, block: int) -> Samples:
-    """Return what a held input must be from one mean to the next, to do what it does.
+    """Return the held input from one mean to the next that has the same effect.
 
-    It is averaged as the angle is, and then from mean to mean: its weights rise over the one
-    stretch and fall over the next. What acts before the first mean acts after it. A sample holds
-    from its stamp on: about the stamp it is the mean of itself and the one before, 0 where there
-    is none.
+    It is averaged like the angle, then from mean to mean, with weights that rise over one stretch
+    and fall over the next. Input before the first mean acts after it. A sample holds from its
+    timestamp: around it, the input is the mean of itself and the one before (0 if none).
     """
     first = 0.0 if log.lead is None or not log.lead.input.size else log.lead.input[-1]
     about = log.input.copy()
@@ -67,7 +66,7 @@ def _held(log: Log, block: int) -> Samples:
 
 
 def _without_gap(time: Samples, block: int) -> NDArray[np.bool_]:
-    """(n,) whether no gap is within each stretch (see `butterfly.logs.health`)."""
+    """(n,) whether each stretch is free of gaps (see `butterfly.logs.health`)."""
     intervals = np.diff(time)
     gaps = np.flatnonzero(intervals > GAP_FACTOR * np.median(intervals))
     within = gaps[(gaps + 1) % block > 0] // block
@@ -77,10 +76,10 @@ def _without_gap(time: Samples, block: int) -> NDArray[np.bool_]:
 
 
 def _block(angle: Samples, wanted: int) -> int:
-    """Return how many samples may be averaged into one, up to as many as are wanted.
+    """Return how many samples may be averaged into one, at most the wanted number.
 
-    By the mean squares of the angle's change over a lag and over twice of it: their difference is
-    three times that of a motion, and none of white noise.
+    From the mean squares of the angle's change over one lag and over two: their difference is three
+    times the square for a motion, and 0 for white noise.
     """
     spread = _SLOW**2 * float(np.var(angle[:: max(1, angle.size // _ROWS)]))
     block = 1

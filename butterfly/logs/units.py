@@ -1,10 +1,10 @@
-"""Units and signs: of the columns of logs, and of the numbers that describe them.
+"""Units and signs of the columns of logs, and of the numbers that describe them.
 
-A unit stands by its name (``deg``), as counts per turn (``counts/4096``) or as the factor that
-makes it one of the project's own (``0.01745``). A minus in front turns the sign (``-deg``); alone,
-as ``-`` or ``-1``, it turns the sign and leaves the unit to what the file gives.
+A unit is a name (``deg``), counts per turn (``counts/4096``) or the factor to the project's own
+unit (``0.01745``). A leading minus negates the column (``-deg``); ``-`` or ``-1`` alone negates it
+and keeps the unit of the file.
 
-`read_unit` is the one rule by which the unit of a column is read, whatever says it.
+`read_unit` is the one rule for the unit of a column, whatever its source.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "frequency": {"Hz": _TURN},
     "mass": {"kg": 1.0, "g": 1e-3},
 }
-"""Units by what they measure, each with its factor to the first of them."""
+"""Units by quantity, each with its factor to the first."""
 
 _HOLDS = {
     "time": ("time",),
@@ -54,12 +54,11 @@ UNITS = {
     name: {unit: factor for each in kinds for unit, factor in QUANTITIES[each].items()}
     for name, kinds in _HOLDS.items()
 }
-"""Units of what has one, each with its factor: of the sampled columns, and of a log's sine
-(``omega`` only: its amplitude is in the unit of the input), added mass and arm. A slide's angle is
-a length."""
+"""Units, each with its factor, of the sampled columns and of a log's ``omega``, added mass and arm
+(an amplitude has the unit of the input). A slide's angle is a length."""
 
 ASSUMED, GIVEN = "assumed", "given"
-"""Where a unit comes from that no file says: nobody says it, or an option or the manifest does."""
+"""Source of a unit that is not in the file: the default, or an option or the manifest."""
 
 _TURNABLE = ("input", "angle", "velocity", "setpoint")
 _SPELT = {
@@ -98,7 +97,7 @@ _SPELT = {
     "kg": "kilogram kilograms",
     "g": "gram grams",
 }
-"""Other spellings; of those without regard to case (mv, ma) the ones that are usual."""
+"""Other spellings; ambiguous without case (mv, ma), the usual unit."""
 
 _JOINTS = re.compile(r"\s+|(?<=\w)[·⋅*.-](?=[^\W\d])")  # between the parts of N m, N*m, N-m
 _NUMBER_OF_COUNTS = re.compile(
@@ -112,15 +111,15 @@ _SILENT = {"", "-"}
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """Factors to the project's own units."""
+    """Factors and signs to the project's own units."""
 
     factors: Mapping[str, float] = field(default_factory=dict)  # of keys of `UNITS`, else 1
-    names: Mapping[str, str] = field(default_factory=dict)  # of those that were not given as one
-    turned: frozenset[str] = frozenset()  # columns of which only the sign is given
+    names: Mapping[str, str] = field(default_factory=dict)  # of units given by name
+    turned: frozenset[str] = frozenset()  # columns to negate with only a sign given
 
     @classmethod
     def of(cls, units: Mapping[str, Any] | None, source: object = "units") -> Units:
-        """Read the unit of each column, a text or a factor; refuse what is no column or no unit."""
+        """Read the unit of each column, a text or a factor; refuse unknown columns and units."""
         if units is not None and not isinstance(units, Mapping):
             raise InputError(source, "units", units, "a mapping such as {'angle': 'deg'}")
         factors, names, turned = {}, {}, set()
@@ -137,61 +136,61 @@ class Units:
         return cls(factors=factors, names=names, turned=frozenset(turned))
 
     def factor(self, name: str, found: float = 1.0) -> float:
-        """Return what numbers of a key of `UNITS` are multiplied by; ``found``: by their file."""
+        """Return the factor of a key of `UNITS`; ``found`` is that of the file."""
         factor = self.factors.get(name, found)
         return -factor if name in self.turned else factor
 
     def with_sign(self, sign: int) -> Units:
-        """Return them with the input turned as the sign says."""
+        """Return the units with the input negated if the sign is -1."""
         turned = self.turned if sign == 1 else self.turned ^ {"input"}
         return Units(factors=self.factors, names=self.names, turned=turned)
 
 
 AS_IS = Units()
-"""All in the project's own units."""
+"""The project's own units."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """What a file says of one of its columns."""
+    """Name, number and units of a column in its file."""
 
     name: str
-    number: int | None = None  # from 0 on; None of a variable
-    said: Mapping[str, str] = field(default_factory=dict)  # its unit, by the place besides its name
+    number: int | None = None  # from 0; None for a variable
+    said: Mapping[str, str] = field(default_factory=dict)  # its unit, by place except the name
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnReading:
-    """What was read as a column of a log, and by which unit."""
+    """The source of a column of a log, and its unit."""
 
     name: str
     number: int | None
     unit: str
-    said: str  # by whom: "name", another place in its file, `GIVEN` or `ASSUMED`
-    factor: float  # to the project's own unit, its sign turned if that was asked for
+    said: str  # source of the unit: "name", another place in the file, `GIVEN` or `ASSUMED`
+    factor: float  # to the project's own unit, negative if negated
 
     @property
     def own(self) -> bool:
-        """Whether the file says a unit that is not the project's own."""
+        """Whether the file gives a unit other than the project's own."""
         return self.said not in {ASSUMED, GIVEN} and abs(self.factor) != 1.0
 
     @property
     def text(self) -> str:
-        """The same in words."""
+        """Description of the column."""
         which = f'"{self.name}"' if self.name else "without a name"
         which = which if self.number is None else f"column {self.number} {which}"
         how = [] if self.said == "name" else [self.said]
-        how += ["sign turned"] if self.factor < 0 else []
+        how += ["negated"] if self.factor < 0 else []
         return f"{which}, {self.unit}" + (f" ({', '.join(how)})" if how else "")
 
 
 def read_unit(
     source: object, field: str, heading: Heading, units: Units, fitting: Sequence[str]
 ) -> ColumnReading:
-    """Read the unit of a column; ``fitting`` are what it may measure, keys of `QUANTITIES`.
+    """Read the unit of a column; ``fitting`` are its possible quantities, keys of `QUANTITIES`.
 
-    A word that is no unit is refused unless the unit is given, and so are two units that differ,
-    and one that does not fit. A factor that is given goes before all.
+    A word that is not a unit is refused unless the unit is given, and so are two different units,
+    and a unit of another quantity. A given factor overrides all.
     """
     given = units.names.get(field)
     if field in units.factors and given is None:
@@ -227,7 +226,7 @@ def _unit_and_place(
     if len({factor_of(field, unit) for unit in known}) > 1:
         both = " and ".join(f"{unit} ({place})" for unit, place in known.items())
         factor = factor_of(field, given or next(iter(known)))
-        expected = f"one unit; or, which goes before all, a factor: --units {field}={factor:.9g}"
+        expected = f"one unit, or a factor, which overrides both: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
     if not known:
         return fits[0], ASSUMED
@@ -244,27 +243,27 @@ def _listed(said: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def words_in(name: str) -> list[str]:
-    """Return the texts in brackets or parentheses in a column's name, but for an index: q[0]."""
+    """Return the texts in brackets in a column's name, except an index: q[0]."""
     texts = (text.strip() for text in _BRACKETS.findall(name))
     return [text for text in texts if text not in _SILENT and not text.isdecimal()]
 
 
 def _ending(field: str, name: str) -> list[str]:
-    """Return the unit, of more than a letter, in which a name ends: angle_deg, or by itself: ms."""
+    """Return the unit of more than a letter that ends a name (angle_deg) or is the name (ms)."""
     last = re.split(r"[_\s]", name)[-1]
     return [last] if len(last) > 1 and last in UNITS[field] else []
 
 
 def without_unit(name: str) -> str:
-    """Return a column's name without its brackets, but for those of an index."""
+    """Return a column's name without brackets, except those of an index."""
     bare = _BRACKETS.sub(lambda each: each[0] if each[1].strip().isdecimal() else " ", name)
     return " ".join(bare.split())
 
 
 def units_spelt(name: str, text: str) -> list[str]:
-    """Return the units of a key of `UNITS` that a text may mean: one if it is known, none if not.
+    """Return the units of a key of `UNITS` that a text may mean: usually one, none if unknown.
 
-    Spelling as written goes first, then without regard to case: Mv may be mV or MV.
+    The exact spelling takes precedence, then case is ignored: Mv may be mV or MV.
     """
     plain = _JOINTS.sub("", text.strip().replace("µ", "u").replace("μ", "u"))
     counts = _NUMBER_OF_COUNTS.fullmatch(plain.lower()) if name == "angle" else None
@@ -283,14 +282,14 @@ def _spellings(unit: str) -> list[str]:
 
 
 def factor_of(name: str, unit: str) -> float:
-    """Return the factor of a unit by the name that `units_spelt` returns."""
+    """Return the factor of a unit named as by `units_spelt`."""
     if unit.startswith("counts/"):
         return _TURN / float(unit.removeprefix("counts/"))
     return UNITS[name][unit]
 
 
 def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, str]:
-    """Return the factor that was given, and the unit's name if it was not given as a number."""
+    """Return the given factor, and the unit's name unless it is a number."""
     factor, known = 0.0, ""
     if isinstance(unit, Real) and not isinstance(unit, bool):
         factor = float(unit)
@@ -316,7 +315,7 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
 def _require_turnable(source: object, name: str, unit: object) -> None:
     if name not in _TURNABLE:
         raise InputError(
-            source, f"units.{name}", unit, f"no minus: only {', '.join(_TURNABLE)} turn"
+            source, f"units.{name}", unit, f"no minus: only {', '.join(_TURNABLE)} can be negated"
         )
 
 

@@ -1,4 +1,4 @@
-"""The model as python-control's objects, for those who go on in their own tools."""
+"""The model as python-control objects, for use in other tools."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameter
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 PADE_ORDER = 4
-"""Of the approximation of a delay, if none is wished for."""
+"""Default order of the Padé approximation of a delay."""
 
 _ROUNDING = 1e-9  # of a step
 
@@ -28,15 +28,15 @@ def linearised(
     angle: float = 0.0,
     pade_order: int = PADE_ORDER,
 ) -> control.StateSpace:
-    """Linearise about rest: from the command to the angle and the velocity of the loaded hand.
+    """Linearise about rest: from the command to angle and velocity of the loaded joint.
 
-    The outputs are deviations in rad and rad/s from ``angle``, at which some constant input holds
-    the hand. States are these, with an armature's lag the motor's ``torque`` in N m, and those of
-    Padé's approximation of the delay (`DelayStates`): of order 4 right to 1e-6 up to 1.4/delay
-    rad/s, and to 1e-3 up to 3/delay.
+    The outputs are deviations in rad and rad/s from ``angle``, at which a constant input holds the
+    joint. The states are the outputs, with an armature's lag the motor's ``torque`` in N m, and
+    those of the Padé approximation of the delay (`DelayStates`). Order 4 has an error of 1e-6 up to
+    1.4/delay rad/s, and of 1e-3 up to 3/delay.
 
-    An order of 0 leaves the delay out, and so is a negative one, which an estimate may come to and
-    no causal system has: the system is then named ``hand_without_delay``, others ``hand``.
+    Order 0 omits the delay. A negative delay, possible in an estimate but not causal, is omitted
+    too. The system is then named ``hand_without_delay``, otherwise ``hand``.
     """
     loaded = parameters.with_added_mass(added_mass)
     p = Linearisation.of(loaded, angle)
@@ -75,12 +75,12 @@ def discretised(
     *,
     angle: float = 0.0,
 ) -> control.StateSpace:
-    """Linearise as `linearised` does, for commands that are held during steps in s.
+    """Linearise like `linearised`, for commands held during steps in s.
 
-    Exact at the steps' ends, the delay d = n step + r included: with F(t) = exp(A t) and G(t) its
-    integral times B, ``x[k+1] = F(step) x[k] + F(step - r) G(r) u[k-n-1] + G(step - r) u[k-n]``
-    (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, section 2.3). Earlier
-    commands are states. A negative delay is left out.
+    Exact at the ends of the steps, including the delay d = n step + r: with F(t) = exp(A t) and
+    G(t) its integral times B, ``x[k+1] = F(step) x[k] + F(step - r) G(r) u[k-n-1] + G(step - r)
+    u[k-n]`` (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, section 2.3).
+    Earlier commands are states. A negative delay is omitted.
     """
     require_number("discretised", positive=True, unit="s", step=step)
     system = linearised(parameters, added_mass, angle=angle, pade_order=0)
@@ -115,7 +115,7 @@ def discretised(
 
 
 def transfer_function(parameters: LumpedParameters) -> control.TransferFunction:
-    """G(s) from command to angle of the loaded hand about hanging (13), with the armature's lag."""
+    """G(s) from command to angle of the loaded joint about hanging (13), with the armature lag."""
     p = Linearisation.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
     return control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
@@ -124,11 +124,11 @@ def transfer_function(parameters: LumpedParameters) -> control.TransferFunction:
 def nonlinear_system(
     parameters: LumpedParameters, smoothing: float = 1e-3
 ) -> control.NonlinearIOSystem:
-    """Return the whole equation as an input/output system, from command to angle and velocity.
+    """Return the full equation as an input/output system, from command to angle and velocity.
 
-    Of the loaded hand, without delay; an armature's lag and bristles add their states. Friction
-    without bristles changes its sign over `smoothing` rad/s, since python-control's solvers need a
-    continuous right-hand side: it creeps at rest.
+    For the loaded joint, without delay; an armature's lag and bristles add states. Friction without
+    bristles changes sign over `smoothing` rad/s, as python-control needs a continuous right-hand
+    side, so the joint creeps at rest.
     """
     p = parameters
     lagging, bending = p.time_constant > 0, p.bristle_stiffness > 0

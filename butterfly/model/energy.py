@@ -1,4 +1,4 @@
-"""Energy of the hand, friction and motor aside (105), and the periodic orbits it has."""
+"""Energy of the joint without friction and motor (105), and its periodic orbits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from butterfly.errors import InputError
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, Term, torque_of
 
-_GRID = 721  # angles at which the potential is looked at
+_GRID = 721  # angles at which the potential is evaluated
 _POINTS = 1000  # of the quadrature over half a period
 _ASIDE = 1e-20  # rad, of an imaginary step
 
@@ -25,7 +25,7 @@ def potential(
     angle: Any,  # noqa: ANN401
     rows: Iterable[Term] = CONSERVATIVE,
 ) -> Any:  # noqa: ANN401
-    """Potential energy in J of the loaded hand above that at angle 0, by `rows` that have one."""
+    """Potential energy in J of the loaded joint relative to angle 0, of `rows` with a potential."""
     total = 0.0 * angle
     for row in rows:
         value = getattr(p, row.name)
@@ -62,20 +62,20 @@ def energy(
 
 @dataclass(frozen=True, kw_only=True)
 class Orbit:
-    """A periodic swing of the hand without friction, about its lowest potential energy."""
+    """A periodic swing without friction about the lowest potential energy."""
 
-    parameters: LumpedParameters  # Of the hand with what it carries
+    parameters: LumpedParameters  # Of the loaded joint
     energy: float  # E* in J
-    # lower, upper: Angles in rad at which it turns back
+    # lower, upper: Angles in rad of reversal
     lower: float
     upper: float
 
     @classmethod
     def of_energy(cls, parameters: LumpedParameters, target: float) -> Orbit:
-        """Take the orbit of an energy E* in J, more than at rest, less than where it turns over.
+        """Return the orbit of an energy E* in J, between rest and turning over.
 
-        For a plain pendulum 0 < E* < 2 p3, the condition that (108) means. A hand with p3 < 0 rests
-        upside down, and swings about pi.
+        For a plain pendulum 0 < E* < 2 p3, the condition meant by (108). A joint with p3 < 0 rests
+        upside down and swings about pi.
         """
         turn = np.linspace(-math.pi, math.pi, _GRID)
         lowest = turn[np.argmin(potential(parameters, turn))]
@@ -89,7 +89,7 @@ class Orbit:
                 "orbit",
                 "energy",
                 f"{target:.6g} J",
-                f"between {floor:.6g} J, at rest, and {wall:.6g} J, where the hand turns over",
+                f"between {floor:.6g} J (at rest) and {wall:.6g} J (where the joint turns over)",
             )
 
         def excess(angle: float) -> float:
@@ -103,14 +103,14 @@ class Orbit:
 
     @classmethod
     def of_amplitude(cls, parameters: LumpedParameters, amplitude: float) -> Orbit:
-        """Take the orbit that turns back at ``amplitude`` rad on the positive side."""
+        """Return the orbit that reverses at ``amplitude`` rad on the positive side."""
         if not 0 < amplitude < math.pi:
-            raise InputError("orbit", "amplitude", f"{amplitude:g} rad", "between 0 and pi")
+            raise InputError("orbit", "amplitude", f"{amplitude:g} rad", "between 0 and pi rad")
         return cls.of_energy(parameters, float(potential(parameters, amplitude)))
 
     @classmethod
     def of_state(cls, parameters: LumpedParameters, angle: float, velocity: float) -> Orbit:
-        """Take the orbit through a state in rad and rad/s."""
+        """Return the orbit through a state in rad and rad/s."""
         return cls.of_energy(parameters, float(energy(parameters, angle, velocity)))
 
     @property

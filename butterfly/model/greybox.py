@@ -1,9 +1,9 @@
 """The grey-box model, with set-valued Coulomb friction: compiled simulation, and its derivatives.
 
-The derivatives are those of the discrete simulation, not of the equation: exact at reversals of the
-velocity, while the joint sticks and where it breaks loose, so that they agree with differences of
-simulations as far as rounding lets them (Maly & Petzold, Applied Numerical Mathematics 20, 1996;
-Galan, Feehery & Barton, Applied Numerical Mathematics 31, 1999, for the jumps).
+The derivatives are those of the discrete simulation, not of the equation. They are exact at
+reversals of the velocity, while the joint sticks and where it breaks loose, and agree with
+differences of simulations up to rounding (Maly & Petzold, Applied Numerical Mathematics 20, 1996;
+for the jumps Galan, Feehery & Barton, Applied Numerical Mathematics 31, 1999).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameter
 from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, DRIVE, GEAR, LOOP_TERMS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
-"""What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
-and the derivatives of the initial angle and velocity by it."""
+"""Parameters of the initial state, the encoder zero in rad and the velocity in rad/s, and the
+derivatives of the initial angle and velocity by them."""
 
 
 def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from where on
@@ -39,14 +39,14 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
 ) -> tuple[Samples, Samples]:
     """Integrate the equation of `LumpedParameters` over ``time``, one RK4 step per interval.
 
-    A step in which the velocity changes sign is split where it vanishes; the joint then sticks
-    while the other torques stay within what friction holds, and slips on from the instant at which
-    they do not, so no regularisation parameter enters. Each interval is divided into steps short
-    enough for the armature's lag and for the bristles; current and bristles start at 0.
+    A step in which the velocity changes sign is split where it vanishes. The joint then sticks
+    while static friction holds it, and slips from the instant when the other torques exceed
+    friction, so no regularisation parameter is needed. Each interval is divided into steps short
+    enough for the armature's lag and the bristles; current and bristles start at 0.
 
     `time` has (n,) increasing instants in s, `inputs` (n - 1, 3) values at the start, middle and
-    end of each interval, already delayed; of no use where the ``loop`` of a servo drives. Returns
-    (n,) angles in rad and (n,) velocities in rad/s.
+    end of each interval, already delayed; unused with the ``loop`` of a servo. Returns (n,) angles
+    in rad and (n,) velocities in rad/s.
     """
     start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
     moving = None
@@ -58,23 +58,23 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
 
 
 def require_plain_base(parameters: LumpedParameters) -> bool:
-    """Return that a base moves, or raise InputError for what is not simulated on one."""
+    """Return True, or raise InputError for terms that are not simulated on a moving base."""
     without = {"time_constant": "s", "bristle_stiffness": "N m/rad", **dict.fromkeys(GEAR, "")}
     for name, unit in without.items():
         if (value := getattr(parameters, name)) > 0:
-            expected = "0: on a base that gives it is not simulated"
+            expected = "0 on a moving base (not simulated together)"
             raise InputError("Base", name, f"{value:g} {unit}".strip(), expected)
     return True
 
 
 def _open_circuit(constants: Constants) -> Constants:
-    """Return the constants of a joint whose motor's circuit is open: it has no back EMF."""
+    """Return the constants with an open motor circuit, without back EMF."""
     return constants._replace(back_emf=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Columns:
-    """Which k columns the kernel carries, and how n parameters are made of them."""
+    """The k derivatives computed by the kernel, and how n parameters combine them."""
 
     column: NDArray[np.int64]  # (k,) of the kernel's `COLUMNS`
     initial: Samples  # (4, k) derivatives of the initial state
@@ -84,7 +84,7 @@ class Columns:
     def of(
         cls, names: Sequence[str], parameters: LumpedParameters, added: AddedMass = NO_ADDED_MASS
     ) -> Columns:
-        """Return the columns for parameters of the bare hand with ``added``, or of `INITIAL`."""
+        """Return the columns for parameters of the joint with ``added``, or of `INITIAL`."""
         loaded = parameters.with_added_mass(added)
         own = _parts(loaded, added)
         if loaded.base_gives or not {*BASE_TERMS}.isdisjoint(names):
@@ -105,7 +105,7 @@ class Columns:
 
     @property
     def drives(self) -> int:
-        """How many of p4, delay, slow_delay and `DRIVE`, in this order, are needed of the input."""
+        """Number of input derivatives needed, of p4, delay, slow_delay and `DRIVE` in order."""
         gains = COLUMNS[LOOP_TERMS[0]]
         last = int(self.column.max(initial=-1, where=self.column < gains))
         return max(last + 1 - len(Constants._fields), 0)
@@ -113,7 +113,7 @@ class Columns:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """What is read off a simulation: m sums over the state at both ends of single intervals."""
+    """Outputs of a simulation: m sums of the state at both ends of single intervals."""
 
     into: NDArray[np.int64]  # (n - 1,) number of the sum that an interval gives; -1 for none
     weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
@@ -131,9 +131,8 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
-    already delayed, and as far as `Columns.drives` asks for them its derivatives by both delays and
-    the terms of the drive (none are where the ``loop`` of a servo drives); `start` is in rad and
-    rad/s.
+    already delayed, and, as counted by `Columns.drives`, its derivatives by both delays and the
+    terms of the drive (none with the ``loop`` of a servo); `start` is in rad and rad/s.
     """
     if not columns.column.size:
         angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
@@ -156,7 +155,7 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
 
 
 def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str, float]]:
-    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`."""
+    """Return derivatives of the kernel's constants, drives and `INITIAL` by each parameter."""
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
@@ -180,7 +179,7 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str,
 def _parts_of_base(
     bare: LumpedParameters, added: AddedMass, tilting: float
 ) -> dict[str, Mapping[str, float]]:
-    """Return what parameters move of a base that gives under the hand with ``added``."""
+    """Return derivatives of the constants of a moving base by each parameter."""
     w, slow = bare.base_frequency, 2 * bare.base_damping / bare.base_frequency
     pulled = 1 / added.gravity if added.gravity else 0.0
     return {
@@ -201,13 +200,13 @@ def _require_derivative(
         known = [each for each in (*TERMS, *INITIAL) if each in own]
         raise InputError("sensitivities", "parameter", name, nearest(name, known))
     if name == "time_constant" and not loaded.time_constant > 0:
-        expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
+        expected = "more than 0 s, for its derivative (at 0 s the current has no lag)"
         raise InputError("sensitivities", name, loaded.time_constant, expected)
     if name in BEYOND_MUJOCO and loaded.bristle_stiffness > 0:
-        expected = "0: bristles with friction that torque or angle change are not simulated"
+        expected = "0 with friction that depends on torque or angle (not simulated together)"
         raise InputError("sensitivities", "bristle_stiffness", loaded.bristle_stiffness, expected)
     if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
-        expected = "both more than 0, for bristles to be differentiated"
+        expected = "both more than 0, for their derivatives"
         found = f"{stiffness:g} N m/rad and {coulomb:g} N m"
         raise InputError("sensitivities", "bristle_stiffness and coulomb", found, expected)

@@ -1,4 +1,4 @@
-"""The model made linear: about rest, with its delay, or for one swing by describing functions."""
+"""The linearised model: about rest, with delay, or for one swing by describing functions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
 HIGHEST_ORDER = 10
-"""Of this order a delay of half a turn is exact to rounding."""
+"""At this order a delay of half a turn is exact to rounding."""
 
 LARGEST_SWING = 1.0
-"""Swing in rad beyond which harmonics, and jumps of the resonance, set in."""
+"""Swing in rad beyond which harmonics and resonance jumps appear."""
 
 _SMALLEST_SWING = 1e-6  # rad
 
@@ -27,11 +27,11 @@ _DESCRIBED = tuple(row for row in TERMS.values() if row.describing and row.name 
 
 @dataclass(frozen=True, kw_only=True)
 class Linearisation:
-    """p1 thdd + damping thd + stiffness th = torque, the motor's torque behind its lag (8).
+    """p1 thdd + damping thd + stiffness th = torque, the motor's torque after its lag (8).
 
     time_constant torque' + torque = p4 u(t - delay) - back_emf thd. Friction that holds the joint
-    at rest (Coulomb, Stribeck, a gear's, bristles) has no linearisation and is left out, as are the
-    terms of the drive.
+    at rest (Coulomb, Stribeck, gear, bristles) has no linearisation and is omitted, like the terms
+    of the drive.
     """
 
     inertia: float  # p1 in kg m^2
@@ -46,7 +46,7 @@ class Linearisation:
 
     @classmethod
     def of(cls, parameters: LumpedParameters, angle: float = 0.0) -> Linearisation:
-        """Linearise the loaded hand about an angle in rad at which some constant input holds it."""
+        """Linearise the loaded joint about an angle in rad at which a constant input holds it."""
         p = parameters
         back_emf = p.back_emf if p.time_constant > 0 else 0.0
         return cls(
@@ -70,7 +70,7 @@ class Linearisation:
         return np.asarray(self.gain * np.exp(-1j * omega * self.delay) * self.lag(omega))
 
     def brake(self, omega: Samples) -> NDArray[np.complex128]:
-        """Torque over angle of viscous friction, and of the back EMF behind the armature's lag."""
+        """Torque over angle of viscous friction, and of the back EMF with the armature's lag."""
         return np.asarray(1j * omega * (self.damping + self.back_emf * self.lag(omega)))
 
     def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
@@ -100,7 +100,7 @@ def resonance_frequency(parameters: LumpedParameters) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DelayStates:
-    """x' = a x + b u, y = c x + feedthrough u, where y is u later."""
+    """x' = a x + b u, y = c x + feedthrough u, where y is the delayed u."""
 
     # a, b, c: (n, n), (n,) and (n,)
     a: Samples
@@ -110,17 +110,15 @@ class DelayStates:
 
     @classmethod
     def of(cls, delay: float, order: int) -> DelayStates:
-        """Approximate exp(-s delay) by a fraction of polynomials of an order up to `HIGHEST_ORDER`.
+        """Approximate exp(-s delay) by a ratio of polynomials of an order up to `HIGHEST_ORDER`.
 
-        At w rad/s it is off by (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond (Baker &
+        The error at w rad/s is (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond (Baker &
         Graves-Morris, Padé Approximants, 1996, 1.2).
         """
         if not delay > 0:
-            raise InputError("Padé", "delay", delay, "a positive number of s")
+            raise InputError("Padé", "delay", delay, "a positive time in s")
         if not isinstance(order, int) or order not in range(1, HIGHEST_ORDER + 1):
-            raise InputError(
-                "Padé", "order", order, f"a whole number between 1 and {HIGHEST_ORDER}"
-            )
+            raise InputError("Padé", "order", order, f"an integer from 1 to {HIGHEST_ORDER}")
         powers = np.arange(order + 1)
         size = [
             math.comb(order, int(k)) * math.perm(2 * order - int(k), order - int(k)) for k in powers
@@ -143,10 +141,10 @@ class DelayStates:
 def quasi_linear_response(
     parameters: LumpedParameters, omega: ArrayLike, amplitude: ArrayLike
 ) -> NDArray[np.complex128]:
-    """Ratio of the angle's to the input's fundamental of a loaded hand that swings so far.
+    """Fundamental of the angle over that of the input, for swings of the loaded joint.
 
-    The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
-    cogging, bristles, a gear's friction, the drive's) is left out.
+    The swing is about angle 0; terms without describing function (bias, offset, cosine of cogging,
+    bristles, friction of a gear, terms of the drive) are omitted.
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
@@ -161,10 +159,10 @@ def quasi_linear_response(
 
 
 def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float) -> float:
-    """Return the steady amplitude in rad that a sine drives a loaded joint to, by harmonic balance.
+    """Return the steady amplitude in rad of a loaded joint driven by a sine, by harmonic balance.
 
-    Where several are possible (a pendulum's resonance bends over) it is the largest. Zero if
-    Coulomb friction holds the joint, infinite if no swing below pi balances the drive.
+    The largest if there are several (the resonance of a pendulum bends over); zero if Coulomb
+    friction holds the joint, infinite if no swing below pi balances the drive.
     """
     swings = np.linspace(_SMALLEST_SWING, np.pi, 4096)
     excess = swings / np.abs(quasi_linear_response(parameters, omega, swings)) - abs(amplitude)

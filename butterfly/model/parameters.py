@@ -1,4 +1,4 @@
-"""Physical and lumped parameters of the hand, its motor and its add-on masses."""
+"""Physical and lumped parameters of the joint, its motor and its added masses."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """The rigid hand with the rotor of its motor."""
+    """The rigid body that the joint moves, with the rotor of its motor."""
 
     mass: float
     """m_p in kg."""
     com_distance: float
-    """l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
-    above the pivot at angle 0."""
+    """l_c, pivot to centre of mass along the line to the added mass, in m; negative if above the
+    pivot at angle 0."""
     com_offset: float = 0.0
     """Distance in m of the centre of mass from that line, towards positive angles."""
     inertia: float
     """J_p about the centre of mass, in kg m^2."""
     tilt: float = 0.0
-    """Angle in rad of the axis out of the horizontal; gravity then acts with its cosine."""
+    """Angle in rad of the axis from the horizontal; gravity acts with its cosine."""
 
     def __post_init__(self) -> None:
         require_number("Hand", positive=True, mass=self.mass)
@@ -47,7 +47,7 @@ class Hand:
                 raise InputError("Hand", name, getattr(self, name), "a finite number of m")
         require_number("Hand", positive=True, inertia=self.inertia)
         if not abs(self.tilt) < math.pi / 2:
-            raise InputError("Hand", "tilt", self.tilt, "less than pi/2 rad either way")
+            raise InputError("Hand", "tilt", self.tilt, "an angle between -pi/2 and pi/2 rad")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +61,7 @@ class VoltageDrive:
     back_emf_constant: float
     """k_emf in V s/rad; equal to k_i in SI units for a lossless motor."""
     inductance: float = 0.0
-    """L in H; 0 lets the current follow at once, as (5) does."""
+    """L in H; 0 for a current without lag, as in (5)."""
 
     def __post_init__(self) -> None:
         require_number("VoltageDrive", positive=True, resistance=self.resistance)
@@ -76,24 +76,24 @@ class VoltageDrive:
 
     @property
     def damping(self) -> float:
-        """The back-EMF's share k_emf k_i / R of p2, in N m s/rad (6)."""
+        """The back-EMF part k_emf k_i / R of p2, in N m s/rad (6)."""
         return self.back_emf_constant * self.gain
 
     @property
     def time_constant(self) -> float:
-        """Time L/R in s in which the current follows the voltage."""
+        """Electrical time constant L/R in s."""
         return self.inductance / self.resistance
 
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueDrive:
-    """A current-controlled motor: the command sets the torque and no back EMF is felt."""
+    """A current-controlled motor: the command sets the torque, without back EMF."""
 
     gain: float
     """p4 in N m per unit of command."""
 
-    damping: ClassVar[float] = 0.0  # a current loop adds none,
-    time_constant: ClassVar[float] = 0.0  # and is taken to be fast
+    damping: ClassVar[float] = 0.0  # a current loop adds no damping
+    time_constant: ClassVar[float] = 0.0  # and is assumed fast
 
     def __post_init__(self) -> None:
         require_number("TorqueDrive", positive=True, gain=self.gain)
@@ -120,22 +120,22 @@ class Friction(FrictionTerms):
         require_periods("Friction", self.cogging_periods)
         if self.bristle_stiffness > 0 and not self.coulomb > 0:
             raise InputError(
-                "Friction", "coulomb", self.coulomb, "more than 0, for bristles to bend"
+                "Friction", "coulomb", self.coulomb, "more than 0 with bristle_stiffness"
             )
         if self.bristle_stiffness > 0 and (self.geared or self.coulomb_slope):
             found = f"{self.bristle_stiffness:g} N m/rad"
-            expected = "0: bristles with friction that torque or angle change are not simulated"
+            expected = "0 with friction that depends on torque or angle (not simulated together)"
             raise InputError("Friction", "bristle_stiffness", found, expected)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Base:
-    """What the joint stands on: a mass on a horizontal spring and damper (see `BaseTerms`)."""
+    """A moving base: a mass on a horizontal spring and damper (see `BaseTerms`)."""
 
     compliance: float
     """Of the spring, in m/N."""
     frequency: float
-    """Natural frequency in rad/s of the base with the bare hand."""
+    """Natural frequency in rad/s of the base with the bare joint."""
     damping: float
     """Its damping ratio."""
 
@@ -145,7 +145,7 @@ class Base:
 
     @property
     def mass(self) -> float:
-        """M_0 in kg of the base with the bare hand."""
+        """M_0 in kg of the base with the bare joint."""
         return 1 / (self.compliance * self.frequency**2)
 
     @property
@@ -154,53 +154,53 @@ class Base:
         return 2 * self.damping * self.frequency * self.mass
 
     def terms(self) -> dict[str, float]:
-        """Return its terms by name."""
+        """Return the terms of the base by name."""
         return {f"base_{name}": value for name, value in vars(self).items()}
 
 
 def require_periods(source: str, periods: float) -> None:
-    """Raise InputError unless periods of cogging in a turn are 1, 2, 3, and so on."""
+    """Raise InputError unless the periods of cogging per turn are a positive integer."""
     if not (periods >= 1 and float(periods).is_integer()):
         raise InputError(source, "cogging_periods", periods, "1, 2, 3, ...")
 
 
 class JointKind(StrEnum):
-    """How a joint moves: a slide's angle is a way in m, its inertia a mass, its torque a force."""
+    """How a joint moves; a slide's angle is in m, its inertia is a mass, its torques are forces."""
 
     HINGE = "hinge"
     SLIDE = "slide"
 
     @property
     def way(self) -> str:
-        """Unit of what is called its angle."""
+        """Unit of its angle."""
         return "m" if self is JointKind.SLIDE else "rad"
 
 
 def rounded(value: float) -> float:
-    """Return a mass or an arm to the six digits by which equal ones are grouped, and printed."""
+    """Return a mass or an arm rounded to six digits, for grouping and printing."""
     return float(f"{value:g}")
 
 
 @total_ordering
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AddedMass:
-    """A mass screwed to the hand; equal to others by its `key`, whatever is uncertain of it.
+    """A mass added to the joint; compared by its `key`, without uncertainties.
 
     Parameters
     ----------
     mass
         m_a in kg.
     arm
-        l_a, pivot to mass, in m; 0 for no mass, and on a slide.
+        l_a, pivot to mass, in m; 0 without a mass and on a slide.
     own_inertia
-        About its own centre of mass, in kg m^2: 0 for a point; a disc of radius r has m r^2/2. None
-        on a slide.
+        About its own centre of mass, in kg m^2: 0 for a point, m r^2/2 for a disc of radius r; 0 on
+        a slide.
     mass_uncertainty, arm_uncertainty
         Standard uncertainties, in kg and m.
     gravity
-        In m/s^2, across the axis: 0 for a joint that turns about the vertical.
+        In m/s^2, perpendicular to the axis; 0 for a vertical axis.
     joint
-        What carries it.
+        Kind of the joint.
     """
 
     mass: float = 0.0
@@ -225,7 +225,7 @@ class AddedMass:
 
     @cached_property
     def key(self) -> tuple[float, float, float, float, JointKind]:
-        """Mass, arm, own inertia, gravity (rounded) and joint: the same in every spelling."""
+        """Mass, arm, own inertia, gravity (rounded) and joint, for comparison."""
         numbers = (self.mass, self.arm, self.own_inertia, self.gravity)
         mass, arm, inertia, gravity = map(rounded, numbers)
         return mass, arm, inertia, gravity, self.joint
@@ -241,19 +241,19 @@ class AddedMass:
 
     @property
     def inertia(self) -> float:
-        """Z = m_a l_a^2 in kg m^2 (81), and its own inertia; on a slide m_a in kg."""
+        """Z = m_a l_a^2 in kg m^2 (81), plus its own inertia; on a slide m_a in kg."""
         if self.joint is JointKind.SLIDE:
             return self.mass
         return self.mass * self.arm**2 + self.own_inertia
 
     @property
     def swung(self) -> float:
-        """m_a l_a^2 in kg m^2, of a point; on a slide m_a in kg."""
+        """m_a l_a^2 in kg m^2, without own inertia; on a slide m_a in kg."""
         return self.inertia - self.own_inertia
 
     @property
     def weight(self) -> float:
-        """m_a g in N, which rests on the bearing whatever the direction of the axis."""
+        """m_a g in N, the load on the bearing for any direction of the axis."""
         return self.mass * (self.gravity or GRAVITY)
 
     @property
@@ -263,7 +263,7 @@ class AddedMass:
 
     @property
     def inertia_and_moment(self) -> tuple[float, float]:
-        """Z and X (81) of the `key`: what motion shows of it, friction by its weight aside."""
+        """Z and X (81) of the `key`: its effect on the motion, except friction by its weight."""
         mass, arm, own, gravity, joint = self.key
         inertia = mass if joint is JointKind.SLIDE else mass * arm**2 + own
         return rounded(inertia), rounded(mass * gravity * arm)
@@ -278,7 +278,7 @@ class AddedMass:
 
 
 NO_ADDED_MASS = AddedMass()
-"""The bare hand."""
+"""The bare joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,9 +287,9 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
 
         p1 thdd + p2 thd + p3 sin th + p3_offset cos th + friction = p4 v(t - delay) + pulls
 
-    `FrictionTerms` says what friction and pulls are, `DriveTerms` what v is of a command,
-    `LoopTerms` what a servo's loop makes of one, `BaseTerms` what it stands on. p3 may be negative:
-    a hand whose centre of mass lies above the pivot when the added mass hangs down.
+    `FrictionTerms` defines friction and pulls, `DriveTerms` v of a command, `LoopTerms` the loop of
+    a servo, `BaseTerms` the base. p3 is negative if the centre of mass is above the pivot when the
+    added mass hangs down.
 
     Parameters
     ----------
@@ -302,24 +302,24 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
     p4
         N m per unit of input (per volt, or per unit of torque command).
     p3_offset
-        Gravity moment in N m of a centre of mass beside the line from pivot to added mass.
+        Gravity moment in N m of a centre of mass off the line from pivot to added mass.
     tilt
-        Angle in rad of the axis out of the horizontal, which takes its cosine from the gravity
-        moment of added masses; p3 and p3_offset are what is left of the hand's.
+        Angle in rad of the axis from the horizontal. The gravity moment of added masses is reduced
+        by its cosine; p3 and p3_offset are already reduced.
     delay
-        From recorded input to torque, in s.
+        Delay from recorded input to torque, in s.
     slow_delay, slow_interval
-        What is added to the delay, in s, where the mean sampling interval of a log's clock is above
-        the other, in s (see `butterfly.logs.regimes`).
+        Additional delay in s where the mean sampling interval of a log's clock exceeds
+        ``slow_interval`` in s (see `butterfly.logs.regimes`).
     back_emf
-        The back EMF's share k_emf k_i/R of p2, in N m s/rad; it counts only with the next.
+        The back-EMF part k_emf k_i/R of p2, in N m s/rad; only used with ``time_constant``.
     time_constant
-        Of the armature, L/R in s: the motor's torque p4 v - back_emf thd then follows with this
-        lag. 0 is the reduced model (5).
+        L/R of the armature in s, the lag of the motor's torque p4 v - back_emf thd. 0 for the
+        reduced model (5).
     gravity
-        That p3 and p3_offset are moments of, in m/s^2.
+        Gravity of the moments p3 and p3_offset, in m/s^2.
     carried_moment
-        Moment m l in kg m of added masses that gravity does not pull at.
+        Moment m l in kg m of added masses without gravity.
     """
 
     p1: float
@@ -338,16 +338,16 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
 
     @property
     def moments(self) -> tuple[float, float]:
-        """First moments in kg m of what swings, on and beside the line to the added mass."""
+        """First moments in kg m of the swinging mass, on and off the line to the added mass."""
         return first_moments(self)
 
     @property
     def on_base(self) -> dict[str, Any]:
-        """What a `Motion` tells of the base that gives under this."""
+        """Fields of a `Motion` for the moving base."""
         return {"moment": self.moments[0], "base": (self.base_frequency, self.base_damping)}
 
     def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
-        """Return a motion in rad and rad/s of the joint under its load, and ``more`` of it."""
+        """Return a `Motion`, in rad and rad/s, of the loaded joint with ``more`` fields."""
         moving = super().motion(angle, velocity, **more)
         if not self.geared:
             return moving
@@ -355,13 +355,13 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
         return super().motion(angle, velocity, load=load, **more)
 
     def require_gain(self, source: str) -> None:
-        """Raise InputError if nothing drives the joint: p4 stands at 0."""
+        """Raise InputError if p4 is 0, since nothing drives the joint."""
         if self.p4 == 0:
-            expected = "the gain of a drive: from a log of the driven joint, or known: {p4: ...}"
-            raise InputError(source, "p4", "0, as nothing drives the joint", expected)
+            expected = "a gain: identify from a log of the driven joint, or set known: {p4: ...}"
+            raise InputError(source, "p4", "0 (no log is driven)", expected)
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
-        """Return the parameters of the hand carrying ``added`` (78), its weight on the bearing."""
+        """Return the parameters with an added mass (78), its weight on the bearing."""
         return replace(self, **dict(zip(UNDER_LOAD, under(self, added), strict=True)))
 
 
@@ -369,11 +369,11 @@ UNDER_LOAD = (
     *("p1", "p3", "coulomb", "drag"),
     *("base_frequency", "base_damping", "gravity", "carried_moment"),
 )
-"""Parameters that an added mass changes: what `under` returns."""
+"""Parameters that an added mass changes, as returned by `under`."""
 
 
 def under(p: Any, added: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated, for a page
-    """Return the parameters of the joint under ``added``, whose mass moves with a base."""
+    """Return the `UNDER_LOAD` parameters with an added mass, which also moves with a base."""
     slower = math.sqrt(1 + p.base_frequency**2 * p.base_compliance * added.mass)
     return (
         p.p1 + added.inertia + p.mass_inertia * added.swung,
@@ -388,7 +388,7 @@ def under(p: Any, added: Any) -> tuple[float, ...]:  # noqa: ANN401 - also trans
 
 
 def first_moments(p: Any) -> tuple[float, float]:  # noqa: ANN401
-    """Return the first moments in kg m of what swings (see `LumpedParameters.moments`)."""
+    """Return the first moments in kg m (see `LumpedParameters.moments`)."""
     if p.gravity == 0:
         return p.carried_moment, 0.0
     return p.p3 / p.gravity, p.p3_offset / p.gravity

@@ -1,8 +1,8 @@
-"""What is known of a robot before its logs are looked at, and what that weighs beside them.
+"""Known values of a robot before its logs are fitted, and their weight in the fit.
 
-A prior is no cluster: it weighs 1/uncertainty^2 against rows that are scaled to the variance that
-their clusters realise, and adds to the covariance what it is itself uncertain by. With the
-information H of the data, the middle B of its sandwich and the prior's precision P,
+A prior is not a cluster: its weight is 1/uncertainty^2 against rows scaled to the variance of their
+clusters, and its own uncertainty adds to the covariance. With the information H of the data, the
+middle B of its sandwich and the prior's precision P,
 
     Cov = (H + P)^-1 (B + P) (H + P)^-1.
 """
@@ -33,7 +33,7 @@ PHYSICAL = {
     "rotor_inertia": "kg m²",
     "hand_mass": "kg",
 }
-"""What may be known of motor and hand, with its unit: see `butterfly.identification.physical`."""
+"""Physical values that may be known, with units: see `butterfly.identification.physical`."""
 
 SCALES = {
     "mass_scale": "of all added masses together",
@@ -41,9 +41,9 @@ SCALES = {
     "angle_scale": "of the recorded angle",
     "time_scale": "of the recorded time",
 }
-"""What no log can show: true values over those that were recorded or given, 1 ± an uncertainty."""
+"""Scales that no log shows: true over recorded or given values, 1 ± an uncertainty."""
 
-_USUAL_DELAY = 5.0  # steps of the clock, the scale of a delay of which nothing is known
+_USUAL_DELAY = 5.0  # steps of the clock, the scale of an unknown delay
 
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
 _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.+))?")
@@ -55,24 +55,24 @@ class Known:
 
     value: float
     uncertainty: float = 0.0
-    heavy: bool = False  # whether it is a guess: half of Cauchy's distribution, from the value on
+    heavy: bool = False  # whether it is a guess: half a Cauchy distribution, from the value up
 
     @property
     def fixed(self) -> bool:
-        """Whether nothing is left to be found out."""
+        """Whether it is known exactly."""
         return self.uncertainty == 0
 
     def times(self, factor: float) -> Known:
-        """Return the same in another unit."""
+        """Return the value and uncertainty times a factor."""
         return replace(self, value=factor * self.value, uncertainty=factor * self.uncertainty)
 
     def precision(self, at: float) -> float:
-        """Return the weight of a square that pulls a value as this does there."""
+        """Return the weight of the equivalent square at a value."""
         apart = (at - self.value) / self.uncertainty
         return (2 / (1 + apart**2) if self.heavy else 1.0) / self.uncertainty**2
 
     def penalty(self, at: float) -> float:
-        """Return -2 log of the density at a value, over that at its peak."""
+        """Return -2 log of the density at a value relative to its peak."""
         square = ((at - self.value) / self.uncertainty) ** 2
         return 2 * math.log1p(square) if self.heavy else square
 
@@ -82,7 +82,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Prior:
-    """All that is known of a robot; what has no uncertainty is known exactly."""
+    """All known values of a robot; those without uncertainty are exact."""
 
     # By names of `TERMS`, `PHYSICAL` and `SCALES`
     values: Mapping[str, Known] = field(default_factory=dict)
@@ -106,104 +106,105 @@ class Prior:
         return bool(self.values)
 
     def __or__(self, other: Prior) -> Prior:
-        """Return this and another, which goes before where both say something."""
+        """Return both; the values of the other take precedence."""
         return Prior({**self.values, **other.values})
 
     @cached_property
     def parameters(self) -> dict[str, Known]:
-        """What is known of parameters of the model."""
+        """Known parameters of the model."""
         return {name: each for name, each in self.values.items() if name in TERMS}
 
     @property
     def lower(self) -> dict[str, float]:
-        """Least values that half a distribution has."""
+        """Lower ends of the half distributions."""
         return {name: each.value for name, each in self.parameters.items() if each.heavy}
 
     @cached_property
     def physical(self) -> dict[str, Known]:
-        """What is known of motor and hand."""
+        """Known physical values of motor and joint."""
         return {name: each for name, each in self.values.items() if name in PHYSICAL}
 
     @cached_property
     def scales(self) -> dict[str, float]:
-        """Uncertainties of what no log can show."""
+        """Uncertainties of the scales."""
         return {name: each.uncertainty for name, each in self.values.items() if name in SCALES}
 
     @cached_property
     def fixed(self) -> dict[str, float]:
-        """Values of the parameters that are known exactly."""
+        """Values of the exactly known parameters."""
         return {name: each.value for name, each in self.parameters.items() if each.fixed}
 
     @cached_property
     def uncertain(self) -> dict[str, Known]:
-        """The parameters that are known with an uncertainty."""
+        """Parameters known with an uncertainty."""
         return {name: each for name, each in self.parameters.items() if not each.fixed}
 
     def scale(self, carried: AddedMass = NO_ADDED_MASS) -> tuple[str, ...]:
-        """Names of torques that are known, and not 0 with what is carried: they set the scale."""
+        """Names of the known torques that are not 0 with an added mass: they set the scale."""
         torques = (name for name in self.parameters if name in TORQUES)
         return tuple(name for name in torques if self._at(name, carried) != 0)
 
     def _at(self, name: str, carried: AddedMass) -> float:
-        """Return what is known of a parameter, with what a joint carries."""
+        """Return a known parameter under an added mass."""
         loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
         return self.parameters[name].value + loads.get(name, 0.0)
 
     def reference(self, carried: AddedMass = NO_ADDED_MASS) -> str | None:
-        """Name of what tells the scale best, where nothing that is fixed tells it."""
+        """Name of the most precise torque of the scale; None if a fixed one sets it."""
         scale, known = self.scale(carried), self.parameters
         if not scale or any(known[name].fixed for name in scale):
             return None
         return min(scale, key=lambda name: known[name].uncertainty / abs(self._at(name, carried)))
 
     def weightless(self, masses: Iterable[AddedMass]) -> bool:
-        """Whether no gravity moment acts on what carried some masses, wherever the angle is 0."""
+        """Whether no gravity moment acts with any of the masses, whatever the encoder zero."""
         carried = list(masses)
         balanced = self.fixed.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
         return balanced or not any(mass.gravity for mass in carried)
 
     def with_default_delay(self, step: float) -> Prior:
-        """Return the same, with half a Cauchy distribution of a delay of which none is told.
+        """Return the prior, by default with half a Cauchy distribution of the delay.
 
-        It decides where the logs say nothing, and gives way where they do; of a clock's ``step``.
+        Its scale is set by the ``step`` of the clock; it only matters if the logs do not determine
+        the delay.
         """
         usual = Known(value=0.0, uncertainty=_USUAL_DELAY * step, heavy=True)
         return Prior({"delay": usual}) | self
 
     def fixing(self, name: str) -> Prior:
-        """Return the same, one parameter being fixed."""
+        """Return the prior with one parameter fixed."""
         return self | Prior({name: replace(self.values[name], uncertainty=0.0)})
 
     def open(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some names whose values are not fixed."""
+        """Return the names without a fixed value."""
         return tuple(name for name in names if name not in self.fixed)
 
     def fitted(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some names that are to be found, and what else is uncertain."""
+        """Return the names to fit, and other uncertain parameters."""
         found = self.open(names)
         return (*found, *(name for name in self.uncertain if name not in found))
 
     def within(self, names: Iterable[str]) -> Prior:
-        """Return what is known of some parameters, and of motor and hand."""
+        """Return the prior of some parameters, with physical values and scales."""
         wanted = {*names, *PHYSICAL, *SCALES}
         return Prior({name: each for name, each in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
-        """Return this and what another knows of the same robot; InputError where they differ."""
+        """Return both priors of one robot; InputError if they differ."""
         for name, theirs in other.values.items():
             mine = self.values.get(name, theirs)
             if mine != theirs:
-                expected = f"{mine}, as the others have it"
+                expected = f"{mine}, as in the other data"
                 raise InputError(str(source), f"known.{name}", theirs, expected)
         return self | other
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values, as `of` reads them."""
+        """Return plain values for `of`."""
         return {name: plain(each) for name, each in self.values.items()}
 
 
 NO_PRIOR = Prior()
-"""Nothing is known."""
+"""No known values."""
 
 
 def known_of(value: Any, source: object = "known", field: str = "value") -> Known:  # noqa: ANN401 - whatever was given
@@ -220,7 +221,7 @@ def known_of(value: Any, source: object = "known", field: str = "value") -> Know
 
 
 def _parts(value: Any, source: object, field: str) -> tuple[Any, Any]:  # noqa: ANN401 - whatever was given
-    """Return a value and its uncertainty, whatever they are."""
+    """Return a value and its uncertainty, unchecked."""
     if isinstance(value, Known):
         return value.value, value.uncertainty
     if isinstance(value, Mapping):
@@ -248,7 +249,7 @@ def plain(known: Known) -> float | dict[str, float]:
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:
-    """Refuse what no joint has, and a scale that is to be corrected in the logs."""
+    """Refuse impossible values, and a scale other than 1 (correct the logs instead)."""
     if name in SCALES and known.value != 1:
         raise InputError(str(source), f"known.{name}", f"{known.value:g}", "1 ± its uncertainty")
     lower = TERMS[name].lower if name in TERMS else 0.0
@@ -260,13 +261,12 @@ def _require_possible(source: object, name: str, known: Known) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Penalty:
-    """What independent knowledge of n values adds to a sum of squares."""
+    """The term of a prior on n values in a sum of squares."""
 
-    mean: Samples  # (n,) what they are known to be; anything where nothing is known
-    # (n,) of their squares beside those of the rows: ``variance`` over that of each; 0 where
-    # nothing is known
+    mean: Samples  # (n,) known values; arbitrary if unknown
+    # (n,) weights relative to the rows: ``variance`` over that of each value; 0 if unknown
     weight: Samples
-    variance: float = 1.0  # of a row whose clusters are independent, as the data realise it
+    variance: float = 1.0  # of a row, as realised by independent clusters
 
     @classmethod
     def of(
@@ -276,9 +276,9 @@ class Penalty:
         variance: float = 1.0,
         values: Mapping[Any, float] | None = None,
     ) -> Penalty | None:
-        """Return that of what is uncertain of values by name; None if it is nothing.
+        """Return the penalty of the uncertain values by name; None if there are none.
 
-        ``values``: about which heavy tails are seen, at their peak if not given.
+        ``values``: where heavy tails are linearised, by default at their peak.
         """
         own = [known[name] if name in known and not known[name].fixed else None for name in names]
         if not any(own):
@@ -294,29 +294,29 @@ class Penalty:
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """(n,) of which something is known."""
+        """(n,) whether a value is known."""
         return np.asarray(self.weight > 0)
 
     def weighed(self, variance: float) -> Penalty:
-        """Return that beside rows of another variance."""
+        """Return the penalty relative to rows of another variance."""
         weight = self.weight * (variance / self.variance)
         return replace(self, weight=weight, variance=variance)
 
     def take(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
-        """Return that of some of the values."""
+        """Return the penalty of some of the values."""
         return replace(self, mean=self.mean[kept], weight=self.weight[kept])
 
     def without(self, lost: NDArray[np.bool_]) -> Penalty:
-        """Return that of all but some of the values, by a mask."""
+        """Return the penalty without some of the values, by a mask."""
         return replace(self, weight=np.where(lost, 0.0, self.weight))
 
     def padded(self, count: int) -> Penalty:
-        """Return that of these values and of further ones of which nothing is known."""
+        """Return the penalty of these values and further, unknown ones."""
         none = np.zeros(count)
         return replace(self, mean=np.append(self.mean, none), weight=np.append(self.weight, none))
 
     def turned(self, slope: Samples, shift: Samples) -> Penalty:
-        """Return that of (n,) slope times (value less shift)."""
+        """Return the penalty of (n,) slope * (value - shift)."""
         return replace(self, mean=slope * (self.mean - shift), weight=self.weight / slope**2)
 
     def rows(self) -> tuple[Samples, Samples]:
@@ -325,7 +325,7 @@ class Penalty:
         return np.diag(np.sqrt(self.weight))[self.active], root * self.mean[self.active]
 
     def cost(self, values: Samples) -> float:
-        """Return half of what (n,) values count."""
+        """Return half the weighted sum of squares of (n,) values."""
         return 0.5 * float(self.weight @ (values - self.mean) ** 2)
 
     def gradient(self, values: Samples) -> Samples:

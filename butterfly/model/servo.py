@@ -1,15 +1,15 @@
-"""The loops of servos: a table of laws by which firmware follows a set-point.
+"""The loops of servos: a table of the laws of their firmware.
 
-A law makes an output of set-point r, angle th and velocity, with gains in the units that its
-makers use; the table holds what one unit of each gain is worth.
+A law computes an output from setpoint r, angle th and velocity, with gains in the units of its
+maker; the table has the SI value of one unit of each gain.
 
     pid      output = kp e + ki int e dt - kd thd,               e = r - th
-             (or + kd de/dt, where the law says so)
+             (or + kd de/dt, for some laws)
     cascade  output = kd f + ki int f dt,     f = clip(kp e, speed limit) - thd
     speed    output = kp f + ki int f dt,                        f = r - thd
 
-The output is clipped, and its integral waits meanwhile where it would only grow. The firmware looks
-at the joint at its clock, and holds its output in between.
+The output is clipped, and the integral does not grow meanwhile. The firmware samples the joint at
+its clock and holds its output in between.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SLOWEST = 5e-4  # s, between two updates of a simulated loop whose own clock is
 
 
 class Output(StrEnum):
-    """What a law makes, and what the drive is then told."""
+    """Output of a law, the command of the drive."""
 
     DUTY = "duty"
     VOLTAGE = "voltage"
@@ -36,7 +36,7 @@ class Output(StrEnum):
 
 
 class LawStructure(StrEnum):
-    """How a law makes it."""
+    """Structure of a law."""
 
     PID = "pid"
     CASCADE = "cascade"
@@ -45,7 +45,7 @@ class LawStructure(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Law:
-    """A row of the table: what firmware does with its gains."""
+    """A row of the table: how firmware uses its gains."""
 
     structure: LawStructure
     output: Output
@@ -53,7 +53,7 @@ class Law:
     ki: float = 1.0
     kd: float = 1.0
     on_error: bool = False  # whether kd acts on the rate of the error, not of the joint
-    rate_lag: float = 0.0  # s by which firmware sees a velocity later than an angle
+    rate_lag: float = 0.0  # s by which firmware measures velocity later than angle
     limit: float = math.inf  # of the output
     clock: float = 1e-3  # s
     source: str = ""
@@ -62,7 +62,7 @@ class Law:
 _COUNTS = 4096 / (2 * math.pi)  # of an encoder, per rad
 _TURN = 1 / (2 * math.pi)  # of the joint, per rad
 _RATE = 60 / (2 * math.pi * 0.229)  # units of velocity of a Dynamixel, per rad/s
-_FULL = 885  # what a Dynamixel calls all of its supply
+_FULL = 885  # full supply in units of a Dynamixel
 
 # fmt: off
 _MAKERS = {
@@ -80,7 +80,7 @@ _MAKERS = {
         source="ROBOTIS e-Manual, X series, Velocity PI Gain(76, 78); sums at 1 kHz assumed"),
     "feetech-sts": Law(
         structure=LawStructure.PID, output=Output.DUTY, limit=0.97, kp=0.166,
-        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; what D does nobody publishes: "
+        source="Rhoban/bam, feetech/actuator.py, by oscilloscope; the effect of D is unpublished: "
                "here it damps, in s/rad"),
     "odrive": Law(
         structure=LawStructure.CASCADE, output=Output.TORQUE, ki=_TURN, kd=_TURN, clock=1 / 8000,
@@ -104,7 +104,7 @@ LAWS = _MAKERS | {
     for structure in LawStructure
     for output in Output
 }
-"""The laws by name: those of makers, and those of SI units, by structure and output."""
+"""The laws by name: those of makers, and those in SI units by structure and output."""
 
 _GAINS = ("kp", "ki", "kd")
 _NONE = Known(value=0.0)
@@ -119,23 +119,23 @@ class ServoLoop:
     law
         Of `LAWS`.
     kp, ki, kd
-        Gains in the units of the law; with an uncertainty (a large one of a guess) they are
-        identified, as factors on what is told here.
+        Gains in the units of the law; with an uncertainty (large for a guess) they are identified
+        as factors on the given values.
     limit
-        Of the output: duty as a share of 1, V, A or N m; the law's own if not given.
+        Of the output: duty from 0 to 1, V, A or N m; default: that of the law.
     speed_limit
-        In rad/s (m/s of a slide): of a cascade; of the set-point that a PID law follows.
+        In rad/s (m/s for a slide): of a cascade, or of the setpoint of a PID law.
     dead_band
-        Of the error, in rad (rad/s of a law of speed), within which it counts as none.
+        Of the error, in rad (rad/s for a speed law), within which the error counts as 0.
     slew
-        Most change of the output in a second.
+        Largest change of the output per second.
     clock
-        In s, from one look at the joint to the next; the law's own if not given.
+        Sampling period in s; default: that of the law.
     supply
-        Of a duty, in V, where no column says it. Without any the drive is told the duty itself.
+        In V, for a duty without a supply column. Without either, the duty itself is the command.
     current_limit, resistance, back_emf_constant, torque_constant
-        In A, Ohm, V s/rad and N m/A, all of the joint: what limits the current of a law of duty or
-        voltage, and, with ``supply``, the output of a law of current or torque.
+        In A, Ohm, V s/rad and N m/A at the joint: they limit the current of a duty or voltage law,
+        and, with ``supply``, the output of a current or torque law.
     """
 
     law: str
@@ -157,12 +157,12 @@ class ServoLoop:
     def of(
         cls, given: Mapping[str, Any], source: object = "loop", *, whole: bool = True
     ) -> ServoLoop:
-        """Read what a manifest says of a loop; InputError of what it cannot be.
+        """Read the loop of a manifest; InputError if invalid.
 
-        One that is not ``whole`` leaves gains to single logs.
+        If not ``whole``, the gains may come from single logs.
         """
         if "law" not in given:
-            expected = "the servo's law, as in {law: dynamixel-x, kp: 400}"
+            expected = "the servo's law, such as {law: dynamixel-x, kp: 400}"
             raise InputError(str(source), "loop.law", "nothing", expected)
         known = [field.name for field in fields(cls)]
         values = dict(given)
@@ -178,12 +178,12 @@ class ServoLoop:
         loop._require_possible(str(source))
         needed = "kd" if loop.rule.structure is LawStructure.CASCADE else "kp"
         if whole and not getattr(loop, needed).value:
-            expected = "this gain, of the data set's loop or of the log's own"
+            expected = "this gain, in the loop of the data set or of the log"
             raise InputError(str(source), f"loop.{needed}", "nothing", expected)
         return loop
 
     def _require_possible(self, source: str) -> None:
-        """Raise InputError for a law that is none, and for what is below 0."""
+        """Raise InputError for an unknown law, and for values below 0."""
         if str(self.law) not in LAWS:
             raise InputError(source, "loop.law", self.law, nearest(str(self.law), LAWS))
         for field in fields(self):
@@ -194,11 +194,16 @@ class ServoLoop:
             if isinstance(least, bool) or not (isinstance(least, int | float) and least >= 0):
                 raise InputError(source, f"loop.{field.name}", value, "a number, 0 or more")
             if isinstance(value, Known) and value.uncertainty and not least:
-                raise InputError(source, f"loop.{field.name}", value, "a guess above 0")
+                raise InputError(
+                    source,
+                    f"loop.{field.name}",
+                    value,
+                    "a value above 0, since it has an uncertainty",
+                )
         if self.clock == 0:
             raise InputError(source, "loop.clock", 0, "more than 0 s")
         if math.isfinite(self.current_limit) and not self.resistance:
-            expected = "resistance, and back_emf_constant, by which a current is limited"
+            expected = "resistance and back_emf_constant too, to limit the current"
             raise InputError(source, "loop.current_limit", self.current_limit, expected)
 
     @property
@@ -208,7 +213,7 @@ class ServoLoop:
 
     @property
     def of_speed(self) -> bool:
-        """Whether its set-point is a velocity."""
+        """Whether the setpoint is a velocity."""
         return self.rule.structure is LawStructure.SPEED
 
     @property
@@ -218,7 +223,7 @@ class ServoLoop:
 
     @property
     def uncertain(self) -> dict[str, Known]:
-        """What is known of gains that are to be identified, as factors on what is told."""
+        """Priors of the gains to identify, as factors on the given values."""
         found = {}
         for name in _GAINS:
             gain = getattr(self, name)
@@ -233,7 +238,7 @@ class ServoLoop:
         return ", ".join([self.law, *said])
 
     def at_joint(self, ratio: float) -> ServoLoop:
-        """Return the same loop of a joint whose encoder turns so many times as fast."""
+        """Return the loop at the joint of an encoder that turns ``ratio`` times as fast."""
         return replace(
             self,
             kp=self.kp.times(1.0 if self.rule.structure is LawStructure.CASCADE else ratio),
@@ -251,13 +256,13 @@ class ServoLoop:
 
     @property
     def kick(self) -> float:
-        """Largest step of a set-point that the limit of the output lets D answer for a period."""
+        """Largest setpoint step whose D response stays within the output limit."""
         limit, kd = self.rule.limit if self.limit is None else self.limit, self.told[2]
         return limit * self.period / kd if self.rule.on_error and kd else math.inf
 
     @property
     def reach(self) -> tuple[float, float]:
-        """What the command may differ by from a share of the speed, and this share."""
+        """Bound on the command around a multiple of the speed: that multiple, and the bound."""
         amperes = {Output.CURRENT: 1.0, Output.TORQUE: self.torque_constant}
         if self.rule.output not in amperes:
             if not math.isfinite(self.current_limit):
@@ -269,7 +274,7 @@ class ServoLoop:
         return -self.back_emf_constant * worth, self.supply * worth
 
     def updates(self, longest: float) -> tuple[float, int]:
-        """Return the step of a simulation's grid in s, and how many steps are one update."""
+        """Return the step of a simulation grid in s, and the number of steps per update."""
         period = self.period
         if period < _SLOWEST:
             period *= max(1, int(_SLOWEST / period))

@@ -1,13 +1,12 @@
-"""What can act on the joint: one table of all parameters, their facts and their torques.
+"""The terms of the model: one table of all parameters, their properties and their torques.
 
-The equation of motion says that all torques add up to nothing,
+In the equation of motion all torques sum to zero,
 
     sum over the rows of parameter * basis = 0,
 
-the motor's with the basis -u. Whatever needs a fact about a parameter (its unit, its bound, its
-torque, its potential, which estimators offer it) takes it from here; the compiled kernel and the
-MJCF are written by hand and held to this table by a test. docs/house.md says what a further term
-touches.
+the motor's with the basis -u. All properties of a parameter (unit, bound, torque, potential,
+estimators that offer it) are defined here; the compiled kernel and the MJCF are written by hand and
+tested against this table. docs/house.md says what a new term touches.
 
 A describing function is the gain of a nonlinear torque on a sinusoidal angle: with
 th(t) = Re{a e^(j w t)} it is the fundamental of the torque over that of the angle (Gelb & Vander
@@ -28,40 +27,40 @@ from scipy.special import dawsn, j0, j1, jv
 from butterfly.arrays import Samples
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
-"""The parameters that estimators find unasked, in their order."""
+"""The parameters that estimators fit by default, in order."""
 
 
 class Motion(NamedTuple):
-    """What a torque may depend on: numbers, or arrays of one shape."""
+    """The arguments of a torque: numbers, or arrays of one shape."""
 
     angle: Any  # In rad from hanging down
     velocity: Any  # In rad/s
     direction: Any  # Sign of the velocity
     periods: float  # Of cogging in a turn
     stribeck_velocity: float  # In rad/s
-    input: Any = 0.0  # As the drive delivers it
-    weight: Any = 0.0  # Added weight on the bearing in N, where it is not in T_c already
-    mass: Any = 0.0  # Added mass in kg, where it is not in the drag already
-    carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, where it is not in p1 already
+    input: Any = 0.0  # As delivered by the drive
+    weight: Any = 0.0  # Added weight on the bearing in N, unless already in T_c
+    mass: Any = 0.0  # Added mass in kg, unless already in the drag
+    carried: Any = 0.0  # m l^2 in kg m^2 of the added mass, unless already in p1
     motor: Any = 0.0  # Torque of the motor in N m
-    load: Any = 0.0  # What gravity, springs and the like pull with, in N m
-    moment: Any = 0.0  # First moment in kg m of what swings
-    base: Any = (1.0, 1.0)  # Frequency in rad/s and damping ratio of a base under this
+    load: Any = 0.0  # Torque of gravity, springs etc. in N m
+    moment: Any = 0.0  # First moment in kg m of the swinging mass
+    base: Any = (1.0, 1.0)  # Frequency in rad/s and damping ratio of the loaded base
     way: Any = 0.0  # Sign of what a gear carries of both,
     way_at_rest: Any = 0.0  # and of what its excess at rest grows with
 
 
 @dataclass(frozen=True)
 class Term:
-    """A row: one parameter and what it does."""
+    """A row: one parameter and its effect."""
 
     name: str  # As in code,
     symbol: str  # and as printed
     unit: str  # In which "unit" is the input's
     meaning: str
     _: KW_ONLY
-    lower: float = -math.inf  # Least value that an estimate can have
-    # Braking torque per unit of the parameter, where it is a function of the `Motion`
+    lower: float = -math.inf  # Lower bound of an estimate
+    # Braking torque per unit of the parameter, as a function of the `Motion`
     basis: Callable[[Motion], Any] | None = None
     # 2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle
     derivative: int = 0
@@ -71,17 +70,17 @@ class Term:
     # Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and the
     # `Motion` that holds weight and settings
     describing: Callable[[Samples, Samples, Motion], Any] | None = None
-    # Whether it holds the joint at rest: a friction level times the sign of the velocity
+    # Whether it holds the joint at rest: friction times the sign of the velocity
     dry: bool = False
-    of_gain: bool = False  # Whether what enters the equation is p4 times the parameter
-    sign_observable: bool = True  # Whether motion tells the sign
-    state: str = ""  # What it makes a state of the joint, if anything
-    # Typical size, for scaling, where there is no basis to tell it: from torque in N m, speed and
-    # rate in rad/s of the motion
+    of_gain: bool = False  # Whether p4 times the parameter enters the equation
+    sign_observable: bool = True  # Whether the motion reveals the sign
+    state: str = ""  # State that it adds to the joint, if any
+    # Typical size for scaling, if there is no basis: from torque in N m, speed and rate in rad/s
+    # of the motion
     size: Callable[[float, float, float], float] | None = None
-    # What a residual torque of this shape is called; empty for one that is not looked for
+    # Name of a residual torque of this shape; empty if not searched for
     looks_like: str = ""
-    follows: frozenset[str] = frozenset()  # Terms without one of which it says nothing
+    follows: frozenset[str] = frozenset()  # Terms of which it needs one
     # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()
 
@@ -111,9 +110,9 @@ def stribeck_describing_function(
 
 
 def base_describing_function(omega: Samples, a: Samples, m: Motion) -> NDArray[np.complex128]:
-    """Gain, per compliance, of what a base takes from the torque on a joint that swings by a rad.
+    """Gain, per compliance, by which a base reduces the torque on a joint that swings by a rad.
 
-    With Q = 1 - (w/w_b)^2 + 2 j zeta w/w_b of a base that hardly gives, h' = H cos th pulls with
+    With Q = 1 - (w/w_b)^2 + 2 j zeta w/w_b of a stiff base, h' = H cos th pulls with
     H cos(th) s'' where Q s = w^2 times the fundamental of H sin th.
     """
     natural, damping = m.base
@@ -125,24 +124,24 @@ def base_describing_function(omega: Samples, a: Samples, m: Motion) -> NDArray[n
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionTerms:
-    """What acts on the joint besides p1..p4; each is 0 if not given.
+    """The terms besides p1..p4; each is 0 by default.
 
     Sliding at velocity v and angle th, the joint is braked by
 
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
-    where T_c grows by ``coulomb_slope th``, as far as it stays above 0, and drag by ``load_drag``
-    times the added mass; in a gear T_c grows by ``|motor_friction motor - load_friction load|``,
-    torques in N m of the motor and of gravity and the like, T_s by the same with
-    ``motor_stribeck`` and ``load_stribeck``, and while both oppose each other by the square of
-    the smaller times ``lifting_stribeck`` where the motor drives the load, ``lowering_stribeck``
-    where the load does (Duclusaud, Passault and Rouxel, arXiv 2410.08650, whose M1 to M6 these are,
-    with their Stribeck exponent 2, and who drives told by the direction of motion, not by the
-    larger torque), and pulled by ``bias - spring th + cogging sin(N th) + cogging_cosine cos(N
-    th)``. At rest it sticks until the other torques exceed T_c + T_s; or, with bristles, never
-    quite: the LuGre model replaces g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)``
-    (Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and
-    the meaning of each.
+    where T_c grows by ``coulomb_slope th``, while it is above 0, and drag by ``load_drag`` times
+    the added mass. In a gear T_c grows by ``|motor_friction motor - load_friction load|``, with the
+    torques in N m of the motor and the load (gravity etc.), and T_s likewise with
+    ``motor_stribeck`` and ``load_stribeck``. While both torques oppose each other, T_s also grows
+    by the square of the smaller, times ``lifting_stribeck`` if the motor drives the load and
+    ``lowering_stribeck`` if the load drives the motor. These are M1 to M6 of Duclusaud, Passault
+    and Rouxel, arXiv 2410.08650, with their Stribeck exponent 2, but the direction of motion, not
+    the larger torque, decides which side drives. The joint is pulled by ``bias - spring th +
+    cogging sin(N th) + cogging_cosine cos(N th)``. At rest it sticks until the other torques exceed
+    T_c + T_s. With bristles it creeps: the LuGre model replaces g(v) sgn v by ``k z + c z'`` with
+    ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40(3),
+    1995). `TERMS` has unit and meaning of each.
     """
 
     coulomb: float = 0.0
@@ -168,16 +167,16 @@ class FrictionTerms:
     cogging_periods: float = 1.0
 
     def terms(self) -> dict[str, Any]:
-        """Return every term by its name."""
+        """Return all terms by name."""
         return {field.name: getattr(self, field.name) for field in fields(FrictionTerms)}
 
     @property
     def geared(self) -> bool:
-        """True for friction that grows with the torque of motor or load."""
+        """Whether friction grows with the torque of motor or load."""
         return any(getattr(self, name) for name in GEAR)
 
     def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
-        """Return a motion in rad and rad/s of a joint with these terms, and ``more`` of it."""
+        """Return a `Motion`, in rad and rad/s, with these terms and ``more`` fields."""
         periods, slow = self.cogging_periods, self.stribeck_velocity
         moving = Motion(angle, velocity, np.sign(velocity), periods, slow, **more)
         if not self.geared:
@@ -190,26 +189,26 @@ class FrictionTerms:
 
     @property
     def holding(self) -> float:
-        """T_c + T_s, the largest torque in N m that friction withstands at rest."""
+        """T_c + T_s, the static friction in N m."""
         return self.level(0.0)
 
     @property
     def sticks_harder(self) -> bool:
-        """True for Stribeck friction without bristles, or one that torque or angle change."""
+        """Whether Stribeck friction is rigid, or friction depends on torque or angle."""
         harder = self.stribeck > 0 and self.bristle_stiffness == 0
         return harder or self.geared or self.coulomb_slope != 0
 
     def level(self, velocity: float) -> float:
-        """Return g(v) in N m at a velocity in rad/s, of a joint without torques."""
+        """Return g(v) in N m at a velocity in rad/s, without torques."""
         sliding = FrictionTerms.motion(self, 0.0, velocity)._replace(direction=1.0)
         return float(torque_of(self, sliding, DRY))
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveTerms:
-    """What the drive makes of a command u: v/(1 + c |v|), of which a dead zone left v.
+    """The output v/(1 + c |v|) of the drive for a command u, after a dead zone.
 
-    ``v = u - dead_zone sgn u`` where u is larger than that, and 0 where not; c is ``compression``.
+    ``v = u - dead_zone sgn u`` for commands above the dead zone, else 0; c is ``compression``.
     """
 
     dead_zone: float = 0.0
@@ -221,13 +220,13 @@ class DriveTerms:
         return DriveTerms(dead_zone=self.dead_zone, compression=self.compression)
 
     def delivered(self, inputs: Any) -> Any:  # noqa: ANN401 - one input, or (n,)
-        """Return what becomes of one command, or of (n,)."""
+        """Return the output for one command, or for (n,)."""
         if self.dead_zone:
             inputs = inputs - np.clip(inputs, -self.dead_zone, self.dead_zone)
         return inputs / (1 + self.compression * abs(inputs)) if self.compression else inputs
 
     def slopes(self, inputs: Samples) -> dict[str, Samples]:
-        """Return the (n,) derivatives of what is delivered of (n,) commands by each term."""
+        """Return the (n,) derivatives of the output for (n,) commands by each term."""
         left = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
         weaker = (1 + self.compression * abs(left)) ** 2
         return {"dead_zone": -np.sign(left) / weaker, "compression": -left * abs(left) / weaker}
@@ -235,7 +234,7 @@ class DriveTerms:
     def of_sines(
         self, commands: NDArray[np.complex128]
     ) -> tuple[NDArray[np.complex128], dict[str, NDArray[np.complex128]]]:
-        """Return the fundamentals of what is delivered of (n,) sines, and of its `slopes`."""
+        """Return the fundamentals of the output for (n,) sines, and of its `slopes`."""
         sines = np.asarray(np.outer(np.abs(commands), _COSINE), dtype=np.float64)
         unit = np.exp(1j * np.angle(commands))
 
@@ -248,7 +247,7 @@ class DriveTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopTerms:
-    """Gains of a servo's own loop, over those that were told, and its latency."""
+    """Gains of a servo loop, relative to the given ones, and its latency."""
 
     loop_kp: float = 1.0
     loop_ki: float = 1.0
@@ -258,7 +257,7 @@ class LoopTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class BaseTerms:
-    """A base that gives, horizontally: mass on a spring and damper (see `kernel.moving_base`)."""
+    """A horizontally moving base: mass, spring and damper (see `kernel.moving_base`)."""
 
     base_compliance: float = 0.0
     base_frequency: float = 25.0
@@ -266,21 +265,21 @@ class BaseTerms:
 
     @property
     def base_gives(self) -> bool:
-        """True for a base that moves."""
+        """Whether the base moves."""
         return self.base_compliance > 0
 
 
 _COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
-_ROUNDS = 30  # of friction that grows with the torque that overcomes it
+_ROUNDS = 30  # for friction that grows with the torque that overcomes it
 IDEAL = DriveTerms()
-"""A drive that yields its command."""
+"""A drive whose output is its command."""
 
 DRIVE = tuple(field.name for field in fields(DriveTerms))
 """Names of the terms of the drive."""
 
 LOOP_TERMS = tuple(field.name for field in fields(LoopTerms))
-"""Names of the terms of a servo's loop: its gains, and its latency."""
+"""Names of the terms of a servo loop: gains and latency."""
 
 BASE_TERMS = tuple(field.name for field in fields(BaseTerms))
 """Names of the terms of a moving base."""
@@ -309,7 +308,7 @@ def _carried(way: Any, torque: Any) -> Any:  # noqa: ANN401
 
 
 def _passed_on(m: Motion) -> Any:  # noqa: ANN401
-    """Torque in N m that the motor takes from the load, none where both pull the same way."""
+    """Smaller torque in N m of motor and load if they oppose each other, else 0."""
     return np.minimum(abs(m.motor), abs(m.load)) * (m.motor * m.load < 0)
 
 
@@ -326,29 +325,29 @@ _ROWS = (
          looks_like="a gravity moment"),
     Term("p4", "p₄", "N m/unit", "torque at standstill per unit of input",
          basis=lambda m: -m.input),
-    Term("coulomb", "T_c", "N m", "T_c; holds rigidly at rest",
+    Term("coulomb", "T_c", "N m", "Coulomb friction; also holds the joint at rest",
          lower=0.0, basis=lambda m: m.direction, dry=True,
          describing=lambda _w, a, _m: coulomb_describing_function(a),
          looks_like="Coulomb friction", offered=frozenset({_ORBIT})),
-    Term("delay", "delay", "s", "from recorded input to torque",
+    Term("delay", "delay", "s", "delay from recorded input to torque",
          of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate),
     Term("slow_delay", "slow delay", "s",
-         "delay that comes in the slow regime of a clock whose sampling interval switches",
+         "additional delay in the slow regime of a clock whose sampling interval switches",
          of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate,
          offered=frozenset({_OUTPUT})),
     Term("slow_interval", "slow interval", "s",
-         "mean sampling interval, above which a clock is in its slow regime", lower=0.0),
-    Term("drag", "drag", "N m s²/rad²", "proportional to velocity squared",
+         "mean sampling interval above which the clock is in its slow regime", lower=0.0),
+    Term("drag", "drag", "N m s²/rad²", "drag proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
          looks_like="quadratic drag", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("load", "load", "m",
-         "growth of T_c with the added weight; negative if the weight relieves the bearing",
+         "growth of coulomb with the added weight; negative if it relieves the bearing",
          basis=lambda m: m.weight * m.direction, dry=True,
          describing=lambda _w, a, m: m.weight * coulomb_describing_function(a),
          looks_like="Coulomb friction that grows with the added weight",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
-    Term("coulomb_slope", "T_c slope", "N m/rad", "growth of T_c with the angle",
+    Term("coulomb_slope", "T_c slope", "N m/rad", "growth of coulomb with the angle",
          basis=lambda m: m.angle * m.direction, dry=True,
          looks_like="Coulomb friction that grows with the angle",
          offered=frozenset({_WEAK, _OUTPUT})),
@@ -358,113 +357,114 @@ _ROWS = (
          looks_like="quadratic drag that grows with the added mass",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("mass_inertia", "mass inertia", "–",
-         "inertia of added masses about their own centre over m l²",
+         "inertia of added masses about their own centre, relative to m l²",
          lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
-         size=_tenth, looks_like="an inertia of the added masses' own",
+         size=_tenth, looks_like="an own inertia of the added masses",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("bias", "bias", "N m",
-         "constant torque, or half of what Coulomb friction differs by direction",
+         "constant torque, or half the difference of Coulomb friction between directions",
          basis=lambda m: -np.ones_like(m.angle), potential=lambda x, _n: -x,
          looks_like="a constant torque", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("spring", "spring", "N m/rad",
-         "stiffness that pulls back to angle 0, of a cable or a flexure",
+         "stiffness towards angle 0, as of a cable or flexure",
          lower=0.0, basis=lambda m: m.angle, potential=lambda x, _n: 0.5 * x**2,
          describing=lambda _w, a, _m: np.ones_like(a),
          looks_like="a spring", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("p3_offset", "p₃ offset", "N m",
-         "gravity moment of a centre of mass beside the line from pivot to added mass",
+         "gravity moment of a centre of mass off the line from pivot to added mass",
          basis=lambda m: np.cos(m.angle), potential=lambda x, _n: np.sin(x),
-         looks_like="a centre of mass beside its line",
+         looks_like="a centre of mass off the line to the added mass",
          offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
-    Term("stribeck", "stribeck", "N m", "T_s, excess of friction at rest over T_c",
+    Term("stribeck", "stribeck", "N m", "excess of static friction over Coulomb friction",
          lower=0.0, dry=True, basis=lambda m: m.direction * _excess(m),
          describing=lambda w, a, m: stribeck_describing_function(w, a, m.stribeck_velocity),
          looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
-         "v_s, by which most of that excess is lost",
+         "velocity scale over which that excess vanishes",
          lower=1e-3, size=lambda _torque, speed, _rate: 0.1 * speed,
          follows=frozenset({"stribeck", "motor_stribeck", "load_stribeck"}),
          offered=frozenset({_OUTPUT})),
     Term("motor_friction", "motor friction", "–",
-         "of a gear: growth of friction with the motor's torque",
+         "gear: growth of friction with motor torque",
          lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction, size=_tenth,
-         looks_like="friction that grows with the motor's torque", offered=frozenset({_OUTPUT})),
+         looks_like="friction that grows with motor torque", offered=frozenset({_OUTPUT})),
     Term("load_friction", "load friction", "–",
-         "of a gear: growth of friction with the load's torque (gravity, spring)",
+         "gear: growth of friction with load torque (gravity, spring)",
          lower=0.0, dry=True, basis=lambda m: _carried(-m.way, m.load) * m.direction, size=_tenth,
          looks_like="friction that grows with the load", offered=frozenset({_OUTPUT})),
     Term("motor_stribeck", "motor Stribeck", "–",
-         "of a gear: growth of the excess at rest with the motor's torque",
+         "gear: growth of Stribeck friction with motor torque",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
          basis=lambda m: _carried(m.way_at_rest, m.motor) * m.direction * _excess(m)),
     Term("load_stribeck", "load Stribeck", "–",
-         "of a gear: growth of the excess at rest with the load's torque",
+         "gear: growth of Stribeck friction with load torque",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
          basis=lambda m: _carried(-m.way_at_rest, m.load) * m.direction * _excess(m)),
     Term("lifting_stribeck", "lifting Stribeck", "1/(N m)",
-         "of a gear: its growth with the square of the torque by which the motor drives the load",
+         "gear: growth of Stribeck friction with torque squared while the motor drives the load",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
          basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load < 0) * m.direction
          * _excess(m)),
     Term("lowering_stribeck", "lowering Stribeck", "1/(N m)",
-         "of a gear: its growth with the square of the torque by which the load drives the motor",
+         "gear: growth of Stribeck friction with torque squared while the load drives the motor",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
          basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load > 0) * m.direction
          * _excess(m)),
     Term("tilt", "tilt", "rad",
-         "angle of the axis out of the horizontal, seen in the weight of added masses",
+         "angle of the axis from the horizontal, visible in the weight of added masses",
          lower=0.0, sign_observable=False, size=_tenth,
          offered=frozenset({_OUTPUT})),
     Term("base_compliance", "base compliance", "m/N",
-         "of the spring on which the base gives; 0 for one that stands still",
+         "compliance of a moving base; 0 for a fixed one",
          lower=0.0, state="base", size=_thousandth, describing=base_describing_function,
          offered=frozenset({_HARMONIC, _OUTPUT})),
-    Term("base_frequency", "base frequency", "rad/s", "natural frequency of the bare base",
+    Term("base_frequency", "base frequency", "rad/s",
+         "natural frequency of the base, without added mass",
          lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
-    Term("base_damping", "base damping", "–", "damping ratio of the bare base",
+    Term("base_damping", "base damping", "–", "damping ratio of the base, without added mass",
          lower=0.0, state="base", size=_tenth,
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
-    Term("cogging", "cogging", "N m", "sine part of a torque that repeats over a turn",
+    Term("cogging", "cogging", "N m", "sine part of a torque periodic in the angle",
          basis=lambda m: -np.sin(m.periods * m.angle),
          potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
          describing=lambda _w, a, m: -m.periods * gravity_describing_function(m.periods * a),
          offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
     Term("cogging_cosine", "cogging, cosine", "N m",
-         "cosine part of a torque that repeats over a turn",
+         "cosine part of a torque periodic in the angle",
          basis=lambda m: -np.cos(m.periods * m.angle), potential=lambda x, n: -np.sin(n * x) / n,
          offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
     Term("cogging_periods", "cogging periods", "–",
-         "N, how often it repeats in a turn; one period is what a clutch out of line adds",
+         "periods of that torque per turn; 1 for a misaligned clutch",
          lower=1.0),
     Term("bristle_stiffness", "bristle stiffness", "N m/rad",
-         "LuGre: friction bends before it slides; 0 for friction that sticks rigidly",
+         "LuGre: stiffness of friction before it slides; 0 for rigid sticking",
          lower=0.0, state="deflection of the bristles"),
-    Term("bristle_damping", "bristle damping", "N m s/rad", "LuGre: damping of the bristles",
+    Term("bristle_damping", "bristle damping", "N m s/rad", "LuGre: damping of that friction",
          lower=0.0, state="deflection of the bristles"),
-    Term("back_emf", "back EMF", "N m s/rad", "share of p₂ that follows with the armature's lag, "
-         "and is gone where a servo is off",
+    Term("back_emf", "back EMF", "N m s/rad",
+         "part of p2 that lags with the armature, and is 0 while a servo is off",
          lower=0.0, state="torque of the motor",
          size=lambda torque, speed, _rate: 0.1 * torque / speed, offered=frozenset({_OUTPUT})),
-    Term("time_constant", "time constant", "s", "of the armature, L/R",
+    Term("time_constant", "time constant", "s", "electrical time constant L/R of the armature",
          lower=0.0, state="torque of the motor"),
     Term("dead_zone", "dead zone", "unit",
-         "command that the drive needs before it yields anything",
+         "command below which the drive gives no torque",
          lower=0.0, basis=lambda m: np.sign(m.input), of_gain=True,
          looks_like="a dead zone of the drive", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("compression", "compression", "1/unit",
-         "c of a drive that saturates: it yields v/(1 + c |v|)",
+         "saturation c of a drive that gives v/(1 + c |v|)",
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
-         looks_like="a drive that saturates",
+         looks_like="a saturating drive",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
-    Term("loop_kp", "loop P gain", "–", "proportional gain of the servo's loop, over the told one",
+    Term("loop_kp", "loop P gain", "–", "P gain of the servo loop, relative to the given one",
          lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
-    Term("loop_ki", "loop I gain", "–", "integral gain of the servo's loop, over the told one",
+    Term("loop_ki", "loop I gain", "–", "I gain of the servo loop, relative to the given one",
          lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
-    Term("loop_kd", "loop D gain", "–", "derivative gain of the servo's loop, over the told one",
+    Term("loop_kd", "loop D gain", "–", "D gain of the servo loop, relative to the given one",
          lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
     Term("latency", "latency", "s",
-         "of a servo, from its look at the joint to the torque that follows, besides its clock",
+         "delay of a servo from sampling the joint to the torque, besides its clock",
          lower=0.0, size=lambda _torque, _speed, rate: 0.1 / rate, offered=frozenset({_OUTPUT})),
 )
 # fmt: on
@@ -477,42 +477,42 @@ GEAR = tuple(
 """Friction that grows with torque."""
 
 TERMS = {row.name: row for row in _ROWS}
-"""All rows by name, in the order in which they are printed."""
+"""All rows by name, in printed order."""
 
 FOLLOWERS = {row.name for row in _ROWS if row.follows}
-"""What says nothing without another term."""
+"""Terms that need another term."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
-"""What grows with the scale of all torques."""
+"""Parameters proportional to the scale of all torques."""
 
 SHARES = dict.fromkeys(GROWING, 1.0)
 SHARES |= {row.name: -1.0 for row in _ROWS if row.unit in {"1/(N m)", "m/N"}}
-"""Power of the scale with which each changes that does."""
+"""Power of that scale in each parameter that depends on it."""
 
 TORQUES = {row.name for row in _ROWS if row.basis or row.derivative} & GROWING
 TORQUES -= {"load", "load_drag", "coulomb_slope"}
-"""Of these, what acts by itself."""
+"""Those of them that act without another term."""
 
 BEYOND_MUJOCO = (*GEAR, "coulomb_slope")
 """Friction that MuJoCo alone does not have."""
 
 DRY = tuple(row for row in _ROWS if row.dry)
-"""What holds the joint at rest."""
+"""Terms that hold the joint at rest."""
 
 CONSERVATIVE = tuple(row for row in _ROWS if row.potential is not None)
-"""What has a potential."""
+"""Terms with a potential."""
 
 OF_ANGLE = {row.name for row in CONSERVATIVE} - {"bias"} | {"tilt"}
-"""What depends on where the joint is."""
+"""Terms that depend on the angle."""
 
 DISSIPATIVE = tuple(
     row for row in _ROWS if row.basis and not row.potential and row.name not in {"p4", *DRIVE}
 )
-"""What brakes: functions of the velocity."""
+"""Terms that brake: functions of the velocity."""
 
 
 def torque_of(parameters: FrictionTerms, motion: Motion, rows: Iterable[Term]) -> Any:  # noqa: ANN401
-    """Return the braking torque in N m of some rows that have a basis, in the motion's shape."""
+    """Return the braking torque in N m of rows with a basis, in the shape of the motion."""
     total = 0.0
     for row in rows:
         value = getattr(parameters, row.name)
@@ -523,9 +523,9 @@ def torque_of(parameters: FrictionTerms, motion: Motion, rows: Iterable[Term]) -
 
 
 def made_up(parameters: FrictionTerms, motion: Motion, rows: Sequence[Term]) -> Any:  # noqa: ANN401
-    """Return the braking torque in N m of some rows while the motor makes up for it.
+    """Return the braking torque in N m of some rows while the motor compensates it.
 
-    The motion has the motor's torque without that, which in a gear makes more of it.
+    The motion has the motor torque without compensation, which in a gear increases friction.
     """
     torque = torque_of(parameters, motion, rows)
     for _ in range(_ROUNDS if parameters.geared else 0):
@@ -536,16 +536,16 @@ def made_up(parameters: FrictionTerms, motion: Motion, rows: Sequence[Term]) -> 
 
 
 def companions(names: Iterable[str]) -> set[str]:
-    """Return the names of what comes with some terms."""
+    """Return the names of the terms that follow some terms."""
     leaders = {*names}
     return {row.name for row in _ROWS if row.follows & leaders}
 
 
 def offered(estimator: str) -> tuple[str, ...]:
-    """Names of the terms that an estimator can estimate when asked to, in the table's order."""
+    """Names of the optional terms of an estimator, in the table's order."""
     return tuple(row.name for row in _ROWS if estimator in row.offered)
 
 
 def lower_bounds(names: Iterable[str]) -> Samples:
-    """(n,) least values that n parameters can have; none for a name that is not in the table."""
+    """(n,) lower bounds of n parameters; -inf for a name not in the table."""
     return np.array([TERMS[name].lower if name in TERMS else -np.inf for name in names])

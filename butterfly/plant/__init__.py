@@ -1,4 +1,4 @@
-"""What can be driven: the robot in MuJoCo, its excitations, its clock and its encoder."""
+"""The simulated plant: the robot in MuJoCo, its excitations, clock and encoder."""
 
 import os
 import sys
@@ -6,7 +6,7 @@ from ctypes.util import find_library
 
 
 def has_display() -> bool:
-    """Tell whether there is a display to open a window on; systems other than Linux have one."""
+    """Whether there is a display for a window; always assumed except on Linux."""
     return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 

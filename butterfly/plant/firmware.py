@@ -14,13 +14,13 @@ from butterfly.plant.joints import Joint
 from butterfly.signals.excitations import Table
 
 Spans = tuple[tuple[float, float], ...]
-"""Pairs of instants in s, from one to before the other of which a servo is off."""
+"""Pairs of start and end times in s between which a servo is off."""
 
 _ROUNDING = 1e-9  # of a period, by which sums of durations miss an update
 
 
 class Firmware:
-    """Drives a joint, in MuJoCo or not, as a loop says; its output is held in between."""
+    """Drives a joint, in MuJoCo or not, by a servo loop; its output is held between updates."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -32,11 +32,11 @@ class Firmware:
 
     @property
     def command(self) -> float:
-        """What the drive is told now."""
+        """Present command of the drive."""
         return self._torque / self._loop.p4
 
     def update(self, joint: Joint, k: int = 0) -> None:
-        """Look at a joint at the start of interval k."""
+        """Sample a joint at the start of interval k."""
         loop = self._loop
         if loop.on[k] != self._is_on:
             self._is_on = loop.on[k]
@@ -46,9 +46,9 @@ class Firmware:
 
 
 class Servo(Firmware):
-    """A servo that follows a set-point by the clock of its own firmware, unless it is off.
+    """A servo that follows a setpoint at the clock of its firmware, unless it is off.
 
-    It sees its joint as it is, without an encoder.
+    It measures the true state of its joint, without an encoder.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Servo(Firmware):
         self._updates, self._goal = 0, math.nan
 
     def advance(self, joint: Joint, setpoint: float, begin: float, end: float) -> None:
-        """Move a joint on, between instants in s, with a set-point."""
+        """Simulate a joint between two instants in s with a setpoint."""
         self._loop.on[0] = is_on(self._torque_off, np.array(begin))
         if self._supply is not None:
             self._loop.supply[0] = self._supply.sample(np.array(begin))
@@ -91,6 +91,6 @@ class Servo(Firmware):
 
 
 def is_on(torque_off: Spans, time: Samples) -> Samples:
-    """Return where, of (n,) instants in s, a servo is not off."""
+    """Return a mask of (n,) instants in s at which a servo is on."""
     off = [(time >= begin) & (time < end) for begin, end in torque_off]
     return np.asarray(1.0 - np.any(off, axis=0))

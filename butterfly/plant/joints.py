@@ -1,4 +1,4 @@
-"""The two simulated joints: in MuJoCo, and by the grey-box equation."""
+"""The two simulated joints: in MuJoCo, and with the grey-box equation."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _NO_SENSORS = 1  # but sensors are
 
 
 def steps_of(duration: float) -> int:
-    """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
+    """Return the number of equal steps of at most `LONGEST_STEP` in ``duration`` s."""
     if duration <= LONGEST_STEP:  # the usual cycle, in a loop that must be fast
         return 1
     return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))
 
 
 class Joint(ABC):
-    """A simulated joint: a robot and what it carries, first at ``angle`` rad, mostly at rest."""
+    """A simulated joint: a robot with an added mass, first at ``angle`` rad, usually at rest."""
 
     def __init__(
         self,
@@ -67,27 +67,27 @@ class Joint(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Go back to how it began, at time 0."""
+        """Go back to the initial state, at time 0."""
 
     @abstractmethod
     def advance(self, command: float, duration: float) -> None:
-        """Move on for ``duration`` s with ``command`` held."""
+        """Simulate ``duration`` s with ``command`` held."""
 
     @abstractmethod
     def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
-        """Return the (n,) true angles in rad at ``stamps`` in s of a whole run.
+        """Return the (n,) true angles in rad at timestamps in s of a whole run.
 
-        Each of the (n,) commands is held from its ``arrivals`` in s, none before it, to the next:
+        Each of the (n,) commands is held from its ``arrivals`` in s to the next, with none before:
         the arithmetic of `butterfly.plant.rig.SimulatedMotor`, in the same order.
         """
 
     def open_circuit(self, is_open: bool) -> None:
-        """Open the motor's circuit, which then has no back EMF, or close it."""
+        """Open the motor's circuit, which removes the back EMF, or close it."""
         back_emf = 0.0 if is_open else self._loaded.back_emf
         self._constants = self._constants._replace(back_emf=back_emf)
 
     def follow(self, commands: Samples, durations: Samples) -> Samples:
-        """Hold each of (n,) commands for its duration in s; return the (n + 1,) angles between."""
+        """Hold (n,) commands for their durations in s; return the (n + 1,) angles between."""
         reached = [self.angle]
         for command, duration in zip(commands.tolist(), durations.tolist(), strict=True):
             self.advance(command, duration)
@@ -97,17 +97,17 @@ class Joint(ABC):
     @property
     @abstractmethod
     def _armature_current(self) -> float:
-        """Current in A of an armature with an inductance, a state of the simulation."""
+        """Current in A of an armature with inductance, a state of the simulation."""
 
     def current(self, command: float) -> float:
-        """Armature current in A (4) under ``command``; NaN for a torque drive, which hides it."""
+        """Armature current in A (4) under ``command``; NaN for a torque drive."""
         if self._lags:
             return self._armature_current
         return (command - self._back_emf_constant * self.velocity) / self._resistance
 
 
 class MujocoJoint(Joint):
-    """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be looked at."""
+    """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be viewed."""
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class MujocoJoint(Joint):
         self.data = data = mujoco.MjData(self.model)
         self._options, self._length = self.model.opt, 0.0
         self._hinge = hinge_of(self.model)
-        # looking a column up costs as much as reading it, and an array's element twice a view's
+        # looking up a column costs as much as reading it, and an array element twice a view's
         self._position: memoryview[float] = memoryview(data.qpos)
         self._velocity: memoryview[float] = memoryview(data.qvel)
         self._acceleration: memoryview[float] = memoryview(data.qacc)
@@ -146,7 +146,7 @@ class MujocoJoint(Joint):
         return self._velocity[self._hinge]
 
     def reset(self) -> None:
-        """Go back to how it began."""
+        """Go back to the initial state."""
         mujoco.mj_resetData(self.model, self.data)
         hinge = self._hinge
         self.data.qpos[hinge], self.data.qvel[hinge] = self._initial
@@ -162,12 +162,12 @@ class MujocoJoint(Joint):
             self.model.actuator_gear[0, 0] = 0.0 if is_open else 1.0
 
     def advance(self, command: float, duration: float) -> None:
-        """Step MuJoCo through ``duration`` s in equal steps that lag and bristles allow."""
+        """Step MuJoCo through ``duration`` s, in steps short enough for lag and bristles."""
         count = steps_of(duration)
         if self._is_stiff:
             count = max(count, least_steps(self._constants, self.velocity, duration))
         step = duration / count
-        if step != self._length:  # to set it costs as much as to read all columns
+        if step != self._length:  # setting it costs as much as reading all columns
             self._options.timestep = self._length = step
         if self._armature is None and not self._sticks_harder:
             self._command[0] = command
@@ -177,7 +177,7 @@ class MujocoJoint(Joint):
             self._step(command, count)
             return
         half, hinge = 0.5 * step, self._hinge
-        for _ in range(count):  # friction is set anew for the middle of each step
+        for _ in range(count):  # friction is set for the middle of each step
             speed = self._velocity[hinge] + half * self._acceleration[hinge]
             if self._armature and self._drive:
                 motor = self._armature.current * self._drive.torque_constant
@@ -203,7 +203,7 @@ class MujocoJoint(Joint):
         steps = durations / counts
         model, data, step, position = self.model, self.data, mujoco.mj_step, self._position
         hinge = self._hinge
-        reached = [self.angle]  # what is done here is done a million times
+        reached = [self.angle]  # this loop runs a million times
         for command, length, count in zip(
             commands.tolist(), steps.tolist(), counts.tolist(), strict=True
         ):
@@ -226,11 +226,11 @@ class MujocoJoint(Joint):
 
 
 class _Armature:
-    """Steps MuJoCo and the current of its motor by one RK4 (2)-(4).
+    """Steps MuJoCo and the motor current together with RK4 (2)-(4).
 
-    MuJoCo's own current is of first order. Its way to a better one is a callback that all threads
-    of the process share; here MuJoCo gives accelerations under the current of each stage instead.
-    The model's first command is the current, its first joint the one that is driven.
+    MuJoCo integrates its own current to first order, and its alternative, a callback, is shared by
+    all threads. So MuJoCo computes accelerations for the current of each stage. The first command
+    of the model is the current, its first joint the driven one.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, drive: VoltageDrive) -> None:
@@ -242,7 +242,7 @@ class _Armature:
         self._bends = model.na > 0
 
     def advance(self, voltage: float, count: int) -> None:
-        """Take ``count`` steps of the model's own length under a voltage in V."""
+        """Take ``count`` steps of the model's length under a voltage in V."""
         h = self._model.opt.timestep
         half, sixth = 0.5 * h, h / 6.0
         x, v, i = self._position.item(), self._velocity.item(), self.current
@@ -281,17 +281,19 @@ class _Armature:
 
 
 def _as_one(column: Samples) -> NDArray[Any]:
-    """View shaft, and hand behind a clutch, as one complex number, which is faster."""
+    """View the shaft, and a body behind a clutch, as one complex number, which is faster."""
     return column if column.size == 1 else column.view(np.complex128)
 
 
 class GreyBoxJoint(Joint):
-    """The same robot by the grey-box equation, with set-valued friction and without play."""
+    """The robot with the grey-box equation: set-valued friction, no play."""
 
     def __init__(self, robot: Robot, added: AddedMass = NO_ADDED_MASS, **start: float) -> None:
         super().__init__(robot, added, **start)
         if robot.clutch:
-            raise InputError("GreyBoxJoint", "clutch", robot.clutch, "none: MuJoCo alone has play")
+            raise InputError(
+                "GreyBoxJoint", "clutch", robot.clutch, "none: only MuJoCo simulates play"
+            )
         self.reset()
 
     @property
@@ -305,7 +307,7 @@ class GreyBoxJoint(Joint):
         return self._state[1]
 
     def reset(self) -> None:
-        """Go back to how it began."""
+        """Go back to the initial state."""
         self._state = (*self._initial, 0.0, 0.0)
 
     def advance(self, command: float, duration: float) -> None:
@@ -316,7 +318,7 @@ class GreyBoxJoint(Joint):
     def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`.
 
-        NaN from the instant on at which the joint has turned beyond `LARGEST_ANGLE`.
+        NaN once the joint has turned beyond `LARGEST_ANGLE`.
         """
         torques = self._loaded.p4 * commands
         told = (stamps, torques, arrivals, self._moving)

@@ -23,11 +23,11 @@ from butterfly.model.terms import BEYOND_MUJOCO
 from butterfly.plant.robot import Assistance, Clutch, Robot, Shape
 
 MODELS = "models"
-"""Folder of the shipped mechanisms (`Shape`), each beside its scene: light, a camera and so on."""
+"""Folder of the shipped mechanisms (`Shape`), each with its scene: light, camera etc."""
 
 NO_CONSTANT = 1e-12
-"""Motor constant in N m/A of the parts that MuJoCo calls a motor and that are none: it takes no 0,
-and this adds a damping of 1e-24 N m s/rad."""
+"""Motor constant in N m/A of MuJoCo motors without back EMF: 0 is not allowed, and this adds a
+damping of 1e-24 N m s/rad."""
 
 _PLATE = 0.15  # m from the axis to the end of a plate
 _SCENE = 0.2  # m from the axis that the camera shows at least
@@ -42,7 +42,7 @@ _ROD = 0.004  # m, radius
 def compile_model(
     robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False
 ) -> mujoco.MjModel:
-    """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it."""
+    """Compile the MuJoCo model of a robot for `butterfly.plant.joints.MujocoJoint`."""
     root = built(robot, added, scene=scene, assisted=True)
     if not scene:  # all that is drawn would cost time where nobody looks
         for parent in root.iter():
@@ -52,7 +52,7 @@ def compile_model(
 
 
 def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
-    """Put a mass on the compiled model of a robot, in place of the one it carries, drawn alike."""
+    """Replace the added mass, and its drawing, in the compiled model of a robot."""
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
     model.body_inertia[body] = robot.inertia_of(added)
@@ -68,7 +68,7 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
 
 
 def hinge_of(model: mujoco.MjModel) -> int:
-    """Return where a model's joint stands among all that move, after a base of its own."""
+    """Return the index of a model's joint, which follows that of a moving base."""
     return int(model.jnt_dofadr[model.actuator_trnid[0, 0]])  # it is what the motor drives
 
 
@@ -80,26 +80,26 @@ def text_of(root: ElementTree.Element) -> str:
 def built(
     robot: Robot, added: AddedMass, *, scene: bool, assisted: bool = False
 ) -> ElementTree.Element:
-    """Return the shipped model, filled in, ``assisted`` if `MujocoJoint` is to run it.
+    """Return the shipped model with the robot's values, ``assisted`` for `MujocoJoint`.
 
-    Every number is written so that it reads back bit for bit. Else a robot that MuJoCo alone cannot
-    run is an InputError.
-
-    The motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off
-    at 1 ms.
+    Every number reads back bit for bit. Unless assisted, a robot that MuJoCo alone cannot run is an
+    InputError. If assisted and the current is a state, the command is the current: MuJoCo's own
+    current gives an error of 6e-4 rad at 1 ms.
     """
     friction = robot.loaded(added)
     beyond = [name for name in BEYOND_MUJOCO if getattr(robot.friction, name)]
     if beyond and not assisted:
-        expected = "none: MuJoCo alone has no friction that torque or angle change (`export` leaves"
-        raise InputError("Friction", "terms", ", ".join(beyond), f"{expected} it out)")
+        expected = (
+            "none: MuJoCo has no friction that depends on torque or angle (`export` omits it)"
+        )
+        raise InputError("Friction", "terms", ", ".join(beyond), expected)
     if Assistance.STICKING in robot.assistance and not assisted:
         raise InputError(
             "Friction",
             "bristle_stiffness",
             0,
-            "more than 0: MuJoCo's friction sticks harder with bristles only, or by the actuators "
-            "that `butterfly export` adds",
+            "more than 0: MuJoCo needs bristles for Stribeck friction, or the actuators that "
+            "`butterfly export` adds",
         )
     model = shipped(f"{MODELS}/{robot.shape}.xml")
     root = _parse(model)
@@ -139,12 +139,12 @@ def _parse(path: Path) -> ElementTree.Element:
 
 
 def named(root: ElementTree.Element, name: str) -> ElementTree.Element:
-    """Return the mechanism's body, joint or motor of a name."""
+    """Return the body, joint or motor of a name in the mechanism."""
     return next(element for element in root.iter() if element.get("name") == name)
 
 
 def _insert_clutch(root: ElementTree.Element, clutch: Clutch) -> None:
-    """Put a rotor between world and hand, which then hangs on a joint with play."""
+    """Insert a rotor between world and body, with a joint with play."""
     world, hand = next(root.iter("worldbody")), named(root, "hand")
     inertial = next(hand.iter("inertial"))
     rest = float(inertial.get("diaginertia", "").split()[0]) - clutch.rotor_inertia
@@ -169,7 +169,7 @@ def _insert_clutch(root: ElementTree.Element, clutch: Clutch) -> None:
 
 
 def _insert_base(root: ElementTree.Element, base: Base, mass: float) -> None:
-    """Put all that moves on a base, with a mass of its own in kg, on its spring and damper."""
+    """Put all moving parts on a base with its own mass in kg, spring and damper."""
     world = next(root.iter("worldbody"))
     carried = [each for each in world if each.tag == "body"]
     body = ElementTree.SubElement(world, "body", name="base")
@@ -184,7 +184,7 @@ def _insert_base(root: ElementTree.Element, base: Base, mass: float) -> None:
 
 
 def _pulls(p: LumpedParameters) -> list[ElementTree.Element]:
-    """Return the actuators that add bias, cogging and bristles; they take no command."""
+    """Return the actuators for bias, cogging and bristles, which take no command."""
     pulls = []
     idle = {"motorconst": f"{NO_CONSTANT!r} {NO_CONSTANT!r}", "resistance": "1"}
     if p.bias:
@@ -206,7 +206,7 @@ def _actuator(kind: str, name: str, attributes: dict[str, str]) -> ElementTree.E
 
 
 def _set_motor(motor: ElementTree.Element, drive: Drive, *, commands_current: bool) -> None:
-    """Fill in the motor; without back EMF, or with its current for a command, it is a gain.
+    """Set the motor; without back EMF, or with the current as command, it is a gain.
 
     MuJoCo's dcmotor takes one constant K = sqrt(k_i k_emf) for torque and back EMF. Unequal ones
     are rescaled exactly: with K = k_emf and R' = R k_emf/k_i the torque K/R' (v - K thd) equals
@@ -247,7 +247,7 @@ def _merge(root: ElementTree.Element, scene: ElementTree.Element) -> None:
 
 
 def disc_radius(mass: float) -> float:
-    """Return the radius in m of the brass disc that is drawn for an added mass in kg."""
+    """Return the radius in m of the brass disc drawn for an added mass in kg."""
     return max(_SMALLEST, math.cbrt(mass / (math.pi * _FLATNESS * _BRASS)))
 
 

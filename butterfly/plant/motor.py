@@ -1,4 +1,4 @@
-"""The motor wrapper: what a control law may do to a joint, real or simulated, and its loop."""
+"""The interface of a control law to a real or simulated joint, and the control loop."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from butterfly.model.terms import DriveTerms
 from butterfly.plant.sensors import Clock, filtered_difference, rounded, stamps_of
 
 LARGEST_COMMAND = 1e10
-"""In units of the command; MuJoCo takes none from there on."""
+"""In units of the command; MuJoCo accepts no larger one."""
 
 LARGEST_ANGLE = 1e5
-"""In rad, sixteen thousand turns; a joint that has turned further has diverged."""
+"""In rad, sixteen thousand turns: beyond it, a joint has diverged."""
 
 _USABLE = f"a number smaller than {LARGEST_COMMAND:g}"
 
 
 class Reading(NamedTuple):
-    """What the controller sees: time in s, angle in rad, current in A (NaN if not measured)."""
+    """A measurement: time in s, angle in rad, current in A (NaN if not measured)."""
 
     time: float
     angle: float
@@ -35,27 +35,27 @@ class Reading(NamedTuple):
 
 ControlLaw = Callable[[Reading], float]
 Signal = Callable[[Samples], Samples]
-Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
+Sample = tuple[float, float, float]  # timestamp in s, command as set, angle in rad as read
 
 
 class Motor(Protocol):
-    """A joint that takes commands. Whoever has these methods is one; hardware included.
+    """A joint that takes commands: any object with these methods, including hardware.
 
     The command is held until the next one (zero-order hold).
     """
 
     @property
     def input_kind(self) -> InputKind:
-        """What the command means: V or units of torque."""
+        """Kind of the command: V or units of torque."""
 
     def start(self) -> None:
-        """Get ready at time 0, with the command at 0."""
+        """Prepare at time 0, with command 0."""
 
     def stop(self) -> None:
-        """Let go of the joint; called however the run ended."""
+        """Release the joint; always called at the end of a run."""
 
     def command(self, value: float) -> float:
-        """Set the command, and return it as it was really set (saturated, rounded)."""
+        """Set the command; return it as set (saturated, rounded)."""
 
     def read(self) -> Reading:
         """Read clock and sensors now."""
@@ -66,10 +66,10 @@ class Motor(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class CommandPath(DriveTerms):
-    """What lies between a command and the motor's terminals.
+    """The path from a command to the motor's terminals.
 
-    A dead zone, in units of the command, and a compression c, in 1/unit, are flaws that the log
-    does not show: the drive yields v/(1 + c |v|) of what the dead zone leaves.
+    A dead zone, in units of the command, and a compression c, in 1/unit, do not show in the log:
+    the drive gives v/(1 + c |v|), with v the command beyond the dead zone.
     """
 
     limit: float = math.inf
@@ -86,7 +86,7 @@ class CommandPath(DriveTerms):
         require_number("CommandPath", **others)
 
     def shape(self, value: float) -> float:
-        """Return the command that leaves the path: rounded, then saturated."""
+        """Return the command after the path: rounded, then saturated."""
         if not abs(value) < LARGEST_COMMAND:
             raise InputError("control law", "command", value, _USABLE)
         if self.resolution > 0:
@@ -94,7 +94,7 @@ class CommandPath(DriveTerms):
         return value if abs(value) <= self.limit else math.copysign(self.limit, value)
 
     def shape_all(self, values: Samples) -> Samples:
-        """Return what leaves the path when (n,) ``values`` enter it one by one."""
+        """Return (n,) commands after the path."""
         usable = np.abs(values) < LARGEST_COMMAND
         if not usable.all():
             raise InputError("control law", "command", values[~usable][0], _USABLE)
@@ -104,9 +104,9 @@ class CommandPath(DriveTerms):
 
 
 class ReplayMotor:
-    """A recorded log in the place of a motor: its angles come back, whatever is commanded.
+    """A recorded log in place of a motor: it returns the recorded angles for any command.
 
-    Tells what a controller, an observer or an estimator would have seen and done on that day.
+    Shows what a controller, an observer or an estimator would have done with these measurements.
     """
 
     def __init__(self, log: Log) -> None:
@@ -115,7 +115,7 @@ class ReplayMotor:
 
     @property
     def input_kind(self) -> InputKind:
-        """What the log's input meant."""
+        """Kind of the log's input."""
         return self._log.input_kind
 
     def start(self) -> None:
@@ -126,7 +126,7 @@ class ReplayMotor:
         """Do nothing: nothing moves."""
 
     def command(self, value: float) -> float:
-        """Take note of nothing; return the value."""
+        """Ignore the command; return it."""
         return value
 
     def read(self) -> Reading:
@@ -136,7 +136,7 @@ class ReplayMotor:
         return Reading(self._time, angle, math.nan)
 
     def wait(self, duration: float) -> None:
-        """Move on in the log, which must not end before."""
+        """Move on in the log, which must be long enough."""
         self._time += duration
         length = float(self._log.time[-1] - self._log.time[0])
         if self._time > length * (1 + 1e-9):
@@ -144,7 +144,7 @@ class ReplayMotor:
 
 
 class ControlLoop:
-    """A motor under control: starts it on entering, stops it on leaving, come what may."""
+    """A motor under control: started on entering, always stopped on leaving."""
 
     def __init__(
         self, motor: Motor, *, clock: Clock = Clock(), rng: np.random.Generator | None = None
@@ -161,19 +161,19 @@ class ControlLoop:
         self._motor.stop()
 
     def run(self, law: ControlLaw, duration: float, **about: Any) -> Log:  # noqa: ANN401
-        """Read, let the law decide, command, wait for the next cycle; so for ``duration`` s.
+        """Repeat for ``duration`` s: read, command what the law returns, wait for the next cycle.
 
-        ``about`` are fields of the log that describe the run. Commands are logged as they were set,
-        angles as they were read; the velocity is the filtered difference of the angles.
+        ``about`` are fields of the log that describe the run. Commands are logged as set, angles as
+        read; the velocity is the filtered difference of the angles.
         """
         return self._recorded(self._samples(law, self._clock.cycles(duration, self._rng)), about)
 
     def play(self, signal: Signal, duration: float, **about: Any) -> Log:  # noqa: ANN401
-        """Command a signal of (n,) planned stamps in s; the rest is as in `run`."""
+        """Command a signal at (n,) planned timestamps in s; otherwise like `run`."""
         return self._recorded(self.samples(signal, duration), about)
 
     def samples(self, signal: Signal, duration: float) -> Iterator[Sample]:
-        """Yield the samples of `play` one by one, each when its cycle begins."""
+        """Yield the samples of `play`, each at the beginning of its cycle."""
         cycles = self._clock.cycles(duration, self._rng)
         commands = iter(signal(stamps_of(cycles)).tolist())
         return self._samples(lambda _: next(commands), cycles)
@@ -201,7 +201,7 @@ def recorded(
     source: str = "bench",
     **about: Any,  # noqa: ANN401 - the other fields of Log
 ) -> Log:
-    """Make the log of a controller that held each input until the next (zero-order hold)."""
+    """Return the log of a controller that holds each input until the next (zero-order hold)."""
     if not (np.abs(angle) < LARGEST_ANGLE).all():
         raise InputError(source, "angle", "a joint that diverged", "smaller commands")
     return Log(

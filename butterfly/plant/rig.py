@@ -1,4 +1,4 @@
-"""A simulated rig: the robot, what simulates it, and what lies between it and the log."""
+"""A simulated rig: the robot, its simulator, and the path to the log."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from butterfly.signals.excitations import Excitation, Table, initial_angle
 
 
 class SimulatedMotor:
-    """A motor whose joint is simulated, with a command path and an encoder, its noise from ``rng``.
+    """A motor with a simulated joint, a command path and an encoder, its noise from ``rng``.
 
     A delayed command takes effect at its own instant, not at the next cycle; regimes of the
-    ``clock`` delay it further. The command of a ``servo`` is its set-point.
+    ``clock`` delay it further. The command of a ``servo`` is its setpoint.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class SimulatedMotor:
 
     @property
     def input_kind(self) -> InputKind:
-        """What the command means."""
+        """Kind of the command."""
         return self._joint.input_kind if self._servo is None else InputKind.SETPOINT
 
     def start(self) -> None:
@@ -117,7 +117,7 @@ class SimulatedMotor:
 
 
 class Simulator(StrEnum):
-    """What simulates the joint."""
+    """Simulator of the joint."""
 
     MUJOCO = "mujoco"
     GREY_BOX = "grey-box"
@@ -128,7 +128,7 @@ _SOURCES = {Simulator.MUJOCO: "MuJoCo", Simulator.GREY_BOX: "grey box"}
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """A robot and how it is run; joint, motor and control loop are made here."""
+    """A robot and how it is run; creates joint, motor and control loop."""
 
     robot: Robot
     simulator: Simulator = Simulator.MUJOCO
@@ -137,15 +137,15 @@ class Rig:
     path: CommandPath = CommandPath()
     faults: Faults = Faults()
     servo: ServoLoop | None = None
-    """Its loop, whose set-points are the commands; what the path does to them is to the drive."""
+    """Its loop: the commands are setpoints, and the command path applies to the drive."""
     torque_off: Spans = ()
-    """Pairs of instants in s, from one to before the other of which the servo is off."""
+    """Pairs of start and end times in s between which the servo is off."""
     supply: Table | None = None
-    """Its volts, where they are not those of its loop throughout."""
+    """Supply in V over time, if not that of the loop."""
 
     @property
     def runs_in_mujoco(self) -> bool:
-        """Whether MuJoCo does whole runs: all its steps have one length then, and need no help."""
+        """Whether MuJoCo simulates whole runs: with equal steps and without `Assistance`."""
         if self.simulator is Simulator.GREY_BOX or self.servo is not None:
             return False
         return self.clock.even and self.path.delay == 0 and not self.robot.assistance
@@ -153,13 +153,13 @@ class Rig:
     def joint(
         self, added: AddedMass, angle: float = 0.0, *, scene: bool = False
     ) -> MujocoJoint | GreyBoxJoint:
-        """Return the joint at rest at an angle in rad; MuJoCo's with a scene for a viewer."""
+        """Return the joint at rest at an angle in rad; in MuJoCo with a scene for a viewer."""
         if self.simulator is Simulator.MUJOCO:
             return MujocoJoint(self.robot, added, angle=angle, scene=scene)
         return GreyBoxJoint(self.robot, added, angle=angle)
 
     def loop(self, joint: Joint, rng: np.random.Generator) -> ControlLoop:
-        """Return a control loop about a joint; all that is random is drawn from ``rng``."""
+        """Return a control loop around a joint, with all random numbers from ``rng``."""
         path, servo = self.path, None
         if self.servo is not None:  # behind whose firmware are the flaws of the drive
             own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
@@ -206,14 +206,14 @@ class Rig:
         true: Samples,
         rng: np.random.Generator,
     ) -> Log:
-        """Return the log that `play` makes of (n,) stamps, commands and true angles of a run."""
+        """Return the log of `play` from (n,) timestamps, commands and true angles of a run."""
         angle = self.encoder.read(time, true, rng)
         about = self._about(*run)
         log = recorded(time, commands, angle, input_kind=self.robot.input_kind, **about)
         return self._kept(log, rng)
 
     def _kept(self, log: Log, rng: np.random.Generator) -> Log:
-        """Return the log of a run as it is written."""
+        """Return the log of a run as written, with faults."""
         if self.torque_off:
             log = replace(log, enabled=is_on(self.torque_off, log.time))
         if self.supply is not None:

@@ -1,4 +1,4 @@
-"""The robot: hand, motor, friction, and what is between; or one that moves as identified."""
+"""The robot: body, motor, friction and clutch; or one with identified parameters."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from butterfly.model.parameters import (
 from butterfly.model.terms import BASE_TERMS
 
 HAND_MASS = 0.3
-"""Mass in kg of an identified hand if none is given; the motion does not depend on it."""
+"""Default mass in kg of an identified joint; the motion does not depend on it."""
 
 _AMPLE = 2.0  # least masses, of a hand that cannot be as light: half of p1 is then its J_p
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clutch:
-    """A clutch with play between motor shaft and hand; friction and encoder stay on the shaft."""
+    """A clutch with play between motor shaft and body; friction and encoder are on the shaft."""
 
     backlash: float  # Whole play in rad
     rotor_inertia: float  # The motor side's share of the hand's inertia, in kg m^2
@@ -44,7 +44,7 @@ class Clutch:
 
 
 class Shape(StrEnum):
-    """What a robot looks like, and how its joint moves: a folder's model below models/."""
+    """Shape of a robot and kind of its joint: a model below models/."""
 
     BUTTERFLY = "butterfly_hand/hand"
     BAR = "plain_joint/bar"
@@ -52,22 +52,22 @@ class Shape(StrEnum):
 
 
 PARTS = ("hand", "drive", "friction", "clutch", "base")
-"""What a robot consists of."""
+"""Parts of a robot."""
 
 
 class Assistance(StrEnum):
-    """What MuJoCo alone cannot do for a robot, and `butterfly.plant.joints.MujocoJoint` does."""
+    """What MuJoCo cannot do by itself and `butterfly.plant.joints.MujocoJoint` adds."""
 
-    CURRENT = "a current of more than first order"
-    STICKING = "friction that sticks harder than it slides, or that torque or angle change"
+    CURRENT = "a current integrated beyond first order"
+    STICKING = "Stribeck friction, or friction that depends on torque or angle"
     BRISTLES = "steps short enough for bristles"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A hand, what drives it, what brakes it, what is between, and what it stands on.
+    """A joint: its body, drive, friction, clutch and base.
 
-    No clutch is a rigid one, no base one that stands still.
+    No clutch means a rigid one, no base a fixed one.
     """
 
     hand: Hand
@@ -82,28 +82,28 @@ class Robot:
             require_plain_base(self.lumped)
             if not self.base.mass > self.hand.mass:
                 found = f"a mass of {self.base.mass:g} kg"
-                expected = f"more than the {self.hand.mass:g} kg of the hand that it carries"
+                expected = f"more than the mass of the joint on it, {self.hand.mass:g} kg"
                 raise InputError("Base", "compliance", found, expected)
         if self.clutch and not self.clutch.rotor_inertia < self.hand.inertia:
             raise InputError(
                 "Clutch",
                 "rotor_inertia",
                 self.clutch.rotor_inertia,
-                f"less than the {self.hand.inertia:g} kg m^2 of hand and rotor together",
+                f"less than {self.hand.inertia:g} kg m^2, the inertia of body and rotor together",
             )
 
     @classmethod
     def of_lumped(cls, parameters: LumpedParameters, mass: float | None = None) -> Robot:
-        """Return a robot that moves as ``parameters`` say, numbers of any kind: (6) read backwards.
+        """Return a robot with the motion of ``parameters``: (6) inverted.
 
-        The mass of the hand in kg cannot be seen in the motion: any that leaves J_p = p1 - (p3^2 +
-        p3_offset^2)/(m (g cos tilt)^2) positive moves alike. If not given it is `HAND_MASS`, or
-        more where no hand so light moves so. The delay is left out.
+        The motion does not depend on the mass of the body in kg, if J_p = p1 - (p3^2 +
+        p3_offset^2)/(m (g cos tilt)^2) is positive. By default it is `HAND_MASS`, or more if that
+        is too small. The delay is ignored.
         """
         plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
         plain.require_gain("robot")
         if not plain.p1 > 0:
-            raise InputError("Hand", "p1", plain.p1, "more than 0 kg m², for a hand to be possible")
+            raise InputError("Hand", "p1", plain.p1, "more than 0 kg m²")
         pull = GRAVITY * math.cos(plain.tilt)
         least = (math.hypot(plain.p3, plain.p3_offset) / pull) ** 2 / plain.p1
         base = None
@@ -114,8 +114,8 @@ class Robot:
             if base and not mass < base.mass:
                 mass = (least + base.mass) / 2
         if not mass > max(least, 0.0):
-            expected = f"more than {least:.3g} kg, for p1 and p3 to be possible; or none"
-            raise InputError("Hand", "mass (--hand-mass)", mass, f"{expected}, to have one chosen")
+            expected = f"more than {least:.3g} kg for this p1 and p3, or no mass to use a default"
+            raise InputError("Hand", "mass (--hand-mass)", mass, expected)
         distance, offset = (moment / (mass * pull) for moment in (plain.p3, plain.p3_offset))
         hand = Hand(
             mass=mass,
@@ -124,7 +124,7 @@ class Robot:
             inertia=plain.p1 - mass * (distance**2 + offset**2),
             tilt=plain.tilt,
         )
-        back_emf = min(plain.back_emf, plain.p2)  # of p2 a part, whatever noise makes of it
+        back_emf = min(plain.back_emf, plain.p2)  # part of p2 even with noise
         friction = Friction(viscous=plain.p2 - back_emf, **plain.terms())
         drive: Drive = TorqueDrive(gain=plain.p4)
         if back_emf:  # of a motor of 1 Ohm
@@ -140,9 +140,9 @@ class Robot:
     def of_loaded(
         cls, parameters: LumpedParameters, added: AddedMass, mass: float | None = None
     ) -> tuple[Robot, AddedMass]:
-        """Return a robot and what it is to carry, that move together as a loaded joint does.
+        """Return a robot and an added mass with the motion of a loaded joint.
 
-        What a slide carries, or a joint across another gravity, becomes part of the hand.
+        On a slide, or under another gravity, the added mass becomes part of the body.
         """
         if added.gravity == GRAVITY:
             return cls.of_lumped(parameters, mass), added
@@ -154,12 +154,12 @@ class Robot:
 
     @property
     def input_kind(self) -> InputKind:
-        """What the drive's command means."""
+        """Kind of the drive's command."""
         return InputKind.VOLTAGE if isinstance(self.drive, VoltageDrive) else InputKind.TORQUE
 
     @property
     def lumped(self) -> LumpedParameters:
-        """The lumped parameters of the bare hand (6), its clutch without play."""
+        """The lumped parameters of the bare joint (6), with a rigid clutch."""
         hand, drive, friction = self.hand, self.drive, self.friction
         weight = hand.mass * GRAVITY * math.cos(hand.tilt)
         return LumpedParameters(
@@ -176,16 +176,16 @@ class Robot:
         )
 
     def loaded(self, added: AddedMass) -> LumpedParameters:
-        """Return the lumped parameters of the hand that carries ``added`` (78), or refuse it."""
+        """Return the lumped parameters with an added mass (78), or refuse it."""
         mounted = replace(added, gravity=GRAVITY, joint=JointKind.HINGE)
         if added.inertia_and_moment != mounted.inertia_and_moment:
             found = f"{added} on a {added.joint} under {added.gravity:g} m/s²"
-            expected = f"masses on a hinge under {GRAVITY} m/s², which the simulators have"
+            expected = f"a mass on a hinge under {GRAVITY} m/s², as in the simulators"
             raise InputError("Robot", "added_masses", found, expected)
         loaded = self.lumped.with_added_mass(added)
         bends = loaded.bristle_stiffness > 0
         if loaded.coulomb < 0 or (bends and loaded.coulomb == 0):
-            expected = f"one that leaves Coulomb friction at {added} positive"
+            expected = f"a load that keeps Coulomb friction positive with {added}"
             raise InputError("Friction", "load", self.friction.load, expected)
         return loaded
 
@@ -195,7 +195,7 @@ class Robot:
 
     @property
     def assistance(self) -> frozenset[Assistance]:
-        """What MuJoCo needs help with; without any, its compiled loop can run the robot."""
+        """What MuJoCo needs help with; if nothing, its compiled loop can run the robot."""
         needed = {
             Assistance.CURRENT: self.drive.time_constant > 0,
             Assistance.STICKING: self.friction.sticks_harder,

@@ -47,11 +47,11 @@ def simulate_runs(
     threads: int | None = None,
     track: Track = untracked,
 ) -> Iterator[Log]:
-    """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
+    """Simulate each run from hanging at rest, with its excitation through a zero-order hold.
 
-    The runs share ``threads``, one per core if not given. Each log is that of the motor wrapper,
-    `Rig.play`, bit for bit; to within rounding where MuJoCo does whole runs (`Rig.runs_in_mujoco`).
-    A run is what the robot carries and its excitation; its seed gives all that is random in it.
+    The runs share ``threads``, by default one per core. Each log equals that of `Rig.play` bit for
+    bit, or up to rounding if MuJoCo simulates whole runs (`Rig.runs_in_mujoco`). A run is an added
+    mass, an excitation, and a seed for all its random numbers.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
@@ -81,7 +81,7 @@ def _simulated(
 
 
 def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
-    """Simulate a run, on any clock and through any path: the log of `Rig.play`."""
+    """Simulate a run with any clock and path; return the log of `Rig.play`."""
     (added, excitation), rng = job
     if rig.servo is not None:
         return rig.play(added, excitation, duration, rng, joint)
@@ -99,7 +99,7 @@ def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
 
 @lru_cache(maxsize=4)
 def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> Samples:
-    """Return a multisine at (count + 1,) stamps; runs that differ in the robot alone share it."""
+    """Return a multisine at (count + 1,) timestamps, cached for runs of other robots."""
     return multisine.sample(stamps_of(np.full(count, step)))
 
 
@@ -142,11 +142,11 @@ def replay_input(
     drive: DriveTerms = IDEAL,
     slow: tuple[float, float] = (0.0, 0.0),
 ) -> Samples:
-    """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
+    """Return the (n,) true angles in rad of a joint at a log's timestamps, driven by its input.
 
-    The input is what its drive delivers, held at its mean over each step, its hold and a delay in s
-    accounted for, and the ``slow`` delay and interval of its clock's regimes. Steps are short:
-    MuJoCo's Coulomb friction, which creeps at rest, is the sharper the shorter they are.
+    The input is the output of the drive, averaged over each step with its hold, a delay in s, and
+    the ``slow`` delay and interval of its clock's regimes. Steps are short, as MuJoCo's Coulomb
+    friction, which creeps at rest, is sharper for shorter steps.
     """
     joint.reset()
     counts = np.ceil(np.diff(log.time) / _REPLAY_STEP * (1 - 1e-9)).astype(np.intp)
@@ -164,7 +164,7 @@ def replay_loop(
 ) -> tuple[Samples, Samples]:
     """Return the (n,) true angles and velocities of a joint in a log's loop on a grid in s.
 
-    Between its instants are equal steps of at most ``longest`` s.
+    Between grid points the steps are equal, at most ``longest`` s.
     """
     joint.reset()
     firmware = Firmware(loop)

@@ -1,4 +1,4 @@
-"""What stands between the joint and the log: the encoder and the controller's clock."""
+"""Between the joint and the log: the encoder and the controller's clock."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""
 
 _FINEST = 1 << 60  # steps per turn, finer than any angle in double precision
-_BYTES_PER_CYCLE = 64  # stamps, input, angle and velocity of a log, and copies
-_SHORTEST = 0.1  # an interval is never shorter than this share of the nominal one
+_BYTES_PER_CYCLE = 64  # timestamps, input, angle and velocity of a log, and copies
+_SHORTEST = 0.1  # least interval, relative to the nominal one
 _MULTIPLIER, _MODULUS = 16807, 2147483647  # Park & Miller's minimal standard generator
-_LONGEST = 1 << 24  # samples of noise; a longer record is a slip in the sample time
+_LONGEST = 1 << 24  # samples of noise; more indicate a wrong sample time
 
 
 @dataclass(frozen=True, kw_only=True)
 class BandLimitedNoise:
-    """Simulink's band-limited white noise, number for number, so that the thesis's runs replay."""
+    """Simulink's band-limited white noise, number for number, to repeat the thesis's runs."""
 
     # Height of the power spectral density in rad^2 s; the variance is `power`/`sample_time`
     power: float
-    sample_time: float  # In s, over which each number is held
+    sample_time: float  # Hold time of each number in s
     seed: int = 23341  # As typed into the Simulink block
 
     def __post_init__(self) -> None:
         require_number("BandLimitedNoise", power=self.power)
         require_number("BandLimitedNoise", positive=True, unit="s", sample_time=self.sample_time)
         if not 0 <= self.seed < 2**32:
-            raise InputError("BandLimitedNoise", "seed", self.seed, "from 0 to 2^32 - 1")
+            raise InputError("BandLimitedNoise", "seed", self.seed, "an integer from 0 to 2^32 - 1")
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) noise in rad at (n,) instants in s, from 0 on."""
@@ -59,7 +59,7 @@ def _normals(seed: int, count: int) -> Samples:
 
 @compiled
 def _polar(state: int, count: int) -> Samples:
-    """Draw by Marsaglia's polar method, the second number of each pair thrown away."""
+    """Draw by Marsaglia's polar method, without the second number of each pair."""
     numbers = np.empty(count)
     for k in range(count):
         square = 2.0
@@ -83,7 +83,7 @@ class Encoder:
     noise: float = 0.0
     """Standard deviation in rad of white noise added before rounding to a step."""
     band_limited: BandLimitedNoise | None = None
-    """Simulink's noise, added too; None for none."""
+    """Simulink's noise, added too, or None."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.steps <= _FINEST:
@@ -112,7 +112,7 @@ class Encoder:
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """What goes wrong between the controller and the file: shares of samples lost, or repeated."""
+    """Faults between controller and file: fractions of samples lost or repeated."""
 
     dropped: float = 0.0
     duplicated: float = 0.0
@@ -121,10 +121,10 @@ class Faults:
         for name in ("dropped", "duplicated"):
             share = getattr(self, name)
             if not 0 <= share < 1:
-                raise InputError("Faults", name, share, "a share from 0 to below 1")
+                raise InputError("Faults", name, share, "a fraction from 0 to below 1")
 
     def apply(self, log: Log, rng: np.random.Generator) -> Log:
-        """Return the log as it is written: samples lost at random, and others repeated."""
+        """Return the log as written, with samples lost and repeated at random."""
         if self.dropped == self.duplicated == 0:
             return log
         draws = rng.uniform(size=(2, log.time.size))
@@ -134,14 +134,14 @@ class Faults:
 
 @dataclass(frozen=True, kw_only=True)
 class ClockRegime:
-    """Another mean cycle time of a controller's clock, and what comes with it."""
+    """A later regime of a controller's clock: mean cycle time and delay."""
 
     begin: float
-    """In s, from which on."""
+    """Start in s."""
     step: float
     """Mean cycle time in s."""
     delay: float = 0.0
-    """In s, by which commands come later than without it."""
+    """Additional delay of commands in s."""
 
     def __post_init__(self) -> None:
         require_number("ClockRegime", positive=True, unit="s", begin=self.begin, step=self.step)
@@ -150,42 +150,42 @@ class ClockRegime:
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
-    """The controller's cycle: it reads the angle, and sets the input until the next one."""
+    """The controller's cycle: it reads the angle and sets the input until the next cycle."""
 
     step: float = 0.001
     """Mean cycle time in s."""
     jitter: float = 0.0
-    """Standard deviation in s of each cycle time, normal, cut at a tenth of ``step``."""
+    """Standard deviation in s of normal cycle times, which are at least a tenth of ``step``."""
     regimes: tuple[ClockRegime, ...] = ()
-    """Others that follow one after the other."""
+    """Later regimes, in order."""
 
     def __post_init__(self) -> None:
         require_number("Clock", positive=True, unit="s", step=self.step)
         if not (math.isfinite(self.jitter) and 0 <= self.jitter <= self.step / 2):
-            raise InputError("Clock", "jitter", self.jitter, "between 0 and half the step, in s")
+            raise InputError("Clock", "jitter", self.jitter, "from 0 to half the step, in s")
         if (begins := [each.begin for each in self.regimes]) != sorted(set(begins)):
-            raise InputError("Clock", "regimes", begins, "beginnings in s, one after the other")
+            raise InputError("Clock", "regimes", begins, "increasing start times in s")
 
     @property
     def even(self) -> bool:
-        """Whether all cycles are as long."""
+        """Whether all cycles have the same length."""
         return self.jitter == 0 and not self.regimes
 
     def late(self, time: Samples) -> Samples:
-        """Return the (n,) delays in s of the regimes of commands at (n,) instants in s."""
+        """Return the (n,) additional delays in s of commands at (n,) instants in s."""
         delays = np.array([0.0, *(each.delay for each in self.regimes)])
         begins = [each.begin for each in self.regimes]
         return np.asarray(delays[np.searchsorted(begins, time, side="right")])
 
     def count(self, duration: float) -> int:
-        """Return how many cycles fill about ``duration`` s, at least one."""
+        """Return the number of cycles in about ``duration`` s, at least one."""
         require_number("Clock", positive=True, unit="s", duration=duration)
         count = max(duration / self.step, 1.0)
         require_room("Clock", "duration", f"{duration:g} s", _BYTES_PER_CYCLE * count)
         return round(count)
 
     def cycles(self, duration: float, rng: np.random.Generator) -> Samples:
-        """Return the (n,) lengths in s of the cycles that fill about ``duration`` s."""
+        """Return the (n,) lengths in s of the cycles in about ``duration`` s."""
         nominal = np.full(self.count(duration), self.step)
         if self.regimes:
             edges = [0.0, *(min(each.begin, duration) for each in self.regimes), duration]
@@ -198,20 +198,20 @@ class Clock:
 
 
 def rounded(values: Samples) -> Samples:
-    """Return (n,) values rounded as Python's ``round`` does, which knows no negative 0."""
+    """Return (n,) values rounded like Python's ``round``, without negative 0."""
     return np.rint(values) + 0.0
 
 
 def stamps_of(cycles: Samples) -> Samples:
-    """Return the (n + 1,) instants in s at which (n,) cycles of given lengths in s begin or end."""
+    """Return the (n + 1,) instants in s between (n,) cycles of given lengths in s."""
     return np.concatenate([[0.0], np.cumsum(cycles)])
 
 
 def filtered_difference(time: Samples, angle: Samples, lag: float = VELOCITY_LAG) -> Samples:
-    """Return (n,) velocities in rad/s, as a controller makes them, of angles at increasing stamps.
+    """Return (n,) velocities in rad/s, as in a controller, of angles at increasing timestamps.
 
-    `FilteredDifference` makes them one by one: a backward difference, and a low pass of first order
-    with a time constant ``lag`` in s. They lag by it plus half a sample.
+    A backward difference and a first-order low pass with the time constant ``lag`` in s, as
+    `FilteredDifference` computes sample by sample. They lag by it plus half a sample.
     """
     steps = np.diff(time)
     keep = np.exp(-steps / lag)
@@ -227,7 +227,7 @@ def _low_passed(keep: Samples, values: Samples) -> Samples:
 
 
 class FilteredDifference:
-    """The `filtered_difference` of readings as they come, in a running control loop."""
+    """The `filtered_difference` of single readings, in a running control loop."""
 
     def __init__(self, time_constant: float = 0.003) -> None:
         require_number("FilteredDifference", positive=True, time_constant=time_constant)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,13 @@ def panels(
 def add(figure: Figure, row: int, x: object, y: object, **style: object) -> None:
     """Add a line or points to a panel of a figure with one column of them."""
     figure.add_scatter(x=x, y=y, row=row, col=1, **style)
+
+
+def log_ticks(*digits: int) -> dict[str, Any]:
+    """Return what makes an axis logarithmic, with these first digits written out, as numbers."""
+    powers = [(digit, power) for power in range(-9, 10) for digit in digits]
+    values = [float(f"{digit}e{power}") for digit, power in powers]
+    return {"type": "log", "tickvals": values, "ticktext": [f"{each:.9g}" for each in values]}
 
 
 def logs_panel(names: Sequence[str], across: str) -> Figure:

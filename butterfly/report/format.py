@@ -38,6 +38,13 @@ def times_text(times: float) -> str:
     return f"{times:.1f}" if times < 10 else f"{times:.0f}"  # noqa: PLR2004 - two digits
 
 
+def upwards(share: float) -> str:
+    """Return a share in per cent with two digits, rounded up, as a limit has to be."""
+    percent = 100 * share * (1 - 1e-9)
+    digit = 10.0 ** (math.floor(math.log10(percent)) - 1) if percent > 0 else 1.0
+    return f"{math.ceil(percent / digit) * digit:.4g} %"
+
+
 def counted(number: float, thing: str) -> str:
     """Return a number of things."""
     return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
@@ -81,4 +88,4 @@ def field_unit(path: str) -> str:
 def field_label(path: str) -> str:
     """Return `field_name` of a field, with its unit if it has one."""
     unit = field_unit(path)
-    return f"{field_name(path)}, {unit}" if unit else field_name(path)
+    return f"{field_name(path)} in {unit}" if unit else field_name(path)

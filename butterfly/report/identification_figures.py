@@ -20,6 +20,7 @@ from butterfly.report.figures import (
     PALETTE,
     add,
     grams,
+    log_ticks,
     logs_panel,
     mass_looks,
     middle,
@@ -154,11 +155,12 @@ class IdentificationPlots:
         count = len(_HEIGHTS) if data.sines else 2
         way = data.joint.way
         unit = f"{way}/{data.input_kind.unit}"
-        titles = (f"|θ/u| in {unit}", "phase in °", "gain error<br>in %", "phase error<br>in °")
+        titles = (f"gain in {unit}", "phase in °", "gain error<br>in %", "phase error<br>in °")
         height = 820 if data.sines else 520
-        figure = panels("ω in rad/s", titles[:count], height, spacing=0.03, shares=_HEIGHTS[:count])
-        figure.update_xaxes(type="log", dtick="D1")
-        figure.update_yaxes(type="log", dtick="D2", row=1)
+        across, shares = "frequency in rad/s", _HEIGHTS[:count]
+        figure = panels(across, titles[:count], height, spacing=0.03, shares=shares)
+        figure.update_xaxes(log_ticks(*range(1, 10)))
+        figure.update_yaxes(log_ticks(1, 2, 5), row=1)
         for mass, (colour, symbol) in mass_looks(data.masses).items():
             points = [p for p in data.sines if p.added_mass == mass]
             if not points and data.sines:

@@ -65,10 +65,10 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification, beside the truth where it is known."""
     data, residuals, plots = identification.data, identification.residuals, identification.plot
-    runs = identification.free_runs
-    chosen = middle(identification.fit_of_logs)
+    runs, fits = identification.free_runs, identification.fit_of_logs
+    chosen = middle(fits)
     states = [health.condition for health in data.health]
-    lost = int(np.sum(~np.isfinite(identification.fit_of_logs)))  # they have no FIT
+    lost = int(np.sum(~np.isfinite(fits)))  # they have no FIT
     bands = [log.band for log in residuals.logs]
     sections = [
         Section(
@@ -81,7 +81,7 @@ def identification_page(
             text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.drive_fits),
             series={"time": time_series(runs, bands)},
         ),
-        live_section(identification),
+        live_section(data, identification.estimate, identification.origin, fits),
         Section(
             title="Residuals",
             text="\n".join([*residual_sentences(residuals), _RESIDUALS]),
@@ -178,7 +178,7 @@ def _of_logs(identification: Identification) -> list[Fact]:
         off = f"in the loop {error} m{identification.estimate.joint.way} error"
         servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
     noise = f"of the motion; {times_text(residuals.times)} times the sensor noise"
-    fact = Fact("model error", f"{100 * residuals.relative:.2g} %", noise)
+    fact = Fact("model error", f"{100 * residuals.left:.2g} %", noise)
     return [*servo, *([fact] if math.isfinite(residuals.times) else [])]
 
 
@@ -260,7 +260,7 @@ def _physical(identification: Identification) -> list[Section]:
         name="physical",
         headers=tuple(headers),
         rows=[tuple(map(str, row)) for row in rows],
-        words=(0,),
+        words=(headers.index("unit"), headers.index("meaning")),
         caption=caption,
     )
     if not (text or rows):

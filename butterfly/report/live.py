@@ -11,18 +11,20 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
-from butterfly.identification.identification import Identification
+from butterfly.arrays import Samples
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.servo_drive import needs_loop
 from butterfly.model.terms import LOOP_TERMS, TERMS
 from butterfly.report.format import counted
 from butterfly.report.live_log import LiveLog
-from butterfly.report.page import Section
+from butterfly.report.page import Section, environment
 from butterfly.twin.javascript import as_javascript
 from butterfly.twin.twin import Twin
 
@@ -76,52 +78,57 @@ class Slider:
         return max(self.value - reach, least), self.value + reach
 
 
-def live_section(identification: Identification) -> Section:
-    """Return the section, or one that says in a line why the page cannot simulate."""
+def live_section(
+    data: DataSet, estimate: Estimate, origin: dict[str, Any], fits: Samples
+) -> Section:
+    """Return the section, or one that says in a line why the page cannot simulate.
+
+    It is of an estimate, the ``origin`` of its data, and the (n,) FIT of each log in per cent.
+    """
     try:
-        if reason := _not_here(identification):
+        if reason := _not_here(data, estimate):
             return Section(title=_TITLE, text=f"No sliders: {reason}")
-        rows = identification.estimate.table()
-        sliders = [Slider.of(row) for row in rows if not row.known]
-        program = as_javascript(_every_term(identification, sliders))
+        sliders = [Slider.of(row) for row in estimate.table() if not row.known]
+        twin = Twin.identified(estimate, origin, lambda: data)
+        program = as_javascript(_every_term(twin, data, sliders))
     except NotImplementedError as error:
         reason = f"the page cannot simulate this model ({error})."
         return Section(title=_TITLE, text=f"No sliders: {reason}")
-    logs, which = _carried(identification, sliders)
+    logs, which = _carried(data, estimate, fits, sliders)
     if not logs:
         return Section(title=_TITLE, text="No sliders: the simulation follows none of the logs.")
-    markup = _rendered(identification, program, sliders, logs, which)
+    markup = _rendered(twin, program, sliders, logs, which)
     return Section(title=_TITLE, text=_TEXT, markup=markup)
 
 
-def _not_here(identification: Identification) -> str:
+def _not_here(data: DataSet, estimate: Estimate) -> str:
     """Say why a page cannot simulate a result; nothing if it can."""
-    p = identification.estimate.parameters
-    if any(map(needs_loop, identification.data.logs)):
+    p = estimate.parameters
+    if any(each.impossible for each in estimate.findings):
+        return "no joint has these values."
+    if any(map(needs_loop, data.logs)):
         return "these logs are simulated in the servo's loop, which the page does not have."
-    if p.slow_delay or not {"slow_delay", *LOOP_TERMS}.isdisjoint(identification.estimate.names):
+    if p.slow_delay or not {"slow_delay", *LOOP_TERMS}.isdisjoint(estimate.names):
         return "the clock has two sampling regimes with a delay each; the page has one delay."
     return ""
 
 
-def _every_term(identification: Identification, sliders: Sequence[Slider]) -> Twin:
-    """Return the joint with a value other than 0 for whatever can be moved, so that it is there."""
-    heaviest = max(identification.data.masses, key=lambda mass: mass.mass)
-    twin = identification.model.twin(heaviest)
+def _every_term(twin: Twin, data: DataSet, sliders: Sequence[Slider]) -> Twin:
+    """Return the loaded joint with a value other than 0 for each slider, so that it is there."""
+    heaviest = max(data.masses, key=lambda mass: mass.mass)
     moved = {each.name: abs(each.value) + each.half for each in sliders}
-    return replace(twin, parameters=replace(twin.parameters, **moved))
+    return replace(twin, added=heaviest, parameters=replace(twin.parameters, **moved))
 
 
 def _carried(
-    identification: Identification, sliders: Sequence[Slider]
+    data: DataSet, estimate: Estimate, fits: Samples, sliders: Sequence[Slider]
 ) -> tuple[list[LiveLog], str]:
     """Return the logs that a page has, that which it shows first in front, and which they are."""
-    data, fits = identification.data, identification.fit_of_logs
     delays = [_INTERVALS * each.half for each in sliders if each.name == "delay"]
     order = [int(k) for k in np.argsort(fits) if math.isfinite(fits[k])]
     logs: dict[int, LiveLog] = {}
     for number in order:
-        setting = data.simulations.setting(number, identification.estimate)
+        setting = data.simulations.setting(number, estimate)
         simulation = data.simulations.simulation(number, setting)
         logs[number] = LiveLog.of(
             simulation, setting, float(fits[number]), max(delays, default=0.0)
@@ -144,7 +151,7 @@ def _carried(
 
 
 def _rendered(
-    identification: Identification,
+    twin: Twin,
     program: str,
     sliders: Sequence[Slider],
     logs: Sequence[LiveLog],
@@ -158,17 +165,12 @@ def _rendered(
         "sliders": [asdict(each) for each in sliders],
         "logs": [each.document() for each in logs],
         "intervals": _INTERVALS,
-        "shape": identification.model.twin().shape.name.lower(),
+        "shape": twin.shape.name.lower(),
     }
-    environment = Environment(
-        loader=PackageLoader("butterfly.report"),
-        autoescape=select_autoescape(default=True, default_for_string=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     return Markup(  # noqa: S704 - of our own templates
-        environment.get_template("live.html.j2").render(
+        environment()
+        .get_template("live.html.j2")
+        .render(
             sliders=sliders,
             logs=logs,
             program=program,

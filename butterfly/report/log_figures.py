@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 from scipy import fft
+from scipy.special import digamma
 
 from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
 from butterfly.identification.diagnostics.sensor_errors import Curve
@@ -139,7 +140,7 @@ def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
         "sensor noise": {"color": PALETTE[5], "width": 1.2, "dash": "dash"},
     }
     hover = f"%{{x:.3g}} rad/s: %{{y:.3g}} {way}"
-    figure = panel("ω in rad/s", f"amplitude in {way}", 340)
+    figure = panel("frequency in rad/s", f"amplitude in {way}", 340)
     figure.update_xaxes(type="log").update_yaxes(type="log")
     for (name, line), values in zip(looks.items(), curves, strict=True):
         figure.add_scatter(
@@ -169,7 +170,10 @@ def _spectra(run: FreeRun, residuals: LogResiduals) -> tuple[NDArray[np.float64]
     spots = np.geomspace(omega[0], omega[-1], _OF_SPECTRUM + 1)[:-1]
     edges = np.unique(np.searchsorted(omega, spots))
     peaks = [np.sqrt(4 * np.maximum.reduceat(power, edges) / grid.size) for _, power in spectra]
-    sensor = np.full(edges.size, 2 * residuals.sensor.spread / np.sqrt(grid.size))
+    counts = np.diff(edges, append=omega.size)  # of noise a peak is the largest of so many
+    sensor = (
+        2 * residuals.sensor.spread * np.sqrt((digamma(counts + 1) + np.euler_gamma) / grid.size)
+    )
     return (omega[edges], *peaks, sensor)
 
 
@@ -237,9 +241,9 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
     titles = (f"{prediction.run.log.measures} in {way}", f"motion − free run<br>in {way}")
     figure = panels("time in s", titles, 460, shares=(0.55, 0.45))
     centre = prediction.run.simulated[prediction.samples]
-    lines = {"free run": (centre, PALETTE[5], 2.5)}
+    lines = {"free run": (centre, PALETTE[5], 6.0)}
     if measured:
-        lines["measured"] = prediction.measured, PALETTE[0], 1.0
+        lines["measured"] = prediction.measured, PALETTE[0], 1.5
     there_and_back = np.concatenate([prediction.time, prediction.time[::-1]])
     for row, about in ((1, np.zeros_like(centre)), (2, centre)):
         common = {"mode": "lines", "showlegend": row == 1}

@@ -141,14 +141,14 @@ def _facts(study: OrbitStudy) -> list[Fact]:
     wanted = f"of {math.degrees(last.wanted):.4g}°"
     return [
         Fact("amplitude reached", f"{degrees_said(last.amplitude)}°", wanted),
-        Fact("rounds", str(len(study.calibration.rounds))),
+        Fact("rounds", str(len(study.calibration.rounds)), "numbered from 0"),
         Fact("error of a free run near it", f"{after}°", f"rms; before, {before}°"),
     ]
 
 
 def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
     return PageTable(
-        headers=("round", "amplitude in °", "error in °", "γ", *_RATIOS.values()),
+        headers=("round", "amplitude in °", "error in °", "controller gain γ", *_RATIOS.values()),
         rows=[
             (
                 str(number),
@@ -197,7 +197,7 @@ def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
     line = {"color": PALETTE[5], "dash": "dash"}
     figure = panel("round", "amplitude in °", 320).update_xaxes(dtick=1)
     figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
-    return figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted")
+    return figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="target")
 
 
 def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[Samples], slice]]:
@@ -234,7 +234,7 @@ def _invariant_figure(study: OrbitStudy) -> Figure:
     rounds, model = study.calibration.rounds, study.calibration.parameters
     orbit = Orbit.of_amplitude(model, rounds[-1].orbit.upper)
     depth = orbit.energy - energy(model, 0.0, 0.0)
-    figure = panel("time in s", "I/E*", 360)
+    figure = panel("time in s", "invariant I/E*", 360)
     for number, colour, (time, angle, velocity), some in _motions(study):
         values = (energy(model, angle, velocity) - orbit.energy) / depth
         area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])

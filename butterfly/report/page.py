@@ -18,9 +18,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from butterfly.files import write_file
+from butterfly.files import write_document, write_file
 from butterfly.report.forest import Axis, Whisker
-from butterfly.result import TextTable, versions, write_document
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -184,7 +183,9 @@ class Page:
     @property
     def origin(self) -> dict[str, str]:
         """What the page was made of, by what, with what and when."""
-        about, chosen = (self.numbers.get(key) or {} for key in ("data", "chosen"))
+        about, chosen, made_with = (
+            self.numbers.get(key) or {} for key in ("data", "chosen", "versions")
+        )
         options = (chosen.get("options") or {}).items()
         said = [f"{name} {_said(value)}" for name, value in options if value not in (None, [], ())]
         name = about.get("name", "")
@@ -194,7 +195,7 @@ class Page:
             "data": f"{name} ({self.place})" if self.place else name,
             "options": ", ".join([chosen["label"] or chosen["method"], *said]) if chosen else "",
             "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
-            "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
+            "versions": ", ".join(f"{name} {number}" for name, number in made_with.items()),
         }
         return {key: text for key, text in found.items() if text}
 
@@ -207,17 +208,6 @@ class Page:
     def figures(self) -> dict[str, Figure]:
         """The figures of all sections, by name."""
         return {name: each for part in self.parts for name, each in part.figures.items()}
-
-    @property
-    def text_tables(self) -> tuple[TextTable, ...]:
-        """The tables of its sections, as a command prints them."""
-        return tuple(
-            TextTable(
-                section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows]
-            )
-            for section in self.sections
-            for each in section.tables
-        )
 
     @property
     def series(self) -> dict[str, Series]:

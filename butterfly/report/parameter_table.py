@@ -8,7 +8,7 @@ from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Lack, PhysicalParameters
 from butterfly.model.prior import plain
-from butterfly.report.format import interval, with_error
+from butterfly.report.format import interval, upwards, with_error
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Verdict
 
@@ -18,7 +18,7 @@ _TITLE = "Physical parameters and derived quantities"
 def parameter_texts(row: Parameter) -> dict[str, str]:
     """Return a parameter as console, page and notebook show it; "" where there is nothing to say.
 
-    ``width`` is half the interval over the value; of one that may as well be 0, that it may.
+    ``width`` is how far the farther limit is, over the value; of one that may be 0, that it may.
     """
     error, limits, width = "–", "–", "–"
     if row.known:
@@ -31,7 +31,8 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
             if row.lower <= 0 <= row.upper:
                 width = "may be 0"
             elif row.value:
-                width = f"± {50 * (row.upper - row.lower) / abs(row.value):.2g} %"
+                farther = max(row.upper - row.value, row.value - row.lower)
+                width = f"± {upwards(farther / abs(row.value))}"
     left_out = ""
     if row.least_left_out is not None and row.largest_left_out is not None:
         left_out = interval(row.least_left_out, row.largest_left_out)
@@ -87,8 +88,8 @@ def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     return [
         _SENTENCES[each.lack].format(
             names=" and ".join(each.names),
-            says="says" if len(each.names) == 1 else "say",
-            most=f" k_emf is {each.most.value:.3g} V s/rad at most." if each.most else "",
+            has="has" if len(each.names) == 1 else "have",
+            most=f" k_emf is at most {each.most.value:.3g} V s/rad." if each.most else "",
         )
         for each in parameters.unseparated
     ]
@@ -114,44 +115,41 @@ class Separated(Answer):
 
 _SENTENCES = {
     Lack.MASS: (
-        "Motion does not tell m_p from l_c (only p3 = m_p g l_c), nor J_p from m_p l_c² (only "
-        "their sum in p1): weigh the hand (hand_mass)."
+        "m_p and l_c enter only as p3 = m_p g l_c, J_p and m_p l_c² only as their sum in p1: weigh "
+        "the moving part (hand_mass)."
     ),
     Lack.GRAVITY: (
-        "Across no gravity motion does not tell l_c, nor J_p from m_p l_c², though the hand be "
-        "weighed: log it with its axis level."
+        "Without gravity in the plane of motion l_c and J_p stay unknown, even if the moving part "
+        "is weighed: log it with its axis level."
     ),
     Lack.ROTOR: (
-        "Motion does not tell the hand's inertia from the rotor's N² J_r (only their sum p1): take "
-        "J_r from the motor's data sheet (rotor_inertia)."
+        "The load's inertia and the rotor's N² J_r enter only as their sum p1: take J_r from the "
+        "motor's data sheet (rotor_inertia)."
     ),
     Lack.ROTOR_OF_SLIDE: (
-        "Motion does not tell the mass that slides from the rotor's N² J_r (only their sum p1): "
-        "weigh it (hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
+        "The sliding mass and the rotor's N² J_r enter only as their sum p1: weigh the slide "
+        "(hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
     ),
     Lack.GAIN: (
-        "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill "
-        "(resistance), or take k_t from the motor's data sheet (torque_constant)."
+        "k_t and R enter only as p4 = N k_t/R: measure R at standstill (resistance), or take k_t "
+        "from the motor's data sheet (torque_constant)."
     ),
     Lack.BACK_EMF: (
-        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
-        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
-        "SI units).{most}"
+        "k_f and the back EMF enter only as p2 = k_f + N k_emf p4: turn the motor and read the "
+        "voltage on its open leads (back_emf_constant; without losses equal to k_t in SI units)."
+        "{most}"
     ),
-    Lack.GEAR: (
-        "Nothing of the motor says anything of a slide before it is known how many rad it turns "
-        "per m (gear_ratio)."
-    ),
+    Lack.GEAR: "The motor of a slide needs its gear ratio first, in rad per m (gear_ratio).",
     Lack.COMMAND: (
-        "Motion does not tell what a unit of the command is. Say p4 if you know it: 1 where it is "
-        "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
+        "The unit of the command is unknown. Give p4 if you know it: 1 where the command is N m at "
+        "the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
     ),
     Lack.SUPPLY: (
-        "R, k_t and k_emf say nothing of a duty before its supply is known (the column supply, or "
-        "supply of the loop): p4 = N k_t/R is then per V."
+        "R, k_t and k_emf of a duty command need its supply (the column supply, or supply of the "
+        "loop): p4 = N k_t/R is then per V."
     ),
     Lack.UNUSED: (
-        "{names} {says} nothing here: the command is a torque or a current, and R and back "
-        "EMF are hidden behind a current loop."
+        "{names} {has} no effect here: the command is a torque or a current, and the current loop "
+        "hides R and back EMF."
     ),
 }

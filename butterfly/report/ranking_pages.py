@@ -13,7 +13,7 @@ from butterfly.comparison.leaderboard import Entry, equals
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.validate import Structure
-from butterfly.report.figures import PALETTE, logs_panel, look, panel
+from butterfly.report.figures import PALETTE, log_ticks, logs_panel, look, panel
 from butterfly.report.format import fit_text
 from butterfly.report.page import Badge, Fact, Marked, Page, PageTable, Section
 from butterfly.result import Result
@@ -99,7 +99,7 @@ def _fit(fit: FitSummary | None) -> tuple[str, str]:
 def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
     """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
     figure = panel("100 − median FIT in %: further left is better", "", _ROW * len(entries) + 110)
-    kinds = (("left out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
+    kinds = (("held out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
     for number, (name, field, place, size) in enumerate(kinds):
         fits = {each.method: getattr(each, field) for each in reversed(entries)}
         medians = {method: fit.median for method, fit in fits.items() if fit is not None}
@@ -115,7 +115,7 @@ def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
             marker={"color": colour, "symbol": symbol + "-open" * number, "size": size},
             hovertemplate="%{y}: %{text}",
         )
-    figure.update_xaxes(type="log")
+    figure.update_xaxes(log_ticks(1, 2, 5))
     methods = [each.method for each in entries]
     ends = [-0.6, len(methods) - 0.4]
     figure.update_yaxes(categoryorder="array", categoryarray=methods[::-1], range=ends)

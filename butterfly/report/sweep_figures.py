@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
 from butterfly.experiment.sweep_tables import Estimates
-from butterfly.report.figures import GREY, PALETTE, add, panel, panels
+from butterfly.report.figures import GREY, PALETTE, add, log_ticks, panel, panels
 from butterfly.report.forest import MOST
 from butterfly.report.format import field_label
 from butterfly.result import cell_text
@@ -81,7 +81,7 @@ def axis_figure(table: Estimates, field: str, names: Sequence[str]) -> Figure | 
     """Draw deviation against one field, a panel for each of some parameters."""
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
-    titles = [f"{name} in %" for name in names]
+    titles = [f"{name} error<br>in %" for name in names]
     height = _ROW * len(names) + 90
     figure = panels(escape(field_label(field)), titles, height, spacing=0.03)
     for index, method in enumerate(table.estimators):
@@ -101,7 +101,7 @@ def axis_figure(table: Estimates, field: str, names: Sequence[str]) -> Figure | 
             spread |= {"symmetric": False, "thickness": 1.2}
             add(figure, row, where, middle, error_y=spread, showlegend=row == 1, **style)
     if spans_decades(table[field]):
-        figure.update_xaxes(type="log")
+        figure.update_xaxes(log_ticks(1, 2, 5))
     return figure
 
 
@@ -172,7 +172,7 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     varying = [field for field in fields if len(rows.distinct(field)) >= _FEWEST]
     if len(varying) < _FEWEST:
         return None
-    axes = [_axis(field_label(field).replace(", ", "\nin "), rows[field]) for field in varying]
+    axes = [_axis(field_label(field).replace(" in ", "\nin "), rows[field]) for field in varying]
     axes.append(_axis("largest deviation\nin %", 100 * worst))
     axes.append(_axis("median FIT\nin %", rows["fit_median"]))
     rank = np.argsort(np.argsort(worst, kind="stable"), kind="stable")
@@ -221,5 +221,5 @@ def _axis(title: str, values: NDArray[Any]) -> _Axis:
     places = (scaled - least) / (most - least) if most > least else np.full(scaled.size, 0.5)
     distinct = np.unique(places[np.isfinite(places)])
     written = distinct if distinct.size <= _TICKS else distinct[[0, -1]]
-    marks = {float(at): f"{values[np.argmax(places == at)]:.3g}" for at in written}
+    marks = {float(at): cell_text(float(values[np.argmax(places == at)])) for at in written}
     return _Axis(title, places, marks)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from butterfly.experiment.record import OK, SweepRecord
 from butterfly.experiment.sweep_tables import MISSING, Estimates, Recovery, column
 from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.validate import Gain
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
@@ -59,7 +60,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         ],
     }
     sections = [
-        *tabulated("Estimators, the best first", _ranking_table(table)),
+        *tabulated("Estimators", _ranking_table(table)),
         *tabulated(
             "Verdicts",
             _verdicts_table(table),
@@ -155,25 +156,57 @@ def _recovery_table(recovered: Sequence[Recovery]) -> PageTable:
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
         *("largest in %", "coverage in %"),
     )
-    return PageTable(headers=headers, rows=rows)
+    return PageTable(headers=headers, rows=rows, words=(1,))
+
+
+def closest(table: Estimates) -> list[str]:
+    """Return the estimator with the least deviations, then those not significantly farther off.
+
+    Significant: twice the standard error, over the runs that both have, of the difference.
+    """
+    means: dict[str, dict[float, float]] = {}
+    medians: dict[str, float] = {}
+    for method in table.estimators:
+        group = table.deviating.where(estimator=method)
+        size = np.abs(group["deviation"])
+        if size.size:
+            numbers, run = np.unique(group["number"], return_inverse=True)
+            own = np.bincount(run, size) / np.bincount(run)
+            means[method] = dict(zip(numbers.tolist(), own.tolist(), strict=True))
+            medians[method] = float(np.median(size))
+    first, *others = sorted(medians, key=lambda method: medians[method]) or [""]
+    found = [first] if first else []
+    for method in others:
+        both = means[first].keys() & means[method].keys()
+        farther = np.array([means[method][run] - means[first][run] for run in both])
+        gain = Gain.of(farther) if both else None
+        found += [method] if gain is None or not gain.mean > 2 * gain.error else []
+    return found
 
 
 def _ranking_table(table: Estimates) -> PageTable:
     """Rank estimators, if there are several."""
-    rows = []
+    rows, equal = [], closest(table)
     for method in table.estimators if len(table.estimators) > 1 else ():
         group = table.where(estimator=method)
         size = np.abs(group.deviating["deviation"])
         middle = float(np.median(size)) if size.size else math.inf
         rows.append((middle, method, float(np.median(group["fit_median"])), group.coverage))
     return PageTable(
-        headers=("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
+        headers=(
+            *("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
+            "significantly worse than the first",
+        ),
         rows=[
-            (method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share))
+            (method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share), _worse(method, equal))
             for size, method, fit, share in sorted(rows, key=lambda row: row[:2])
         ],
         caption="FIT is in sample. Deviations are over all parameters that are not 0.",
     )
+
+
+def _worse(method: str, equal: Sequence[str]) -> str:
+    return "yes" if method not in equal else "–" if method == equal[0] else "no"
 
 
 def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTable:
@@ -269,6 +302,13 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
             f"Half of all estimates are within {100 * np.median(size):.3g} % of the truth, "
             f"95 % of them within {100 * np.percentile(size, 95):.3g} %."
         )
+        equal = closest(table)
+        if len(table.estimators) > 1:
+            sentences.append(
+                f"No clear winner: {', '.join(equal)} do not differ significantly."
+                if len(equal) > 1
+                else f"{equal[0]} is closest to the truth."
+            )
         if math.isfinite(table.coverage):
             share = f"{100 * table.coverage:.1f} %"
             sentences.append(f"The 95 % intervals contain the truth in {share} of the cases.")

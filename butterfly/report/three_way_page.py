@@ -168,7 +168,7 @@ def _frequencies(sines: Sequence[ThreeWay], masses: Sequence[AddedMass]) -> list
     sizes = {name: 100 * (np.abs(gain) - 1) for name, gain in gains.items()}
     phases = {name: np.degrees(np.angle(gain)) for name, gain in gains.items()}
     titles = ("amplitude error in %", "phase error in °")
-    figure = panels("ω in rad/s", titles, 480, spacing=0.06)
+    figure = panels("frequency in rad/s", titles, 480, spacing=0.06)
     for row, (values, unit) in enumerate(((sizes, " %"), (phases, "°")), start=1):
         for mass, own, style in _by_mass(sines, masses):
             for name, look_of in style.items():

@@ -1,4 +1,4 @@
-"""Inputs to drive a joint with, besides the plain sine (`butterfly.logs.log.Sine`)."""
+"""Inputs for a joint, besides the plain sine (`butterfly.logs.log.Sine`)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from butterfly.logs.log import Sine
 _IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _POINTS = 16  # in a period of the highest harmonic
 _BYTES_PER_POINT = 40  # a signal, its spectrum, and copies
-_CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
+_CLIPPINGS = 200  # rounds of crest optimisation; it converges long before
 _CLIP = 0.9  # share of the peak at which a round clips
 _LONGEST = 20  # register: a sequence of a million bits
 
@@ -30,13 +30,13 @@ class SteppedSine:
     amplitudes: tuple[float, ...]
     """In units of the input, one for each step."""
     dwell: float
-    """Length of each step in s; the last one goes on."""
+    """Length of each step in s; the last one continues."""
 
     def __post_init__(self) -> None:
         require_number("SteppedSine", positive=True, dwell=self.dwell)
         if not self.omegas or len(self.omegas) != len(self.amplitudes):
-            lengths = f"{len(self.omegas)} omegas and {len(self.amplitudes)} amplitudes"
-            raise InputError("SteppedSine", "amplitudes", lengths, "one amplitude for each omega")
+            lengths = f"{len(self.amplitudes)} amplitudes and {len(self.omegas)} omegas"
+            raise InputError("SteppedSine", "amplitudes", lengths, "one amplitude per omega")
         for omega, amplitude in zip(self.omegas, self.amplitudes, strict=True):
             require_number("SteppedSine", positive=True, omegas=omega, amplitudes=amplitude)
 
@@ -51,9 +51,9 @@ class SteppedSine:
 
 @lru_cache(maxsize=32)
 def _phases_of_low_crest(harmonics: tuple[int, ...], seed: int) -> tuple[Samples, float]:
-    """Find phases of a low peak by clipping it (Van der Ouderaa et al., 1988), and that peak.
+    """Return phases with a low peak by clipping (Van der Ouderaa et al., 1988), and that peak.
 
-    The runs of a sweep share them.
+    Cached for the runs of a sweep.
     """
     phases = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(harmonics))
     best, least = phases, math.inf
@@ -77,18 +77,18 @@ class Multisine:
     base: float
     """Base frequency in rad/s; the period is 2 pi/base."""
     harmonics: tuple[int, ...]
-    """Which multiples of it are present."""
+    """Multiples of the base frequency."""
     peak: float
     """Largest absolute value, in units of the input."""
     seed: int = 0
-    """Of the random phases from which the optimisation starts."""
+    """Of the random initial phases."""
 
     def __post_init__(self) -> None:
         require_number("Multisine", positive=True, base=self.base, peak=self.peak)
         if not self.harmonics or min(self.harmonics) < 1:
-            raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
+            raise InputError("Multisine", "harmonics", self.harmonics, "positive integers")
         if len(set(self.harmonics)) != len(self.harmonics):
-            raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
+            raise InputError("Multisine", "harmonics", self.harmonics, "distinct harmonics")
         size = _BYTES_PER_POINT * _POINTS * max(self.harmonics)
         require_room("Multisine", "harmonics", max(self.harmonics), size)
         object.__setattr__(self, "harmonics", tuple(self.harmonics))
@@ -108,7 +108,7 @@ class Multisine:
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp:
-    """A sine whose frequency rises, or falls, in proportion to time, and then stays."""
+    """A sine whose frequency changes linearly in time, then stays constant."""
 
     start: float
     """Frequency in rad/s at time 0."""
@@ -144,7 +144,7 @@ class Prbs:
     def __post_init__(self) -> None:
         require_number("Prbs", positive=True, amplitude=self.amplitude, bit=self.bit)
         if self.register not in range(2, _LONGEST + 1):  # of one bit it is constant
-            raise InputError("Prbs", "register", self.register, f"from 2 to {_LONGEST}")
+            raise InputError("Prbs", "register", self.register, f"an integer from 2 to {_LONGEST}")
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
@@ -157,7 +157,7 @@ class Prbs:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeDecay:
-    """No input: let go at an angle."""
+    """No input: released at an angle."""
 
     angle: float
     """In rad."""
@@ -173,7 +173,7 @@ class FreeDecay:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Any input, as a table that is held from each instant to the next; 0 before the first."""
+    """Any input, as a table of values held until the next instant; 0 before the first."""
 
     time: tuple[float, ...]
     """Instants in s, increasing."""
@@ -183,7 +183,7 @@ class Table:
     def __post_init__(self) -> None:
         if not self.time or len(self.time) != len(self.values):
             lengths = f"{len(self.time)} instants and {len(self.values)} values"
-            raise InputError("Table", "values", lengths, "one value for each instant")
+            raise InputError("Table", "values", lengths, "one value per instant")
         if not np.isfinite([*self.time, *self.values]).all():
             raise InputError("Table", "values", "a value that is not finite", "finite numbers")
         if any(after <= before for before, after in pairwise(self.time)):

@@ -1,4 +1,4 @@
-"""Frequency-response points of sine logs, each from the part in which its response is steady."""
+"""Frequency-response points of sine logs, each from its steady response."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ if TYPE_CHECKING:
     import control
 
 STEADY_SECONDS = 30.0
-"""Length of the window at the log's end, as in the thesis; the transient before it is left out."""
+"""Length of the window at the end of a log, as in the thesis, without the transient."""
 
 MIN_PERIODS = 3
-"""Fewest whole periods that a window must hold."""
+"""Fewest whole periods in a window."""
 
 LOUD = 0.1
-"""Of the swing: what else moves, from which on a transient is looked for."""
+"""Other motion relative to the swing above which a transient is fitted."""
 
-_CALMER = 0.5  # of what a sine leaves over, that one with a transient may leave
+_CALMER = 0.5  # largest residual with a transient, relative to that without
 
 _CELLS = 64  # of a period, over which the input is averaged
 _PER_PERIOD = 2 * HARMONICS  # samples that show the harmonics which are fitted
 _FEWEST = 2 * (1 + 2 * HARMONICS)  # samples in both halves of a window, for what is fitted there
 
 MIN_COHERENCE = 0.5
-"""Smallest share of the input's variance that the commanded sine must explain."""
+"""Least fraction of the input's variance that the commanded sine must explain."""
 
 
 def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
     """Return the (n,) mask of the last whole periods of a log, in at most `seconds`.
 
-    Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock. Of slower
-    sines it holds `MIN_PERIODS` periods, however long; a shorter log is an InputError.
+    Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock. For
+    slower sines the window has `MIN_PERIODS` periods; a shorter log is an InputError.
     """
     period = 2 * math.pi / omega
     available = float(log.time[-1] - log.time[0])
@@ -69,9 +69,10 @@ def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> ND
 
 
 def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
-    """Return the number of the first sample whose free-run error counts.
+    """Return the number of the first sample that counts in the free-run error.
 
-    Of a sine's log it begins the last ``seconds``: its start depends on how the joint came to rest.
+    For a sine it begins the last ``seconds``, since the start depends on how the joint came to
+    rest.
     """
     if log.excitation is None:
         return 0
@@ -82,8 +83,8 @@ def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
 class ResponsePoint:
     """One log's steady response at the frequency of its input."""
 
-    added_mass: AddedMass  # What the hand carried
-    input: complex  # Complex amplitude of the input as the joint receives it, its hold included
+    added_mass: AddedMass  # Of the log
+    input: complex  # Complex amplitude of the input at the joint, including its hold
     angle: SineFit  # Sine fit of the angle
     # Relative change of the angle's amplitude from the window's first to its second half
     drift: float
@@ -113,11 +114,12 @@ def response_point(
 ) -> ResponsePoint:
     """Fit the steady response of a log whose input is a sine, from its last `seconds`.
 
-    `pole` is of a transient that is fitted too; a loud one is found unasked (see `with_transient`).
-    An InputError if the log has no sine, is too short or too coarse, or its input is another.
+    A transient with `pole` is fitted too; a large one is found automatically (see
+    `with_transient`). InputError if the log has no sine, is too short or too coarse, or has another
+    input.
     """
     if log.excitation is None:
-        raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
+        raise InputError(log.source, "excitation", "none", "a sine with omega and amplitude")
     omega = log.excitation.omega
     rows = steady_window(log, omega, seconds)
     time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
@@ -130,7 +132,7 @@ def response_point(
         raise InputError(
             log.source,
             "input",
-            f"a signal of which {explained:.0%} is at {omega:g} rad/s",
+            f"a signal with {explained:.0%} of its variance at {omega:g} rad/s",
             f"a sine of {omega:g} rad/s",
         )
     response, before, after = fit_halves(basis, angle, omega)
@@ -152,7 +154,7 @@ def response_point(
 
 
 def _delivered(log: Log, omega: float, time: Samples) -> complex:
-    """Return the phasor of the held input, each period weighing as the angle's samples in it do."""
+    """Return the phasor of the held input, periods weighted by their samples of the angle."""
     periods = round((log.time[-1] - time[0]) * omega / (2 * math.pi))
     span = 2 * math.pi / omega * periods
     edges = np.linspace(log.time[-1] - span, log.time[-1], periods * _CELLS + 1)
@@ -163,13 +165,13 @@ def _delivered(log: Log, omega: float, time: Samples) -> complex:
 
 
 def _refuse_coarse(log: Log, omega: float, time: Samples) -> None:
-    """Refuse a log that does not show a sine between its samples."""
+    """Refuse a log sampled too slowly for its sine."""
     step = 2 * math.pi / (_PER_PERIOD * omega)
     mean_step = (time[-1] - time[0]) / max(time.size - 1, 1)
     if mean_step > step or time.size < _FEWEST:
-        value = f"a mean step of {mean_step:.3g} s"
+        value = f"a mean sampling interval of {mean_step:.3g} s"
         raise InputError(
-            log.source, "time", value, f"steps below {step:.2g} s for a sine of {omega:g} rad/s"
+            log.source, "time", value, f"at most {step:.2g} s for a sine of {omega:g} rad/s"
         )
 
 
@@ -198,10 +200,9 @@ def pole_of(time: Samples, values: Samples) -> complex:
 def measured_response(
     points: Iterable[ResponsePoint], added_mass: AddedMass = NO_ADDED_MASS
 ) -> control.FrequencyResponseData:
-    """Return what was measured with one added mass: the angle over the input, in rad per unit.
+    """Return the measured response with one added mass: angle over input, in rad per unit.
 
-    Logs of one frequency count as one: the gain is that which gives their angles from their inputs
-    with the least sum of squares, so that the larger swings weigh more.
+    Logs of one frequency are combined by least squares, which weights larger swings more.
     """
     taken = [
         point
@@ -210,7 +211,7 @@ def measured_response(
     ]
     if not taken:
         raise InputError(
-            "measured response", "added mass", added_mass, "one that sines were logged with"
+            "measured response", "added mass", added_mass, "an added mass of logs with sines"
         )
     inputs = np.array([point.input for point in taken])
     angles = np.array([point.angle.fundamental for point in taken])

@@ -1,9 +1,9 @@
-"""What the input does between its stamps: its value, its moments, and its sums.
+"""The input between its samples: value, moments and sums.
 
-The rule is the same wherever an input is used. A command that is held (zero-order hold) is 0 before
-its first stamp, as a motor's is that has not been told anything; each is held until the next. A
-continuous signal that was sampled (first-order hold) was before its first stamp what it is there,
-and runs on a straight line from each stamp to the next. After the last stamp both stay.
+The one rule for all inputs: a held command (zero-order hold) is 0 before its first timestamp, like
+that of a motor without command, and constant until the next. A sampled continuous signal
+(first-order hold) is constant before its first timestamp and linear between timestamps. Both are
+constant after the last.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> S
 
 
 def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
-    """Return the input over each interval as the parabola that has its moments, and its delay's.
+    """Return the input over each interval as a parabola, with its derivative by a delay.
 
-    Its mean, first and second moment are the input's: no step is lost or gained, wherever the edges
-    fall. (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and
-    of its derivative by a delay of the input, per s. A held input's moments have a kink where a
-    stamp passes an edge; there it is the mean of the slopes on both sides.
+    Mean, first and second moment are those of the input, so no step is lost wherever the edges are.
+    (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and of its
+    derivative by a delay of the input, per s. The moments of a held input have a kink where a
+    timestamp passes an edge; the derivative there is the mean of both sides.
     """
     return np.asarray(_parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
 
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
-    """Return (m,) samples whose sums against those of a smooth signal are integrals of the input.
+    """Return (m,) samples whose sums with those of a smooth signal are integrals of the input.
 
-    A continuous signal's values will do. Each step of a held one is spread over the three samples
-    about it, so that sum_k g_k u_k times the sampling period is int g u dt for every parabola g,
-    wherever the step falls; for other smooth g the error is of fourth order in the period.
+    For a continuous signal these are its values. Each step of a held input is spread over the three
+    nearest samples: sum_k g_k u_k times the sampling period is then int g u dt for every parabola g
+    and any step time; for other smooth g the error is of fourth order in the period.
     """
     if hold is Intersample.FIRST_ORDER_HOLD:
         return np.interp(grid, time, inputs)
@@ -63,7 +63,7 @@ def _means(time, inputs, edges, linear):
 
 @compiled
 def _parabolas(time, inputs, edges, linear):
-    """As `parabolas`; by partial integration a delay needs moments and the input at edges only."""
+    """Like `parabolas`; by partial integration a delay only needs moments and input at edges."""
     result = np.empty((2, edges.size - 1, 3))
     k = -1
     for cell in range(edges.size - 1):
@@ -87,7 +87,7 @@ def _legendre(zeroth, first, second):
 
 @inlined
 def _evaluate(coefficients, result, cell, number):
-    """Write a parabola's values at the start, middle and end of its interval."""
+    """Write the values of a parabola at the start, middle and end of its interval."""
     middle, slope, bend = coefficients
     result[number, cell, 0] = middle - slope + bend
     result[number, cell, 1] = middle - 0.5 * bend
@@ -98,8 +98,8 @@ def _evaluate(coefficients, result, cell, number):
 def _over_lines(time, inputs, begin, end, k):
     """Integrate a continuous input against 1, x and x^2, x from -1 to 1 over an interval.
 
-    ``k`` is a stamp known to be at or before its begin, -1 if there is none; returns the latest at
-    or before its end, the three integrals, and the input at both ends.
+    ``k`` is a sample at or before the start, -1 if none; returns the last one at or before the end,
+    the three integrals, and the input at both ends.
     """
     last = time.size - 1
     middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
@@ -127,7 +127,7 @@ def _over_lines(time, inputs, begin, end, k):
 
 @inlined
 def _on_line(time, inputs, instant, k):
-    """Continuous input at an instant of which k is the latest stamp before, -1 for none."""
+    """Continuous input at an instant after sample k, -1 for none."""
     if k < 0 or k == time.size - 1:
         return inputs[max(k, 0)]
     share = (instant - time[k]) / (time[k + 1] - time[k])
@@ -162,14 +162,14 @@ def _over_steps(time, inputs, begin, end, k):
 
 @inlined
 def _between(value, before, since, after, until, astray):
-    """Held input about an instant: where it steps there, the middle of the step."""
+    """Held input at an instant; the middle of a step there."""
     other = before if since <= astray else (after if until <= astray else value)
     return 0.5 * (value + other)
 
 
 @compiled
 def _spread_steps(time, inputs, start, rate, count):
-    """Spread each step of a held input over the samples about it, and sum up.
+    """Spread each step of a held input over the nearest samples, and sum up.
 
     A step of 1, x sampling periods after the sample nearest to it, makes this sample
     1/2 - x + x^3/3, the one before x^2/4 - x^3/6 - 1/24, the one after 25/24 - x^2/4 - x^3/6, and

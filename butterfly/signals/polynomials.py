@@ -1,6 +1,6 @@
-"""Cubic Hermite polynomials between a simulation's instants, and the slopes of local ones.
+"""Cubic Hermite polynomials between the instants of a simulation, and local slopes.
 
-The local ones are those of Savitzky & Golay (Anal. Chem. 36, 1964).
+The local polynomials are those of Savitzky & Golay (Anal. Chem. 36, 1964).
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ _BLOCK = 1024  # samples that stay in the fastest cache
 def averages(grid, instants, values, slopes):
     """Average the polynomials, or their ``slopes``, and values over the instants in each interval.
 
-    What is averaged is linear in the ends of the interval: four numbers stand for many instants.
-    Returns (n - 1,) numbers of the average of each interval of a grid, -1 where it holds no
-    instant; (4, k) weights of angle and velocity at its start, and at its end; (k,) mean values;
-    and (k,) counts.
+    The average is linear in the ends of the interval, so four weights replace many instants.
+    Returns (n - 1,) numbers of the average of each interval of a grid, -1 if it has no instant; (4,
+    k) weights of angle and velocity at its start and end; (k,) mean values; and (k,) counts.
     """
     last = grid.size - 2
     into, counts = np.full(last + 1, -1), np.zeros(last + 1, dtype=np.int64)
@@ -75,10 +74,10 @@ def interpolate(grid, angle, velocity, instants, slopes):
 
 
 def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
-    """Return the (n,) slopes per s of the polynomials that fit the samples about each one best.
+    """Return the (n,) slopes per s of polynomials fitted to the samples around each one.
 
-    Windows reach so many of the samples, `step` s apart, to either side; within ``reach`` of an
-    end it is the polynomial of the first or last window.
+    Windows have ``reach`` samples, `step` s apart, on either side; near an end the polynomial of
+    the first or last window is used.
     """
     weights = _weights(reach, order)
     width = 2 * reach + 1
@@ -100,7 +99,7 @@ def _weights(reach: int, order: int) -> Samples:
 def _antisymmetric(values, weights):
     """Sum each sample's differences between right and left, the i-th weighted by weights[i - 1].
 
-    Sample after sample inside, weight after weight outside: so the machine adds several at once.
+    The inner loop is over samples, so the processor adds several at once.
     """
     reach = weights.size
     result = np.zeros(values.size - 2 * reach)

@@ -82,7 +82,7 @@ def sine_basis(time: Samples, omega: float, harmonics: int = HARMONICS) -> Sampl
 
 
 def with_transient(basis: Samples, time: Samples, pole: complex | None) -> Samples:
-    """Return the rows of a basis, and those of a transient of a pole in 1/s if there is one."""
+    """Return the rows of a basis, with those of a transient if there is a pole in 1/s."""
     if pole is None:
         return basis
     transient = np.exp(pole * (time - time[0]))
@@ -98,9 +98,9 @@ def fit_basis(
 ) -> SineFit:
     """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
 
-    The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
-    time, so that residuals that are correlated from sample to sample, as encoder steps and slow
-    drifts are, do not make it too small. Below those of `sine_basis` the basis may have other rows.
+    The covariance is cluster-robust (Liang & Zeger, Biometrika 73, 1986) over ten blocks of time,
+    as residuals are correlated from sample to sample (encoder steps, slow drifts). The basis may
+    have other rows below those of `sine_basis`.
     """
     matrix, moments = equations or _equations(basis, values)
     normal = np.linalg.inv(matrix)

@@ -1,4 +1,4 @@
-"""Uniform samples of a signal: amplitude, periodogram, and the frequency it moves most at."""
+"""Uniform samples of a signal: amplitude, periodogram and dominant frequency."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def dominant_frequency(time: Samples, values: Samples) -> tuple[float, float]:
 
 
 def uniform_grid(time: Samples, step: float | None = None) -> Samples:
-    """Return uniform instants from the first stamp on (25); as many as stamps if without a step."""
+    """Return uniform instants from the first timestamp (25); without a step, as many as samples."""
     if step is None:
         return np.linspace(time[0], time[-1], time.size)
     count = int(np.floor((time[-1] - time[0]) / step * (1 + 1e-12))) + 1

@@ -31,8 +31,8 @@ _REAL_MASS, _REAL_OMEGA = 0.154, 14.0  # of Figures 9 to 11
 def write_figure_data(folder: Path, synthetic: Synthetic, root: Path | None = None) -> list[Path]:
     """Write ``figure_03.csv`` to ``figure_12.csv``, units in the headers, and return the files.
 
-    Figures 9 to 12 rest on the 41 real logs in `root`, BUTTERFLY_LOGS or the folder they were
-    fetched to; without them they are left out.
+    Figures 9 to 12 need the 41 real logs in `root`, BUTTERFLY_LOGS or the folder of `fetch`;
+    otherwise they are skipped.
     """
     figures = _synthetic(synthetic)
     if has_real_logs(root):

@@ -1,7 +1,7 @@
-"""The thesis's method as its scripts compute it, slips included.
+"""The thesis's method as its scripts compute it, including their mistakes.
 
-It stands here so that the published digits can be reproduced and compared; harmonic balance is
-what to use. docs/theory.md lists each slip beside the corrected formula.
+It reproduces the published digits for comparison; use harmonic balance instead. docs/theory.md
+lists each mistake beside the corrected formula.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
 """Upper bounds of p1, p2, p3 in (102), as the script computes them; the lower ones are 0."""
 
 DECIMATION = 25
-"""Every 25th sample gives Table 4; every 5th gives what Table 5 was computed from."""
+"""Every 25th sample gives Table 4; every 5th the input of Table 5."""
 
 _WINDOW = 30.0
 _STARTS = (0.03, 0.3, 0.9)  # shares of the upper bounds from which (102) is minimised
@@ -41,14 +41,14 @@ _UNESTIMATED = ("coulomb", "delay", "p4")
 
 @dataclass(frozen=True, kw_only=True)
 class Thesis(Estimator):
-    """p1, p2, p3 from the two largest gains of each added mass, as published, slips included.
+    """p1, p2, p3 from the two largest gains of each added mass, as published, with mistakes.
 
-    It estimates neither Coulomb torque nor delay; p4 is the one with the highest median FIT.
+    It estimates neither Coulomb friction nor delay; p4 maximises the median FIT.
 
     Parameters
     ----------
     decimation
-        Keep every n-th sample: 25 gives Table 4, 5 what Table 5 was computed from.
+        Keep every n-th sample: 25 for Table 4, 5 for the input of Table 5.
     """
 
     method: Literal["thesis"] = "thesis"
@@ -69,7 +69,7 @@ class Thesis(Estimator):
 
 @dataclass(frozen=True)
 class ScriptedAmplitude:
-    """What the script reads off one log: the bin of the peak in rad/s, and the gain in dB."""
+    """The script's result of one log: the bin of the peak in rad/s, and the gain in dB."""
 
     omega: float
     gain_db: float
@@ -78,7 +78,7 @@ class ScriptedAmplitude:
 def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplitude:
     """Dominant DFT bin and gain of a log, steps 5 to 8 of the thesis's second script.
 
-    Kept as scripted: repeated stamps stay in; the bin frequencies are those of a record one sample
+    As scripted: repeated timestamps are kept; the bin frequencies are those of a record one sample
     shorter; the centre is (min + max)/2; the gain sums the decimated samples with the undecimated
     step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
     """
@@ -91,7 +91,7 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
     steady = angle[-count:]
     if steady.size < 2 * decimation:
         raise InputError(
-            log.source, "time", f"{log.time[-1]:.3g} s", f"about {_WINDOW:g} s or more"
+            log.source, "time", f"{log.time[-1]:.3g} s", f"at least about {_WINDOW:g} s"
         )
     omega, power = periodogram(steady, decimation * step)
     omega = omega * steady.size / (steady.size - 1)
@@ -118,7 +118,7 @@ def fit_resonances(
 ) -> tuple[Samples, Samples]:
     """Minimise (102) over 0 <= p1, p2, p3 <= upper, from several starts.
 
-    Table 5 is not this minimum: it is where the script's optimiser stopped. Returns p1, p2, p3 and
+    Table 5 is not this minimum: the script's optimiser stopped before. Returns p1, p2, p3 and
     the (m, 3) Jacobian of the residuals there; `p2` in N m s/rad is fixed if given.
     """
     measured = np.square(list(resonances.values()))
@@ -146,7 +146,7 @@ def fit_resonances(
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     """Resonance of each added mass by (100), then p1, p2, p3 by (102); p4 is NaN.
 
-    Logs are as recorded, repeated stamps not dropped; every `decimation`-th sample is kept.
+    Logs are as recorded, with repeated timestamps; every `decimation`-th sample is kept.
     """
     groups: dict[AddedMass, list[Log]] = {}
     for log in logs:
@@ -154,7 +154,9 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     resonances = {}
     for mass in sorted(groups):
         if len(groups[mass]) < 2:  # noqa: PLR2004 - (100) takes the two largest gains
-            raise InputError(groups[mass][0].source, "logs", f"only one with {mass}", "two or more")
+            raise InputError(
+                groups[mass][0].source, "logs", f"only one log with {mass}", "two or more"
+            )
         points = [scripted_amplitude(log, decimation) for log in groups[mass]]
         second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
         resonances[mass] = scripted_resonance(first, second)

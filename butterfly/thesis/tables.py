@@ -1,4 +1,4 @@
-"""The thesis's tables, published against obtained, and the synthetic robot that they rest on."""
+"""The thesis's tables, published and reproduced, and their synthetic robot."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
 
 @dataclass(frozen=True, kw_only=True)
 class Synthetic:
-    """What Tables 1 and 2 and Figures 3 to 8 rest on: each sine is tried with each added mass."""
+    """Data of Tables 1 and 2 and Figures 3 to 8: each sine with each added mass."""
 
     rig: Rig  # the robot, its clock and its encoder
     added_masses: Sequence[AddedMass]
@@ -51,7 +51,7 @@ class Synthetic:
 
 
 def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
-    """Simulate one response of the thesis's synthetic robot to a continuous sine, as Simulink."""
+    """Simulate one response of the thesis's synthetic robot to a continuous sine, like Simulink."""
     clock = synthetic.rig.clock
     step = clock.step
     time = step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
@@ -85,14 +85,14 @@ class Row:
 
     @property
     def agrees(self) -> bool:
-        """Whether every published digit was obtained."""
+        """Whether every published digit was reproduced."""
         return self.published == self.obtained
 
 
 def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
-    """Compute Tables 1, 2, 4 and 5 and (63), (66) the thesis's way, and the right way beside it.
+    """Compute Tables 1, 2, 4 and 5 and (63), (66) as in the thesis, and corrected.
 
-    Tables 4 and 5 rest on the 41 real logs (see `write_figure_data`).
+    Tables 4 and 5 need the 41 real logs (see `write_figure_data`).
     """
     scripted, right = _table_1(synthetic)
     return [
@@ -104,12 +104,12 @@ def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
 
 
 def has_real_logs(root: Path | None) -> bool:
-    """Whether somebody said where the real logs are, or fetched them."""
+    """Whether the real logs are available."""
     return root is not None or found_folder() is not None
 
 
 def scripted_point(log: Log) -> ScriptedAmplitude:
-    """Dominant DFT bin and gain in dB, as the thesis's first script reads them off a log."""
+    """Dominant DFT bin and gain in dB, as in the thesis's first script."""
     assert log.excitation is not None  # noqa: S101 - synthetic logs are sines
     step = log.mean_step
     coarse = log.angle[::COARSE][-math.floor(_WINDOW / (COARSE * step)) - 1 :]
@@ -123,7 +123,7 @@ def scripted_point(log: Log) -> ScriptedAmplitude:
 
 
 def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
-    """(100) with the first script's slip: an index into the array without its maximum."""
+    """(100) with the first script's mistake: an index into the array without its maximum."""
     gains = [point.gain_db for point in points]
     first = int(np.argmax(gains))
     second = int(np.argmax(np.delete(gains, first)))
@@ -133,9 +133,9 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 def complex_fit(points: Sequence[ResponsePoint]) -> tuple[Samples, Samples]:
     """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
 
-    By maximum likelihood of complex responses of one robot. Sanathanan and Koerner's iteration,
-    weighted by the measured errors: with each row divided by the denominator of the round before it
-    minimises response errors, whose Gaussian likelihood is the largest there.
+    Maximum likelihood of complex responses of one robot: Sanathanan and Koerner's iteration,
+    weighted by the measured errors. Each row is divided by the previous denominator, so response
+    errors are minimised, whose Gaussian likelihood is then largest.
     """
     if len({point.added_mass for point in points}) > 1:
         raise InputError("resonance", "added mass", "several", "one")

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import NamedTuple
 
+from butterfly.files import json_text
 from butterfly.logs.log import InputKind
 from butterfly.model.prior import Known
 from butterfly.model.servo import LawStructure, Output
 from butterfly.plant.robot import Shape
-from butterfly.result import json_text
 from butterfly.twin.forms import Options
 from butterfly.twin.plain import (
     accuracy,

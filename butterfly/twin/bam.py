@@ -19,12 +19,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from butterfly.errors import InputError
+from butterfly.files import json_text
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import GEAR
-from butterfly.result import json_text
 from butterfly.twin.forms import Options
 from butterfly.twin.twin import Twin, Written, beyond, listed
 

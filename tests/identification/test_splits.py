@@ -39,11 +39,11 @@ def test_the_split_that_suits_the_logs_is_taken_and_said(sines):
     bare = AddedMass()
     for data, split, why in (
         (sines, Split.MASS, "there are 3 added masses"),
-        (_of(sines, 2), Split.FREQUENCY, "2 added masses only, but sines of"),
-        (_of(sines, 1), Split.FREQUENCY, "one added mass only, but sines of"),
-        (_other(bare, bare, bare), Split.LOG, "one added mass only, but 3 logs"),
-        (_other(bare, bare, HEAVY), Split.TIME, "2 added masses only, and too few logs"),
-        (_other(bare), Split.TIME, "one added mass only, and too few logs"),
+        (_of(sines, 2), Split.FREQUENCY, "only 2 added masses, but sines at"),
+        (_of(sines, 1), Split.FREQUENCY, "only one added mass, but sines at"),
+        (_other(bare, bare, bare), Split.LOG, "only one added mass, but 3 logs"),
+        (_other(bare, bare, HEAVY), Split.TIME, "only 2 added masses, and too few logs"),
+        (_other(bare), Split.TIME, "only one added mass, and too few logs"),
     ):
         division = divide(data)
         assert division.split is split
@@ -89,9 +89,9 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, k
 
 def test_refusals_name_what_works(sines):
     for data, split, said in (
-        (_of(sines, 1), Split.MASS, "carry no added mass: .*; split frequency works"),
+        (_of(sines, 1), Split.MASS, "have no added mass: .*; split frequency works"),
         (_other(AddedMass(), HEAVY), Split.FREQUENCY, "no log is a sine.*; split time works"),
-        (_other(AddedMass()), Split.LOG, "one log only.*; split time works"),
+        (_other(AddedMass()), Split.LOG, "only one log.*; split time works"),
     ):
         with pytest.raises(IdentifiabilityError, match=said):
             divide(data, split)
@@ -101,7 +101,7 @@ def test_refusals_name_what_works(sines):
 def test_folds_that_cannot_be_are_refused(sines):
     for split, folds, expected in (
         (Split.MASS, 2, "with split frequency, log or time"),
-        (Split.TIME, 1, "2 or more"),
+        (Split.TIME, 1, "at least 2"),
         (Split.LOG, 99, "at most"),
         (Split.LOG, "a", "a whole number"),
         (Split.TIME, 2.5, "a whole number"),

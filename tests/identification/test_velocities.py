@@ -95,7 +95,7 @@ def test_samples_are_dropped_and_averaged_before_the_velocity_is_integrated(whee
     (log,), (health,) = data.logs, data.health
     assert health.non_finite == 1
     assert np.isfinite(log.angle).all()
-    assert health.findings[1] == "no angle recorded: the velocity is what is followed"
+    assert health.findings[1] == "no angle recorded: the velocity is fitted instead"
     assert log.angle[-1] == pytest.approx(wheel[0].angle[-1], abs=0.01)
 
 

@@ -66,7 +66,7 @@ def test_friction_is_chosen_once_more_where_a_rarer_term_was_missing():
 CAUSES = {  # the last two are not seen in steady responses, or not told apart by them
     "control": (None, ""),
     "backlash": (("delay", Condition.SPEED), "backlash"),
-    "falling friction": (("p2", Condition.TIME), "as it warms up"),
+    "falling friction": (("p2", Condition.TIME), "warm-up"),
     "friction by log": (("p2", Condition.LOG), "varies between logs"),
 }
 
@@ -84,7 +84,7 @@ def test_what_a_parameter_follows_and_why_is_among_what_is_always_shown(row):
 def test_backlash_is_named_with_its_size(number, method):
     """Sines by their responses; chirps and sums of sines by their free runs."""
     found = identify(DataSet.of(defects.draw("backlash", number).logs), METHODS[method])
-    told = re.search(r"backlash, about (\S+) rad \((\S+)°\) from stop", " ".join(found.notes[:3]))
+    told = re.search(r"backlash, about (\S+) rad \((\S+)°\) in total", " ".join(found.notes[:3]))
     assert float(told[1]) == pytest.approx(np.radians(0.3), rel=0.3)
     assert float(told[2]) == pytest.approx(0.3, rel=0.3)
 

@@ -111,7 +111,7 @@ def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
         (["time;input;angle", *_lines(";")[:9], "1;2", *_lines(";")], r"line 11: got 2 values"),
         (["time;input;angle", *_lines(";"), "0.3;oops;1"], r"input: got 'oops' in line 26"),
         (["time;input;angle", *_lines(";"), "1.234,5;0;1"], r"time: got '1\.234,5' in line 26"),
-        (["time;time;input;angle", *("0;" + line for line in _lines(";"))], "2 columns of this"),
+        (["time;time;input;angle", *("0;" + line for line in _lines(";"))], "2 columns with this"),
         (["time;input;phi", *_lines(";")], r"angle: got no such column.*'phi'.*--columns"),
         (
             ["time;input;angle", "s;V;bar", *_lines(";")],
@@ -190,7 +190,7 @@ def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monk
     path = tmp_path / "table.txt"
     path.write_text("1 2 3\n" * 1000)
     monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000 - 1)
-    with pytest.raises(InputError, match=r"6\.0 kB of an unusual form; .* it takes 96\.0 kB"):
+    with pytest.raises(InputError, match=r"6\.0 kB of text; .* it needs 96\.0 kB"):
         read_text_table(path)
     monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000)
     assert len(read_text_table(path).columns) == 3
@@ -203,9 +203,12 @@ PANDAS_ROWS = [f"{k},{line}" for k, line in enumerate(_lines())]
 @pytest.mark.parametrize(
     ("lines", "layout"),
     [
-        ([",".join(NAMES), *R_ROWS], ("row names in front",)),
+        ([",".join(NAMES), *R_ROWS], ("row names in the first column",)),
         ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None),
-        ([",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)], ("row names in front",)),
+        (
+            [",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)],
+            ("row names in the first column",),
+        ),
         ([",".join(["", *NAMES]), *PANDAS_ROWS], ()),
         ([",".join([*NAMES, ""]), *_lines()], ()),
         ([",".join([*NAMES, "", ""]), *_lines()], ()),
@@ -273,7 +276,9 @@ def test_a_line_of_more_columns_than_anybody_logs_is_refused_in_little_memory(
     lines[line - 1] = delimiter.join(["1.5"] * 400_000)
     tracemalloc.start()
     try:
-        with pytest.raises(InputError, match=rf"line {line}: got \d+ cells; expected up to 10000"):
+        with pytest.raises(
+            InputError, match=rf"line {line}: got \d+ cells; expected at most 10000"
+        ):
             _read(tmp_path, lines)
         assert tracemalloc.get_traced_memory()[1] < 60e6
     finally:
@@ -321,7 +326,7 @@ def test_units_between_blanks_are_those_of_their_columns(tmp_path, head):
 def test_units_of_a_line_that_is_no_header_are_not_passed_over(tmp_path, head):
     columns = {"time": 0, "input": 1, "angle": 2}
     rows = [f"{line},1,2" for line in _lines()]
-    with pytest.raises(InputError, match="column 0: got the unit 'ms of some column' of time"):
+    with pytest.raises(InputError, match="column 0: got the unit 'ms, column unclear' of time"):
         _read(tmp_path, [head, *rows], columns)
     log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": "ms", "angle": "deg"}), **KIND)
     np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))

@@ -126,7 +126,7 @@ def test_a_velocity_stands_for_the_angle_and_none_for_the_input(
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"time": "time", "angle": "angle"}, "columns.input: got nothing; .*input: none of"),
+        ({"time": "time", "angle": "angle"}, "columns.input: got nothing; .*input: none in"),
         ({"time": "time", "input": "input"}, "columns.angle: got nothing"),
     ],
 )
@@ -138,7 +138,7 @@ def test_a_map_says_where_input_and_angle_stand(columns, said, sine_log):
 def test_a_velocity_is_not_taken_for_what_another_column_may_be(sine_log):
     table = {"time": sine_log.time, "input": sine_log.input, "velocity": sine_log.angle}
     assert log_of_table(table).integrated
-    with pytest.raises(InputError, match=r"angle: got no such column; .* velocity=W in place"):
+    with pytest.raises(InputError, match=r"angle: got no such column; .* velocity=W instead"):
         log_of_table(table | {"position": sine_log.angle})
     assert log_of_table(table | {"position": sine_log.angle}, {k: k for k in table}).integrated
 

@@ -79,7 +79,7 @@ def _changed(row, **values):
         (json.dumps([*RECORDS, 7]), "time: got nothing in record 24"),
         (json.dumps({**FRAME.to_dict("list"), "angle": [1, 2]}), "expected shape"),
         (_changed(5, angle=0)[:-9], "content: got unreadable"),
-        ('[{"time": 0, "time": 1}]', "an object that has a name twice"),
+        ('[{"time": 0, "time": 1}]', "an object with the same key twice"),
         ("[" * 100_000, "content: got unreadable"),
         (json.dumps(RECORDS).replace("input", "u"), "input: got no such column.*'u'"),
         ("[]", "time: got no such column"),

@@ -153,7 +153,7 @@ def test_zeros_are_told_for_the_set_a_mass_or_a_log(tmp_path):
     other = manifest.with_zero(Known(value=0.7))
     assert {other.zero_of(entry) for entry in other.logs} == {Known(value=0.7)}
     path.write_text(ZEROS.replace("[{added_mass: 0.05,", "[{added_mass: 0.06,"))
-    with pytest.raises(InputError, match=r"zeros of masses that logs carry: 0, 0\.05 kg"):
+    with pytest.raises(InputError, match=r"zeros of the logs' added masses: 0, 0\.05 kg"):
         read_manifest(path)
 
 
@@ -184,7 +184,7 @@ logs:
         ("arm: 0.1", "arm: .nan", "arm: got nan; expected a finite number"),
         ("arm: 0.1", "arm: 0.1\nroot: ${NO_SUCH_VARIABLE}", "root: got ${NO_SUCH_VARIABLE}"),
         ("arm: 0.1", "arm: 0.1\nroot: nowhere", "root: got"),
-        ("torque", "setpoint", "loop.law: got nothing, under a setpoint; expected the servo's law"),
+        ("torque", "setpoint", "loop.law: got nothing; expected the servo's law for a setpoint"),
         ("arm", "loop: {law: pid}\narm", "loop.law: got pid; expected"),
         ("arm", "loop: {law: pid-duty, gain: 2}\narm", "loop.gain: got an unknown name"),
         ("omega", "loop: 3, omega", "logs.0.loop: got 3; expected"),

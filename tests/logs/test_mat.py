@@ -271,21 +271,21 @@ def _struct(length, names, *values):
 DOUBLES = _element(9, bytes(16))
 NUMBER = _array(6, (1, 1), _element(9, bytes(8)))
 DAMAGED = {
-    "a number too few": (_array(6, (3, 1), DOUBLES), "16 bytes of numbers where 3 should be"),
-    "a number too many": (_array(6, (1, 1), DOUBLES), "16 bytes of numbers where 1 should be"),
-    "no imaginary part": (_array(6, (2, 1), DOUBLES, flags=0x0800), "0 bytes where a tag"),
+    "a number too few": (_array(6, (3, 1), DOUBLES), "16 bytes of data for 3 numbers"),
+    "a number too many": (_array(6, (1, 1), DOUBLES), "16 bytes of data for 1 numbers"),
+    "no imaginary part": (_array(6, (2, 1), DOUBLES, flags=0x0800), "0 bytes instead of a tag"),
     "one dimension": (_array(6, (2,), DOUBLES), "a shape of 1 numbers"),
     "33 dimensions": (_array(6, (1,) * 33, _element(9, bytes(8))), "a shape of 33 numbers"),
-    "fewer than no rows": (_array(6, (-1, 2), b""), "-1 the least"),
+    "fewer than no rows": (_array(6, (-1, 2), b""), "the smallest -1"),
     "one flag": (_array(6, (2, 1), DOUBLES, count=1), "4 bytes of flags"),
     "three flags": (_array(6, (2, 1), DOUBLES, count=3), "12 bytes of flags"),
     "class 19": (_array(19, (1, 1), NUMBER), "an array of class 19"),
-    "a field that is a number": (_struct(4, b"a\0\0\0", DOUBLES), "an array within of type 9"),
-    "a struct without a name's length": (_struct(0, b"", NUMBER), "0 bytes of names of 0"),
-    "names cut off": (_struct(4, b"a\0\0\0b", NUMBER, NUMBER), "5 bytes of names of 4"),
-    "a struct without its values": (_struct(4, b"a\0\0\0", b""), "0 bytes where a tag"),
-    "an element that runs out": (_element(14, b"", size=64), "an element of 64 bytes of which 0"),
-    "a short one of five bytes": (struct.pack("<HHI", 14, 5, 0), "5 bytes of which 4"),
+    "a field that is a number": (_struct(4, b"a\0\0\0", DOUBLES), "a nested array of type 9"),
+    "a struct without a name's length": (_struct(0, b"", NUMBER), "0 bytes of field names of 0"),
+    "names cut off": (_struct(4, b"a\0\0\0b", NUMBER, NUMBER), "5 bytes of field names of 4"),
+    "a struct without its values": (_struct(4, b"a\0\0\0", b""), "0 bytes instead of a tag"),
+    "an element that runs out": (_element(14, b"", size=64), "an element of 64 bytes, 0 present"),
+    "a short one of five bytes": (struct.pack("<HHI", 14, 5, 0), "5 bytes, 4 present"),
     "no array": (_element(9, bytes(8)), "a variable of type 9"),
 }
 
@@ -403,7 +403,13 @@ def test_level_4_is_read_as_scipy_reads_it(tmp_path, order):
 
 @pytest.mark.parametrize(
     ("kind", "said"),
-    [(2000, "no IEEE"), (3000, "no IEEE"), (4000, "no IEEE"), (1000, "type 1000"), (60, "type 60")],
+    [
+        (2000, "not IEEE"),
+        (3000, "not IEEE"),
+        (4000, "not IEEE"),
+        (1000, "type 1000"),
+        (60, "type 60"),
+    ],
 )
 def test_floats_of_vax_and_cray_and_types_that_are_none_are_refused(tmp_path, kind, said):
     path = tmp_path / "four.mat"
@@ -466,7 +472,7 @@ def test_numbers_that_a_file_does_not_hold_itself_are_refused(tmp_path, name, wi
         write(file.create_group("data") if within else file)
     _claim73(path)
     columns = {"time": "t", "input": "t", "angle": "data.q" if within else "q"}
-    with pytest.raises(InputError, match=r"q: got .*; expected numbers in the file"):
+    with pytest.raises(InputError, match=r"q: got .*; expected all numbers written in this file"):
         read_mat(path, columns, **KIND)
 
 

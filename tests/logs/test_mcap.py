@@ -72,7 +72,7 @@ def test_of_several_joints_or_topics_one_is_named(tmp_path):
     ("how", "said"),
     [
         ({"keys": "pv"}, r"hand\.effort: got no such column; .*'hand\.position'"),
-        ({"stamped": False}, "time: got 0 throughout; expected stamps .* or log_time"),
+        ({"stamped": False}, "time: got 0 throughout; expected timestamps .* time=log_time"),
         ({"kind": "my_msgs/msg/JointState"}, "got my_msgs/msg/JointState, std_msgs/msg/Float64"),
         ({"joints": ()}, "joints: got none; expected one"),
     ],

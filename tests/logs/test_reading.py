@@ -68,10 +68,10 @@ def test_a_part_of_the_set_is_read_again_by_its_own_manifest(folder):
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        ("{file: a.csv, part: 4}", "3 recordings"),
-        ("{file: a.csv, part: 1, from: 3.95}", "16 samples or more, of 0 s to 3.99 s"),
-        ("{file: a.csv, from: 3, to: 2}", "from before to"),
-        ("{file: a.csv, split: restarts, from: 1}", "not both"),
+        ("{file: a.csv, part: 4}", "3, the recordings"),
+        ("{file: a.csv, part: 1, from: 3.95}", "at least 16 samples within 0 s to 3.99 s"),
+        ("{file: a.csv, from: 3, to: 2}", "from less than to"),
+        ("{file: a.csv, split: restarts, from: 1}", "either split, or from"),
         ("{file: a.csv}", "stamps in ascending order"),
     ],
 )

@@ -184,7 +184,7 @@ def test_all_logs_have_one_deadline_however_slowly_one_comes(tmp_path, monkeypat
     begin = time.monotonic()
     with (
         served(lambda handler, name: name == LAST and that_comes_drop_by_drop(handler, name)) as at,
-        pytest.raises(InputError, match=r"transfer: got 1 logs that had not come in 1 s"),
+        pytest.raises(InputError, match=r"transfer: got 1 logs still missing after 1 s"),
     ):
         fetch(tmp_path, at)
     assert time.monotonic() - begin < 4.5  # the server's own end, which waits for its 3 s

@@ -243,7 +243,7 @@ def test_two_units_that_differ_are_refused_and_the_same_in_other_words_are_not(
 ):
     units, factors = dict(zip(FIELDS, ("s", "V", "deg"), strict=True)), dict.fromkeys(FIELDS, 1)
     factors["angle"] = DEGREE
-    message = r"the units deg .* and rad \(given\) of angle; .* a factor: --units angle=1$"
+    message = r"the units deg .* and rad \(given\) of angle; .* a factor, .*: --units angle=1$"
     with pytest.raises(bf.InputError, match=message):
         _read((tmp_path, form, place), joint, units, factors, given={"angle": "rad"})
     for same in ("°", DEGREE):
@@ -285,7 +285,7 @@ def test_what_was_read_stands_in_the_record_and_on_the_page(tmp_path, joint, but
     _, out, _ = butterfly("inspect", tmp_path / "log.csv", *more)
     for name, text in {
         "time": 'column 1 "t [ms]", ms',
-        "input": 'column 3 "u", V (given, sign turned)',
+        "input": 'column 3 "u", V (given, negated)',
         "angle": 'column 4 "pos [deg]", deg',
     }.items():
         assert f"{name} from {text}" in " ".join(out.split())
@@ -297,7 +297,7 @@ def test_a_velocity_that_nobody_asked_for_is_left_out_if_its_unit_is_not_known(t
     frame = pd.DataFrame({**joint, "velocity [ticks/s]": joint["angle"]})
     log = bf.read(frame).logs[0]
     assert log.velocity is None
-    assert "velocity left out" in log.reading.layout[0]
+    assert "velocity ignored" in log.reading.layout[0]
     with pytest.raises(bf.InputError, match=r"velocity \[ticks/s\]: got the unit 'ticks/s'"):
         bf.read(frame, columns={**COLUMNS, "velocity": "velocity"})
     frame.to_csv(tmp_path / "log.csv", index=False)

@@ -170,7 +170,7 @@ def test_a_delay_s_error_is_within_its_bound_no_frequency_is_damped_and_states_d
     ("make", "message"),
     [
         (lambda: DelayStates.of(-0.01, 4), "delay"),
-        (lambda: DelayStates.of(0.01, 11), "between 1 and 10"),
+        (lambda: DelayStates.of(0.01, 11), "from 1 to 10"),
         (lambda: linearised(replace(WHOLE, delay=0.01), pade_order=-1), "order: got -1"),
     ],
 )

@@ -14,10 +14,10 @@ PURE = {
 @pytest.mark.parametrize(
     ("path", "label"),
     [
-        ("plant.friction.coulomb", "friction coulomb, N m"),
-        ("plant.encoder.noise", "encoder noise, rad"),
-        ("added_masses.1.mass", "added masses 1 mass, kg"),
-        ("fit_median", "fit median, %"),
+        ("plant.friction.coulomb", "friction coulomb in N m"),
+        ("plant.encoder.noise", "encoder noise in rad"),
+        ("added_masses.1.mass", "added masses 1 mass in kg"),
+        ("fit_median", "fit median in %"),
     ],
 )
 def test_a_field_is_named_without_its_root_and_with_its_unit(path, label):

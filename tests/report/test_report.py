@@ -69,7 +69,7 @@ def test_the_page_holds_every_parameter_log_and_sentence_and_asks_nothing_of_the
     assert "@import" not in markup
     result, truth = simulated
     for row in map(parameter_texts, result.estimate.table(truth)):
-        for key in ("symbol", "value", "error", "interval", "true", "deviation"):
+        for key in ("name", "meaning", "value", "error", "interval", "true", "deviation"):
             assert row[key] in text
     said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
@@ -298,7 +298,7 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
 
 
 def test_a_value_of_0_inside_its_interval_may_be_0():
-    about = {"name": "p2", "symbol": "p₂", "meaning": "friction", "unit": "N m s/rad"}
+    about = {"name": "p2", "meaning": "friction", "unit": "N m s/rad"}
     parameter = Parameter(**about, value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
     assert parameter_texts(parameter)["width"] == "may be 0"
 

@@ -100,7 +100,7 @@ def test_the_gain_follows_the_input_s_unit_and_sign_and_nothing_else(
 
 def test_an_input_that_is_not_the_commanded_sine_is_refused(sine_log):
     other = replace(sine_log, input=np.sin(9 * sine_log.time))
-    with pytest.raises(InputError, match=r"input: got a signal of which 0% is at 5 rad/s"):
+    with pytest.raises(InputError, match=r"input: got a signal with 0% of its variance at 5 rad/s"):
         response_point(other)
 
 

@@ -87,7 +87,7 @@ def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, kind, stiffness, damp
 def test_what_is_missing_of_a_loop_is_said(loop, said):
     made = _content(servo=ServoLoop.of(loop, whole=False))
     assert said in " ".join(made["notes"])
-    assert (made["mjlab"]["fields"]["stiffness"] > 0) == ("left out" in said)
+    assert (made["mjlab"]["fields"]["stiffness"] > 0) == ("Not included" in said)
 
 
 def test_the_armature_is_that_of_a_rotor_that_was_known():

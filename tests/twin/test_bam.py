@@ -129,11 +129,11 @@ def test_what_bam_has_no_place_for_is_said_in_the_file():
     joint = replace(JOINT, **MODELS["m6"], compression=0.1, delay=0.004, p3=0.2, loop_kp=0.5)
     servo = replace(SERVO, ki=Known(value=300.0), dead_band=0.01)
     notes = " ".join(_told(joint, servo=servo, added=replace(CARRIED, gravity=1.6)).left_out)
-    missing = ("compression 0.1 1/V", "delay 0.004 s", "p3 0.2 N m", "ki 300", "dead_band 0.01")
+    missing = ("compression 0.1 1/V", "delay 0.004 s", "p3 = 0.2 N m", "ki 300", "dead_band 0.01")
     for each in (*missing, "1.6", "multiply kp"):
         assert each in notes
     other = _told(joint, servo=ServoLoop.of({"law": "dynamixel-x", "kp": 1}), actuator="mx64")
-    assert "here the law was dynamixel-x" in " ".join(other.left_out)
+    assert "here the law is dynamixel-x" in " ".join(other.left_out)
 
 
 def test_a_feetech_has_its_gain_and_its_slower_goal():

@@ -1,1 +1,1 @@
-"""The compiled kernel; `butterfly.model.greybox` says what it means and what is differentiated."""
+"""The compiled kernel; see `butterfly.model.greybox` for its meaning and derivatives."""

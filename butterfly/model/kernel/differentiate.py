@@ -1,4 +1,4 @@
-"""Simulate, and carry derivatives along: play a tape of what happened, many steps at a time."""
+"""Simulate with derivatives, by replaying a tape of many steps at a time."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def differentiate(
 
     Interval k writes the sum ``into[k]``, unless that is negative. ``initial`` is (4, k)
     derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
-    ``loop`` of a servo, unless it is None, drives the joint in place of ``drives``, and in the
-    constants ``without_drive`` where it is off. ``moving`` is None for a base that stands still.
+    ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with the constants
+    ``without_drive`` while it is off. ``moving`` is None for a fixed base.
     """
     memory, held, now = np.zeros(MEMORY), 0.0, c
     kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
@@ -139,7 +139,7 @@ def _play(
     time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
     loop, without_drive, moving, kept, initial, remembered,
 ):  # fmt: skip
-    """Carry the derivatives over what the tape tells; then it is empty."""
+    """Propagate the derivatives through the tape and clear it."""
     states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
     ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
@@ -197,13 +197,13 @@ def _play(
 
 @inner
 def _held_drive(k, kept):
-    """Return the torque that is held during interval k as drives."""
+    """Return the torque held during interval k as drives."""
     return kept[k, TORQUE], kept[k, TORQUE], kept[k, TORQUE]
 
 
 @inner
 def _open_circuit(k, loop, stages):
-    """Let the back EMF be no matter where nothing drives."""
+    """Ignore the back EMF while nothing drives."""
     if loop.on[k] == 0.0:
         for i in range(4):
             stages[i, V, BASIS + BACK_EMF] = stages[i, M, BASIS + BACK_EMF] = 0.0
@@ -211,7 +211,7 @@ def _open_circuit(k, loop, stages):
 
 @inner
 def _carry_held(states, stages, tangents):
-    """Add what the derivatives of the held torque do over a step."""
+    """Add the effect of the derivatives of the held torque over a step."""
     for r in range(states):
         push = 0.0
         for i in range(4):
@@ -223,7 +223,7 @@ def _carry_held(states, stages, tangents):
 
 @inlined
 def _begin_part(k, part, parts, tangents, moved, own):
-    """Begin a part of interval k at an instant that nothing moves, under drives of its own."""
+    """Begin a part of interval k, with its own drives, at an instant that no parameter moves."""
     for j in range(tangents.shape[1]):
         tangents[LATE, j] = 0.0
     for q in range(moved.shape[0]):
@@ -235,7 +235,7 @@ def _begin_part(k, part, parts, tangents, moved, own):
 
 @inlined
 def _linearise_step(tape, row, c, ripples, carries, own, count, stages, moving):
-    """Write the derivatives at the four stages of a step, those by ``count`` drives too."""
+    """Write the derivatives at the four stages of a step, including ``count`` drives."""
     begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
     for i in range(4):
         at = STAGE + PER_STAGE * i
@@ -279,7 +279,7 @@ def _close(k, into, weights, tangents, rows):
 
 @inlined
 def carry_two(dt, stages, tangents, column):
-    """Carry derivatives over a step of two states, angle and velocity, matrices written out."""
+    """Propagate derivatives through a step of angle and velocity, with matrices written out."""
     sixth, half = dt / 6.0, 0.5 * dt
     a1, a2, a3, a4 = stages[0, V, X], stages[1, V, X], stages[2, V, X], stages[3, V, X]
     b1, b2, b3, b4 = stages[0, V, V], stages[1, V, V], stages[2, V, V], stages[3, V, V]
@@ -318,7 +318,7 @@ def _weigh(xx, xv, vx, vv, stages, i):
 
 @inner
 def carry_all(dt, n, stages, tangents, column):
-    """Carry derivatives over a step of any number n of states."""
+    """Propagate derivatives through a step of n states."""
     product, move, start = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     for r in range(n):
         move[r, r] = 1.0

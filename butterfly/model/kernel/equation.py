@@ -12,9 +12,9 @@ from butterfly.model.parameters import LumpedParameters, first_moments
 from butterfly.model.terms import DRIVE, LOOP_TERMS
 
 State = tuple[float, float, float, float]
-"""Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
-deflection of the bristles in rad (a state only with a stiffness of theirs); on a moving base, which
-has neither, the last two are the force of its spring in N and the rate of that in N/s."""
+"""Angle in rad, velocity in rad/s, motor torque in N m (a state only with a lag), and deflection of
+the bristles in rad (a state only with bristles); on a moving base, which has neither, the last two
+are the force of its spring in N and its rate in N/s."""
 
 X, V, M, Z = range(4)
 
@@ -55,12 +55,12 @@ class Constants(NamedTuple):
 
     @classmethod
     def of(cls, p: LumpedParameters, *, moving: bool | None = None) -> Constants:
-        """Take them from the parameters of the hand with its added mass.
+        """Return the constants of the parameters of the loaded joint.
 
-        Those of a base that could move are 0 unless it does, or is ``moving`` for its derivatives.
+        Those of a moving base are 0 unless it moves, or is ``moving`` for its derivatives.
 
-        An estimator may try friction that is negative under a load; it counts as none, since it
-        would feed the motion. Bristles that no Coulomb friction bends are left out.
+        An estimator may try negative friction under a load; it counts as 0, since it would drive
+        the motion. Bristles without Coulomb friction are ignored.
         """
         own = dict(zip(DERIVED, derived(p), strict=True))
         if moving or p.base_gives:
@@ -70,11 +70,11 @@ class Constants(NamedTuple):
 
 DERIVED = ("viscous", "lag", "coulomb", "stribeck", "bristle_stiffness")
 OF_BASE = ("give", "swing", "slow", "moment", "moment_offset")
-"""Constants that are no parameters: what the next two return."""
+"""Derived constants, returned by the next two functions."""
 
 
 def derived(p: Any) -> tuple[float, ...]:
-    """Return those of the joint itself."""
+    """Return the derived constants of the joint."""
     coulomb = max(p.coulomb, 0.0)
     return (
         p.p2 - p.back_emf,
@@ -86,7 +86,7 @@ def derived(p: Any) -> tuple[float, ...]:
 
 
 def of_base(p: Any) -> tuple[float, ...]:
-    """Return those of a base that moves."""
+    """Return the derived constants of a moving base."""
     w = p.base_frequency
     moment, beside = first_moments(p)
     return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, beside
@@ -94,7 +94,7 @@ def of_base(p: Any) -> tuple[float, ...]:
 
 THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS)
 COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
-"""Number of the derivative by each constant, and by each parameter that acts through the drives."""
+"""Number of the derivative by each constant, and by each parameter of the drives."""
 
 DRIVES = len(Constants._fields)
 MOST_DRIVES = len(COLUMNS) - DRIVES
@@ -110,7 +110,7 @@ BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
 RATE = WEIGHT + 4
 GAIN = RATE + 1
-"""Columns of a stage of a step, after the derivatives by the states: those by constants and drives,
+"""Columns of a stage after the derivatives by the states: derivatives by constants and drives,
 weights of the stage, rates, and the derivative by the drive."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
@@ -145,7 +145,7 @@ def rates(state, drive, sign, c):
 
 @inner
 def pull(x, c):
-    """Torque in N m that depends on the angle alone: gravity, spring, cogging and bias."""
+    """Torque in N m that depends only on the angle: gravity, spring, cogging and bias."""
     torque = c.bias - c.p3 * math.sin(x) - c.spring * x
     if c.p3_offset != 0.0:
         torque -= c.p3_offset * math.cos(x)
@@ -182,13 +182,13 @@ def stribeck_level(sign, motor, load, c):
 
 @inner
 def _by_direction(sign, load, c):
-    """Choose the growth with the square of torque: of the motor driving the load, or driven."""
+    """Return the growth with torque squared: for the motor driving the load, or driven by it."""
     return c.lifting_stribeck if sign * load < 0.0 else c.lowering_stribeck
 
 
 @inner
 def passed_on(motor, load):
-    """Torque in N m that the motor takes from the load, none where both pull the same way."""
+    """Smaller torque in N m of motor and load if they oppose each other, else 0."""
     return min(abs(motor), abs(load)) if motor * load < 0.0 else 0.0
 
 
@@ -215,9 +215,9 @@ def slopes(sign, motor, load, c):
 
 @inner
 def holds_to(x, sign, load, c):
-    """Torque of the motor in N m up to which friction holds a joint against sliding to ``sign``.
+    """Motor torque in N m up to which friction keeps a joint from sliding to ``sign``.
 
-    The excess of torque over friction is concave in it: tangents come to its zero from one side.
+    The excess of torque over friction is concave: tangents approach its zero from one side.
     """
     motor = -load
     for _ in range(_TANGENTS):
@@ -241,7 +241,7 @@ def friction_at(x, v, motor, c):
 
 @inner
 def excess_at(v, c):
-    """Share of the Stribeck friction that is left at a velocity."""
+    """Remaining fraction of the Stribeck friction at a velocity."""
     if abs(v) > _VANISHED * c.stribeck_velocity:
         return 0.0
     return math.exp(-((v / c.stribeck_velocity) ** 2))
@@ -249,9 +249,9 @@ def excess_at(v, c):
 
 @compiled
 def least_steps(c, v, h):
-    """Count the steps that damping, lag and bristles ask for in h s at a velocity of v rad/s.
+    """Return the steps needed in h s at v rad/s for damping, lag and bristles.
 
-    They are 0 of a speed that is none, or would settle so fast that steps were without number.
+    0 for an invalid velocity, or for damping too fast for any number of steps.
     """
     damping = (c.viscous + c.back_emf + 2.0 * c.drag * abs(v)) / c.p1
     if not h * damping <= _UNSEEN:
@@ -274,8 +274,8 @@ def least_steps(c, v, h):
 def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
     """Write the derivatives of the rates at stage ``i``, given (sin x, cos x, excess, motor).
 
-    That is Stribeck's excess, and the torque of the motor. Derivatives by the cogging are left out
-    without ``ripples``, those by friction on torque without ``carries``.
+    These are the Stribeck excess and the motor torque. Derivatives by the cogging are skipped
+    without ``ripples``, those of torque-dependent friction without ``carries``.
     """
     x, v, _, z = state
     sine, cosine, excess, motor = shape
@@ -330,7 +330,7 @@ def linearise(state, rate, shape, sign, c, ripples, carries, stages, i):
 
 @inner
 def _linearise_lag(v, motor_rate, drive, c, stages, i):
-    """Let the motor's torque, a state, drive the joint in the place of its input."""
+    """Drive the joint by the motor torque, a state, instead of the input."""
     stages[i, V, V] += drive * c.back_emf
     stages[i, V, M], stages[i, V, GAIN] = drive, 0.0
     stages[i, M, GAIN] = 1.0 / c.lag
@@ -342,7 +342,7 @@ def _linearise_lag(v, motor_rate, drive, c, stages, i):
 
 @inner
 def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
-    """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
+    """Brake by bristles instead of rigid friction, whose sign here is 0."""
     level = friction_level(0.0, v, 0.0, 0.0, 0.0, c)
     share = v / c.stribeck_velocity
     narrowing = 2.0 * c.stribeck * excess * share / c.stribeck_velocity

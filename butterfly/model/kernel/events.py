@@ -1,7 +1,7 @@
-"""What a reversal, a rest and breaking loose do to derivatives.
+"""Derivatives at reversals, at rest and at breaking loose.
 
-Each happens at an instant that the parameters move; `LATE` is the derivative of the instant from
-which the state is left. The angle is continuous, and so is the velocity, since it is 0 there.
+The instant of each event depends on the parameters; `LATE` is its derivative. Angle and velocity
+are continuous there, since the velocity is 0.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from butterfly.model.kernel.equation import (
 from butterfly.model.kernel.steps import BEGIN, SIGN, STAGE, drive_at, drive_slope
 
 LATE, BEFORE, HELD = 4, 5, 6
-"""Rows of the derivatives after those of the states: of the instant at which a state is left, of
-the motor's torque before a rest, and of the torque that a servo's loop holds (0 without one)."""
+"""Rows of the derivatives after those of the states: of the instant of an event, of the motor
+torque before a rest, and of the torque held by a servo loop (0 without one)."""
 
 _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
@@ -37,13 +37,13 @@ _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak
 
 @inner
 def states_of(c):
-    """Count the states that the derivatives need."""
+    """Return the number of states with derivatives."""
     return 4 if c.lag > 0.0 or c.bristle_stiffness > 0.0 or c.swing > 0.0 else 2
 
 
 @inner
 def end(drives, begin, share, h, c, stages, tangents, column):
-    """Correct the derivatives at the interval's end, which does not move when ``begin`` does."""
+    """Correct the derivatives at the end of the interval, which is fixed while ``begin`` moves."""
     by_early = by_begin(drives, begin, share, c, stages)
     by_late = by_share(drives, begin, share, h, c, stages)
     for j in range(column.size):
@@ -81,7 +81,7 @@ def by_begin(drives, begin, share, c, stages):
 
 @inner
 def by_share(drives, begin, share, h, c, stages):
-    """(4,) derivatives of the end of a step by the share of the interval that it takes."""
+    """(4,) derivatives of the end of a step by its fraction of the interval."""
     n = states_of(c)
     moved, direct = np.zeros(4), np.zeros(4)
     for i in range(4):
@@ -101,7 +101,7 @@ def by_share(drives, begin, share, h, c, stages):
 
 @inner
 def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
-    """Differentiate a rest to the interval's end; the motor's torque, first ``motor``, goes on."""
+    """Differentiate a rest to the interval's end; the motor torque, first ``motor``, evolves."""
     for j in range(column.size):
         tangents[V, j] = 0.0
     if c.lag == 0.0:
@@ -124,10 +124,10 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
 
 @inner
 def break_loose(drives, tape, row, c, own, stages, tangents, column):
-    """Move the derivatives from where a joint came to rest on to where it breaks loose.
+    """Propagate the derivatives from the beginning of a rest to breaking loose.
 
-    There the motor's torque leaves the range within which friction holds the joint. With a lag it
-    goes on straight, and leaves at the share ``loose`` of the rest of the interval.
+    There the motor torque leaves the range in which friction holds the joint. With a lag it is
+    linear, and leaves at the fraction ``loose`` of the remaining interval.
     """
     begin, sign = tape[row, BEGIN], tape[row, SIGN]
     x, motor = tape[row, STAGE], tape[row, STAGE + 1]

@@ -1,4 +1,4 @@
-"""Simulate a joint: its states at instants, from what drives it or from its servo's loop."""
+"""Simulate a joint: its states at instants, from its input or its servo loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from butterfly.model.kernel.steps import LOST, advance, part_of
 def integrate(time, drives, state, c, moving):
     """Return (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m.
 
-    ``moving`` is None for a base that stands still.
+    ``moving`` is None for a fixed base.
     """
     n = time.size
     angle, velocity = np.empty(n), np.empty(n)
@@ -30,7 +30,7 @@ def integrate(time, drives, state, c, moving):
 
 @compiled
 def integrate_loop(time, state, c, without_drive, loop, moving):
-    """Return what `integrate` does of a joint in its servo's loop."""
+    """Integrate a joint in its servo loop; see `integrate`."""
     n = time.size
     angle, velocity = np.empty(n), np.empty(n)
     angle[0], velocity[0] = state[X], state[V]
@@ -45,7 +45,7 @@ def integrate_loop(time, state, c, without_drive, loop, moving):
 
 @inlined
 def count_steps(state, h, c, moving):
-    """Count the steps that an interval takes; 0 for a joint that no step could follow."""
+    """Return the number of steps of an interval; 0 for a joint too fast for any."""
     count = least_steps(c, state[V], h)
     if moving is None:
         return count
@@ -63,7 +63,7 @@ def step(state, drives, h, c, tape, splits, moving):
 
 @inlined
 def interval(state, drives, h, c, moving):
-    """Return the state at the end of one interval, in as many steps as it takes."""
+    """Return the state at the end of one interval, after the necessary steps."""
     count = count_steps(state, h, c, moving)
     for k in range(count):
         own = drives if count == 1 else part_of(drives, k, count)

@@ -1,12 +1,12 @@
-"""A joint on a base that gives: a mass on a horizontal spring and damper, pushed by what swings.
+"""A joint on a moving base: a mass on a horizontal spring and damper, pushed by the swinging mass.
 
-With h(th) the first moment of what swings, in kg m across gravity, and T the torque on a joint
-whose base stands still, Lagrange's equations of a base at x are
+With h(th) the horizontal first moment of the swinging mass in kg m, and T the torque on a joint
+with a fixed base, Lagrange's equations of a base at x are
 
     p1 thdd + h' xdd = T,   M xdd + c xd + k x = -(h' thdd + h'' thd^2).
 
-The states are the force k x of the spring and its rate, so that a base that does not give, 1/k = 0,
-is no special case: with ``give`` 1/k, ``swing`` M/k and ``slow`` c/k
+The states are the force k x of the spring and its rate, so a fixed base, 1/k = 0, is no special
+case: with ``give`` 1/k, ``swing`` M/k and ``slow`` c/k
 
     p1 thdd + give h' sdd = T,   swing sdd + slow sd + s = -(h' thdd + h'' thd^2).
 """
@@ -42,7 +42,7 @@ _UNSEEN = 100  # such times in one interval, from which on no log shows it
 
 @inner
 def least_base_steps(c, h):
-    """Count the steps in h s that the base asks for; 0 where no masses could move like that."""
+    """Return the steps needed in h s for the base; 0 for impossible masses."""
     least = c.swing - c.give * (c.moment**2 + c.moment_offset**2) / c.p1  # as the joint lets it
     if not least > 0.0:
         return 0
@@ -54,7 +54,7 @@ def least_base_steps(c, h):
 
 @inner
 def moving_rates(state, drive, sign, c):
-    """Return the rates of velocity, of the spring's force, and of that rate, of what slides."""
+    """Return the rates of velocity, spring force and its rate, while the joint slides."""
     x, v, force, change = state
     still, _, _ = rates((x, v, 0.0, 0.0), drive, sign, c)
     torque, (moment, lever) = c.p1 * still, _moments(x, c)
@@ -80,7 +80,7 @@ def stuck_rates(state, c):
 
 @inner
 def held(state, drive, c):
-    """Torque in N m that friction must hold of a joint at rest."""
+    """Torque in N m that static friction must hold."""
     _, lever = _moments(state[X], c)
     _, _, bend = stuck_rates(state, c)
     return drive + pull(state[X], c) - c.give * lever * bend
@@ -88,7 +88,7 @@ def held(state, drive, c):
 
 @inner
 def linearise_moving(state, rate, shape, sign, c, carries, stages, i):
-    """Write the derivatives of the rates at stage ``i``, as `equation.linearise` does."""
+    """Write the derivatives of the rates at stage ``i``; see `equation.linearise`."""
     x, v, force, change = state
     sine, cosine = shape[0], shape[1]
     moment, lever = _moments(x, c)

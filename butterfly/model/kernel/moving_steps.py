@@ -1,4 +1,4 @@
-"""Steps of a joint on a moving base, whose push friction has to hold as well while it sticks."""
+"""Steps of a joint on a moving base, whose push friction also holds while it sticks."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _REFINEMENTS = 3  # tangents to the instant at which a joint breaks loose
 
 @inner
 def advance_moving(state, drives, h, c, tape, splits):
-    """Return the state at the end of one interval, as `steps.advance` does of a base at rest."""
+    """Return the state at the end of one interval; see `steps.advance` for a fixed base."""
     if never_sticks(c, splits):
         after = runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape, True)
         if tape is not None:
@@ -87,9 +87,9 @@ def advance_moving(state, drives, h, c, tape, splits):
 
 @inner
 def _to_loose(state, drives, begin, h, most, c):
-    """Return for which share of the interval friction holds a joint, and where to it then slides.
+    """Return the fraction of the interval during which friction holds, and the sliding direction.
 
-    That is 0 where it holds to the interval's end.
+    The direction is 0 if friction holds to the end.
     """
     rest = 1.0 - begin
     middle = runge_kutta(state, drives, begin, 0.5 * rest, h, 0.0, c, None, False)
@@ -112,16 +112,16 @@ def _to_loose(state, drives, begin, h, most, c):
 
 @inner
 def hold_still(tangents):
-    """Let the velocity of a joint at rest be no parameter's."""
+    """Zero the derivatives of the velocity at rest."""
     for j in range(tangents.shape[1]):
         tangents[V, j] = 0.0
 
 
 @inner
 def break_free(drives, tape, row, h, c, own, stages, tangents, column):
-    """Correct the derivatives where what must be held grows beyond friction, at a step's end.
+    """Correct the derivatives where the held torque exceeds friction, at the end of a step.
 
-    There the joint could slide as well, and would not speed up.
+    A sliding joint would not accelerate there either.
     """
     begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
     by_early = by_begin(drives, begin, share, c, stages)

@@ -1,7 +1,7 @@
-"""The loop of a servo inside the simulation: what its firmware commands, and the derivatives.
+"""The servo loop in the simulation: commands of its firmware, and their derivatives.
 
-The firmware looks at the joint at its own clock and holds what it commands until it looks again:
-saturation, dead band and switching off happen at instants that no parameter moves.
+The firmware samples the joint at its own clock and holds its command in between: saturation, dead
+band and switching off happen at instants that no parameter moves.
 """
 
 from __future__ import annotations
@@ -18,24 +18,23 @@ from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.model.terms import LOOP_TERMS
 
 PID, CASCADE, SPEED, RECORDED = 0.0, 1.0, 2.0, 3.0
-"""How the output is made: of the angle's error, of a speed that this asks for, of the speed's; or
-it is the set-point itself."""
+"""Structure of the loop: PID of the angle error, cascade, speed loop, or the setpoint itself."""
 
 _STRUCTURES = {LawStructure.PID: PID, LawStructure.CASCADE: CASCADE, LawStructure.SPEED: SPEED}
 
 INTEGRAL, OUTPUT, SPEED_BEFORE, GOAL_BEFORE, LOOKED = range(5)
 MEMORY = 5
-"""What the firmware remembers: of the error over time, its last output, velocity and set-point at
-its last look, and whether there was one. The first three have derivatives."""
+"""Memory of the firmware: integral of the error, last output, velocity and setpoint at the last
+sample, and whether there was one. The first three have derivatives."""
 
 BY_SETPOINT, BY_ANGLE, BY_VELOCITY, BY_INTEGRAL, BY_LAST, BY_P, BY_I, BY_D = range(8)
 SLOPE, BY_SPEED, DELIVERED, BY_DEAD_ZONE, BY_COMPRESSION = range(8, 13)
 GATE, RISE_BY_SETPOINT, RISE_BY_ANGLE, RISE_BY_VELOCITY, RISE_BY_P = range(13, 18)
 TORQUE, BY_PACE, SEEN_SPEED, SEEN_RATE, LOOKS_BACK = range(18, 23)
 WIDTH = 23
-"""Columns of what is kept of each interval: derivatives of the output, what becomes of it on its
-way to the joint, derivatives of what the integral gains, the torque that is held, the output's
-derivative by how far the set-point moved, and the motion that was seen."""
+"""Columns kept of each interval: derivatives of the output, its gain to the joint, derivatives of
+the integral's increment, the held torque, the output's derivative by the setpoint step, and the
+measured motion."""
 
 _P4, _DELAY, _DEAD_ZONE, _COMPRESSION = (
     COLUMNS[name] for name in ("p4", "delay", "dead_zone", "compression")
@@ -87,11 +86,11 @@ class Loop(NamedTuple):
         every: int = 1,
         zero: float = 0.0,
     ) -> Loop:
-        """Take them from a servo and the parameters of its joint; of no servo the drive is told.
+        """Return the loop of a servo and its joint; without a servo the setpoint is the command.
 
-        The ``columns`` are set-point, its derivative, supply (the loop's if None) and what is on;
-        the first two of them are ``kicked``, if that is None.
-        Without ``parameters`` the torque is what the firmware puts out.
+        The ``columns`` are setpoint, its derivative, supply (the loop's if None) and enabled; the
+        first two are computed by ``kicked`` if None.
+        Without ``parameters`` the torque is the output of the firmware.
         """
         setpoint, late, supply, enabled = columns
         p = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0) if parameters is None else parameters
@@ -139,9 +138,9 @@ def at(k, loop, c, without_drive):
 
 @inner
 def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step by step
-    """Return the torque of the drive in N m during interval k, before which it was ``held``.
+    """Return the torque of the drive in N m during interval k, ``held`` before.
 
-    Keeps in ``kept``, unless that is None, what the derivatives need.
+    ``kept``, unless None, receives the values for the derivatives.
     """
     if loop.on[k] == 0.0:
         memory[INTEGRAL] = memory[OUTPUT] = memory[LOOKED] = 0.0
@@ -207,7 +206,7 @@ def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step b
 
 @inner
 def _seen(state, loop, memory):
-    """Return angle and velocity as the firmware sees them, and the rate of the velocity."""
+    """Return angle and velocity as measured by the firmware, and the rate of the velocity."""
     rate = memory[LOOKED] * (state[V] - memory[SPEED_BEFORE]) / loop.period
     x = state[X] + loop.zero + loop.ahead * (state[V] + 0.5 * loop.ahead * rate)
     return x, state[V] + loop.rate_ahead * rate, rate
@@ -215,7 +214,7 @@ def _seen(state, loop, memory):
 
 @inner
 def _rise(k, seen, of_p, error, loop, kept):
-    """Keep the derivatives of what the integral gains of interval k."""
+    """Keep the derivatives of the integral's increment in interval k."""
     by_setpoint, by_angle, by_velocity, by_p = seen, -seen, 0.0, 0.0
     if loop.structure >= SPEED:
         by_angle, by_velocity = 0.0, -seen if loop.structure == SPEED else 0.0
@@ -229,9 +228,9 @@ def _rise(k, seen, of_p, error, loop, kept):
 
 @inner
 def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, held):
-    """Write the (k,) derivatives of the ``held`` torque of interval k, at whose start states are.
+    """Write the (k,) derivatives of the ``held`` torque of interval k.
 
-    ``remembered`` is (3, k): those of what the firmware remembers.
+    ``remembered`` has the (3, k) derivatives of the firmware's memory.
     """
     if loop.on[k] == 0.0:
         for j in range(column.size):
@@ -291,7 +290,7 @@ def outputs(angle, velocity, loop):
 
 @compiled
 def slewed(setpoint, late, most):
-    """Return (n,) set-points that change by no more from one to the next, and their derivatives."""
+    """Return (n,) setpoints with limited changes, and their derivatives."""
     reached, by_delay = setpoint.copy(), late.copy()
     for k in range(1, setpoint.size):
         step = setpoint[k] - reached[k - 1]

@@ -1,7 +1,6 @@
-"""Integrate the equation in Runge-Kutta steps that are split where the velocity vanishes.
+"""Integrate the equation in Runge-Kutta steps, split where the velocity vanishes.
 
-Functions that take a ``tape`` keep on it what the derivatives need; None in its place costs
-nothing.
+Functions with a ``tape`` record there what the derivatives need; None costs nothing.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ KIND, BEGIN, SHARE, SIGN, INTERVAL, PART, PARTS = range(7)
 COUNT, CURRENT = 0, 7
 STAGE, PER_STAGE = 8, 11
 TAPE_WIDTH = STAGE + 4 * PER_STAGE
-"""The tape: what happened in a row, and its columns; row 0 counts."""
+"""The tape: kinds of events, and columns; row 0 counts."""
 
 MAX_REVERSALS = 8
-"""Reversals of the velocity that one step may hold before it is cut short."""
+"""Reversals of the velocity allowed in one step."""
 
 LOST = (math.nan, math.nan, math.nan, math.nan)
-"""The state of a joint that diverged."""
+"""State of a diverged joint."""
 
 _REFINEMENTS = 3  # chords to the instant at which the velocity vanishes
 _BISECTIONS = 60  # where a velocity that grazes 0 leads chords astray
@@ -46,7 +45,7 @@ _ROUNDING = 1e-12  # share of an interval
 def advance(state, drives, h, c, tape, splits):
     """Return the state at the end of one interval, split at each reversal of the velocity.
 
-    ``splits`` says so even of a joint without friction, whose derivatives by friction are wanted.
+    ``splits`` splits it even without friction, for derivatives by friction.
     """
     if never_sticks(c, splits):
         after = runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape, None)
@@ -104,10 +103,10 @@ def advance(state, drives, h, c, tape, splits):
 
 @inner
 def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
-    """Return the share of the interval in which the velocity falls to 0, and the state then.
+    """Return the fraction of the interval until the velocity is 0, and the state then.
 
-    After the share ``whole`` it would be ``final`` and have the other sign. A joint that sets out
-    from rest comes back to it.
+    After the fraction ``whole`` the state would be ``final``, with the other sign. A joint that
+    starts from rest returns to rest.
     """
     v = state[V]
     share, after = whole * (v / (v - final)), state
@@ -131,7 +130,7 @@ def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
 
 @inner
 def never_sticks(c, splits):
-    """Tell whether a joint has no rigid friction, and no derivative by it is wanted."""
+    """Whether a joint has no rigid friction, and needs no derivative by it."""
     smooth = c.coulomb == c.stribeck == c.geared == c.coulomb_slope == 0.0
     return (smooth and not splits) or c.bristle_stiffness > 0.0
 
@@ -152,7 +151,7 @@ def _rest(state, drives, begin, h, c, tape):
 
 @inner
 def runge_kutta(state, drives, begin, share, h, sign, c, tape, moving):
-    """Take one step over ``share`` of the interval h, sliding in the direction ``sign``.
+    """Take one step over the fraction ``share`` of the interval h, sliding in direction ``sign``.
 
     On a ``moving`` base, if that is not None, it slides, or friction holds it (False).
     """
@@ -198,7 +197,7 @@ def _motion(state, drive, sign, c, moving):
 
 @inner
 def record(state, rate, drive, stage, c, tape):
-    """Write one stage of a step on the tape's next row, which another trial may write again."""
+    """Write one stage of a step to the next row of the tape, which a retry may overwrite."""
     row, at = int(tape[0, COUNT]) + 1, STAGE + PER_STAGE * stage
     for i in range(4):
         tape[row, at + i] = state[i]
@@ -211,7 +210,7 @@ def record(state, rate, drive, stage, c, tape):
 
 @inner
 def note(kind, begin, share, sign, tape):
-    """Keep the tape's next row: it becomes what happened."""
+    """Keep the next row of the tape."""
     row = int(tape[0, COUNT]) + 1
     tape[row, KIND], tape[row, BEGIN] = kind, begin
     tape[row, SHARE], tape[row, SIGN] = share, sign
@@ -238,7 +237,7 @@ def drive_slope(drives, fraction):
 
 @inner
 def exceeds_at(drives, begin, lower, upper):
-    """Return where from ``begin`` on a parabola leaves a range (1: not), and on which side."""
+    """Return where after ``begin`` a parabola leaves a range (1 if not), and on which side."""
     start, middle, end = drives
     bend = 2.0 * (start - 2.0 * middle + end)
     slope = end - start - bend

@@ -1,4 +1,4 @@
-"""MuJoCo's viewer for browsers, kept to this machine and to who was given its address."""
+"""MuJoCo's viewer for browsers, only on this machine and with the printed address."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from butterfly.errors import InputError
 from butterfly.plant.watch.picture import caption_text
 
 LOOPBACK = "127.0.0.1"
-"""The only address at which anything is served."""
+"""The only address served."""
 
 _NAMES = (LOOPBACK, "localhost")
 _TOKEN = "token"  # noqa: S105 - its name, in the address
@@ -32,7 +32,7 @@ _COOKIE = "butterfly-viewer"
 def serve(
     model: mujoco.MjModel, data: mujoco.MjData, advance: Callable[[], None], port: int = 0
 ) -> None:
-    """Show a simulation, which ``advance`` steps on by a frame, to a browser until stopped."""
+    """Show a simulation in a browser until stopped; ``advance`` steps it by a frame."""
     config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
     with _guarded(_bound(port)), launch_web.launch(config, plugins=[Front()]) as handle:
         handle.sync(model, data)
@@ -43,11 +43,11 @@ def serve(
 
 @dataclass(frozen=True)
 class Guard:
-    """Who may see and steer what is served at a port: whoever was given its address, here alone.
+    """Access control of a port: only with its address, and only from this machine.
 
-    The address says a token, which nobody else knows. Other pages that the same browser shows, and
-    other names that lead to this machine, may not: the first send an `Origin`, the second a `Host`,
-    that is not the server's own (RFC 6455, 10.2; "DNS rebinding").
+    The address contains a secret token. Other pages in the same browser, and other names of this
+    machine, are refused: the first send another `Origin`, the second another `Host` (RFC 6455,
+    10.2; "DNS rebinding").
     """
 
     port: int
@@ -60,25 +60,25 @@ class Guard:
 
     @property
     def cookie(self) -> str:
-        """What a browser that was given the address sends from then on."""
+        """The cookie that a browser sends after opening the address."""
         return f"{self._name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
     @property
     def _name(self) -> str:
-        """Of the cookie: browsers keep one of a name for all ports."""
+        """Name of the cookie: browsers share cookies between ports."""
         return f"{_COOKIE}-{self.port}"
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
-        """Return why a request for a path, with its query, is not answered; None if it is."""
+        """Return why a request for a path, with its query, is refused; None if it is not."""
         own = {f"{name}:{self.port}" for name in _NAMES}
         if headers.get("Host") not in own:
-            return "asked for under another name than this machine's own"
+            return "requested under another host name"
         if headers.get("Origin", f"http://{LOOPBACK}:{self.port}") not in {
             f"http://{name}" for name in own
         }:
-            return "asked for by another page"
+            return "requested by another page"
         if not self.knows(path) and not self._is_own(headers.get("Cookie", "")):
-            return "the address that the program printed has a token, which is missing here"
+            return "the token of the printed address is missing"
         return None
 
     def knows(self, path: str) -> bool:
@@ -96,7 +96,7 @@ class Guard:
 
 
 class _Viewer(web_viewer.WebViewer):  # type: ignore[misc] # MuJoCo's, without types
-    """MuJoCo's, which says nothing of its own."""
+    """MuJoCo's viewer, without its messages."""
 
     @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
     def _on_post_model(self, event: messages.PostModelEvent) -> None:  # noqa: ARG002 - MuJoCo's
@@ -104,16 +104,16 @@ class _Viewer(web_viewer.WebViewer):  # type: ignore[misc] # MuJoCo's, without t
 
 
 class Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without types
-    """Looks at the hand from the front, and tells time and angle."""
+    """Views the joint from the front, and shows time and angle."""
 
     @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
     def look(self, event: messages.PostModelEvent) -> None:
-        """Put the camera where the model says."""
+        """Use the camera of the model."""
         mujoco.mjv_defaultFreeCamera(event.model, self.viewer.camera)
 
     @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
     def tell(self, event: messages.BuildGuiEvent) -> None:  # noqa: ARG002 - MuJoCo's
-        """Write time and angle into a window of their own."""
+        """Show time and angle in their own window."""
         data = self.viewer.data
         if data.qpos.size:
             dear_imgui.Begin("Hand", None, int(dear_imgui.WindowFlags.AlwaysAutoResize))
@@ -130,14 +130,14 @@ def _bound(port: int) -> socket.socket:
         bound.bind((LOOPBACK, port))
     except OSError as error:
         bound.close()
-        found, expected = f"{port} ({error.strerror})", "a free one, or 0 to pick one"
+        found, expected = f"{port} ({error.strerror})", "a free port, or 0 to choose one"
         raise InputError("butterfly show", "--port", found, expected) from None
     return bound
 
 
 @contextmanager
 def _guarded(bound: socket.socket) -> Iterator[None]:
-    """Have MuJoCo 4 serve at a socket, not at all interfaces, and ask who comes."""
+    """Make MuJoCo 4 serve at a socket, not at all interfaces, with access control."""
     guard = Guard(bound.getsockname()[1])
     serve_all = web_server.serve
 

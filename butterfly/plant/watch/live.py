@@ -1,4 +1,4 @@
-"""A run that is watched while it is simulated: in MuJoCo's own viewer or in a browser."""
+"""Watch a run while it is simulated, in MuJoCo's viewer or in a browser."""
 
 from __future__ import annotations
 
@@ -26,10 +26,9 @@ _FRAME = 0.01  # s of rest between two frames
 class LiveRun:
     """One run of a rig, sample by sample, in a MuJoCo model that a viewer can show.
 
-    Its samples are those of the run's log, before the rig's faults befall them. After the last, or
-    when a viewer resets the state, it starts again, with the same seed. MuJoCo's joint is the
-    ``model`` with its ``data``, so that a hand that is pulled in the viewer gives way; the grey box
-    is only drawn in it.
+    Its samples are those of the run's log before the rig's faults. After the last, or when a viewer
+    resets the state, it restarts with the same seed. A MuJoCo joint is the ``model`` with its
+    ``data``, so it can be pulled in the viewer; the grey box is only drawn.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class LiveRun:
         return self._before + self.sample[0]
 
     def advance(self) -> None:
-        """Go on to the next sample."""
+        """Advance to the next sample."""
         following = None if self.data.time != self._left else next(self._samples, None)
         if following is None:
             self._before = self.elapsed
@@ -87,16 +86,16 @@ class LiveRun:
 
 
 class RealTime:
-    """Steps a run as fast as the clock on the wall runs, which tells the time in s."""
+    """Steps a run in real time; the clock returns the time in s."""
 
     def __init__(self, run: LiveRun, clock: Callable[[], float] = time.monotonic) -> None:
         self._run, self._clock = run, clock
         self._origin = -math.inf
 
     def catch_up(self) -> None:
-        """Step up to now, for 20 ms on the wall clock or a single sample at most.
+        """Step up to now, for at most 20 ms of real time or a single sample.
 
-        Whoever is half a second late, after a pause or on a slow machine, goes on from where he is.
+        More than half a second late (a pause, a slow machine), it continues without catching up.
         """
         now = self._clock()
         if not abs(now - self._origin - self._run.elapsed) < _PAUSE:

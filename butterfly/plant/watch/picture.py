@@ -33,11 +33,11 @@ _INK = (52, 56, 64)
 
 
 class RenderingError(ButterflyError):
-    """The machine has no way to draw."""
+    """The machine cannot draw."""
 
 
 class Painter:
-    """Draws one robot at any angle; a context manager, since it holds a drawing surface."""
+    """Draws one robot at any angle; a context manager, since it holds a renderer."""
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
         model = compile_model(robot, added, scene=True)
@@ -61,7 +61,7 @@ class Painter:
         self._renderer.close()
 
     def frame(self, angle: float, ghost: float | None = None) -> Image.Image:
-        """Return the picture of the robot at ``angle`` rad (m of a slide), and of its ghost."""
+        """Return the picture of the robot at ``angle`` rad (m for a slide), and of its ghost."""
         self._turn(self._data, angle)
         self._renderer.update_scene(self._data, CAMERA)
         if ghost is not None:
@@ -73,7 +73,7 @@ class Painter:
         mujoco.mj_forward(self._model, data)
 
     def _add_ghost(self, angle: float) -> None:
-        """Add what moves once more to the scene, translucent, at another angle."""
+        """Add the moving parts again to the scene, translucent, at another angle."""
         self._turn(self._ghost, angle)
         scene = self._renderer.scene
         solid = scene.ngeom
@@ -119,15 +119,20 @@ def film(
     simulated: Samples | None = None,
     track: Track = untracked,
 ) -> None:
-    """Draw a motion, (n,) instants in s and angles in rad, as a film of the file's format.
+    """Draw a motion, (n,) instants in s and angles in rad, as a film in the file's format.
 
-    Where (n,) ``simulated`` angles are given, the robot at them is drawn as a ghost.
+    The robot at (n,) ``simulated`` angles, if given, is drawn as a ghost.
     """
     ending = path.suffix.lower()
     if ending not in (*_PILLOW, _FFMPEG):
         raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
     if ending == _FFMPEG and not (find_spec("imageio") and find_spec("imageio_ffmpeg")):
-        raise InputError(path, "file name", ending, ".gif or .webp, or the extra 'video' installed")
+        raise InputError(
+            path,
+            "file name",
+            ending,
+            ".gif or .webp, or the extra video (pip install 'butterfly-testbed[video]')",
+        )
     instants = np.arange(times[0], times[-1], 1 / fps)
     drawn = np.interp(instants, times, angles).tolist()
     ghosts = [None] * len(drawn)
@@ -157,7 +162,7 @@ def film(
 def captioned(
     picture: Image.Image, instant: float, angle: float, ghost: float | None = None
 ) -> Image.Image:
-    """Write a time in s and an angle in rad, and its ghost's, into a picture, and return it."""
+    """Write a time in s and the angles in rad, also of the ghost, into a picture; return it."""
     text = caption_text(instant, angle, "θ").replace("-", "−")
     if ghost is not None:
         text += f"\nghost (simulated)\n    {ghost:+z.3f} rad".replace("-", "−")
@@ -168,7 +173,7 @@ def captioned(
 
 @cache
 def _letters(height: int) -> ImageFont.FreeTypeFont:
-    """Return letters in pixels; Pillow's own are Latin, and have no minus."""
+    """Return a font of a height in pixels; Pillow's own has no minus sign."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
     path = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
@@ -176,5 +181,5 @@ def _letters(height: int) -> ImageFont.FreeTypeFont:
 
 
 def caption_text(instant: float, angle: float, symbol: str) -> str:
-    """Return a time in s and an angle in rad as two lines, in letters that any font has."""
+    """Return a time in s and an angle in rad as two lines, in ASCII except the symbol."""
     return f"t = {instant:z.2f} s\n{symbol} = {angle:+z.3f} rad"

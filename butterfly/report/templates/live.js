@@ -5,7 +5,7 @@ const STEPS = 100;  // of a slider, from the estimate to either end
 const STILL_FRAME = 0.5;  // s between pictures where motion is to be reduced
 const SWING = 0.6;  // rad, to which small swings can be magnified
 const signed = new Intl.NumberFormat("en", {signDisplay: "exceptZero", maximumSignificantDigits: 3});
-const view = {log: null, simulated: null, fit: NaN, from: 0, to: 1, instant: 0, playing: false, before: 0, printed: false};
+const view = {log: null, simulated: null, fit: NaN, from: 0, to: 1, instant: 0, playing: false, before: 0};
 
 async function opened(number) {
   const log = live.logs[number];
@@ -19,7 +19,7 @@ const zoomed = () => Number(at("zoom")?.value ?? 1);
 function decimals({half}) { return Math.min(Math.max(2 - Math.floor(Math.log10(half)), 0), 12); }
 function textOf(slider, value) {
   const digits = decimals(slider), shown = Math.max(Math.min(digits + Math.floor(Math.log10(Math.abs(value) || 1)), 7), 2);
-  return (digits > 6 && Math.abs(value) < 1e-2 ? value.toExponential(shown) : value.toFixed(digits)).replace(/^-/, "−");
+  return (value && Math.abs(value) < 1e-4 ? value.toExponential(shown) : value.toFixed(digits)).replace(/^-/, "−");
 }
 const halfOf = ({half}) => half < 1e-4 ? half.toExponential(1) : half.toPrecision(2);
 function valueOf(slider) {
@@ -45,10 +45,8 @@ function range(slider) {
 // ---- pictures
 
 const colours = () => {
-  const css = getComputedStyle(document.documentElement);
-  const of = (name, onPaper) => view.printed ? onPaper : css.getPropertyValue(name).trim();
-  return {ink: of("--ink", "#1b1f24"), faint: of("--faint", "#56606a"), rule: of("--rule", "#d8dde2"),
-    measured: of("--accent", "#0072B2"), simulated: of("--second", "#E69F00")};
+  const css = getComputedStyle(document.documentElement), of = (name) => css.getPropertyValue(name).trim();
+  return {ink: of("--ink"), faint: of("--faint"), rule: of("--rule"), measured: of("--accent"), simulated: of("--second")};
 };
 function cleared(canvas) {
   const scale = devicePixelRatio || 1, {clientWidth: width, clientHeight: height} = canvas;
@@ -103,7 +101,7 @@ function panel({to, colour, left, right, top, bottom, title, curves, across}) {
   to.save(); to.beginPath(); to.rect(left, top, right - left, bottom - top); to.clip();
   for (const {values, stroke, width = 1.5} of curves) {
     to.beginPath();
-    Object.assign(to, {strokeStyle: stroke, lineWidth: width});
+    Object.assign(to, {strokeStyle: stroke, lineWidth: width, lineJoin: "round"});
     for (let k = begin; k < end; k += every) {
       const [low, high] = extremes(values, k, Math.min(k + every, end));
       to.lineTo(x(k * step), y(low));
@@ -121,7 +119,7 @@ function plot() {
   const what = log.integrated ? "velocity" : live.shape === "slide" ? "position" : "angle";
   const common = {to, colour, left, right};
   panel({...common, top: 20, bottom: split, title: `${what} in ${log.unit}`, curves: [
-    {values: model, stroke: colour.simulated, width: 4, bounds: false}, {values: log.q, stroke: colour.measured}]});
+    {values: model, stroke: colour.simulated, width: 6, bounds: false}, {values: log.q, stroke: colour.measured}]});
   panel({...common, top: split + 26, bottom: height - 36, across: true, title: `residual (measured − simulated) in ${log.unit}`, curves: [{values: residual, stroke: colour.ink, width: 1}]});
   Object.assign(to, {textAlign: "center", textBaseline: "bottom", fillStyle: colour.faint});
   to.fillText("time from the start of the log in s", (left + right) / 2, height - 2);
@@ -255,5 +253,4 @@ setTimeout(() => choose(Number(at("log").value)).then(() => {  // after the firs
   draw();
   new ResizeObserver(() => soon(draw)).observe(at("plot"));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-  for (const printed of [true, false]) addEventListener(printed ? "beforeprint" : "afterprint", () => { view.printed = printed; draw(); });
 }).catch((error) => { at("waiting").textContent = `No simulation: this browser cannot run it (${error.message}).`; }));

@@ -26,7 +26,7 @@ function themed({data, layout}) {
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom"};
   if (printing) Object.assign(result, {width: PRINTED.width, height: Math.min(own.height ?? 450, PRINTED.height)}); else { result.autosize = true; delete result.width; }
   for (const key of Object.keys(result)) {
-    if (/^[xy]axis/.test(key)) result[key] = {...result[key], gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true, exponentformat: "power"};
+    if (/^[xy]axis/.test(key)) result[key] = {...result[key], gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true, exponentformat: "power", minexponent: 4};
   }
   return [data.map(trace => recoloured(trace, colours)), result, {...OPTIONS, displayModeBar: narrow || data.some(trace => trace.type === "heatmap") ? false : "hover"}];
 }

@@ -173,5 +173,5 @@ def test_a_port_that_is_taken_is_one_line(tmp_path):
         with _viewer(tmp_path, "--port", str(port)) as viewer:
             said, _ = viewer.communicate(timeout=60)
     assert re.fullmatch(
-        rf"error: butterfly show: --port: got {port} \(.*\); .*a free one.*\n", said
+        rf"error: butterfly show: --port: got {port} \(.*\); .*a free port.*\n", said
     )
