@@ -23,7 +23,7 @@ def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
 def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path):
     changed(quick, added_masses=[{"mass": 0.05, "arm": 0.104}])
     result = butterfly("run", quick, "--out", tmp_path / "out")
-    assert_one_line_error(result, "common factor", "add a run")
+    assert_one_line_error(result, "common factor", "add a log with another known mass")
 
 
 def test_a_report_that_cannot_be_written_is_one_line(butterfly, quick, tmp_path):

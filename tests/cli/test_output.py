@@ -100,9 +100,9 @@ def test_no_rows_are_said_to_be_none_and_one_is_told_as_pairs(capsys):
     show_rows("runs", TABLE, 1, asked=False)
     told = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["status", "ok"] in told
-    assert ["encoder", "noise,", "rad", "0"] in told
-    assert ["deviation,", "share", "of", "true", "0.01"] in told
-    assert ["fit", "median,", "%", "99.1"] in told
+    assert ["encoder", "noise", "in", "rad", "0"] in told
+    assert ["deviation", "in", "share", "of", "true", "0.01"] in told
+    assert ["fit", "median", "in", "%", "99.1"] in told
 
 
 @pytest.mark.parametrize("name", ["plant.encoder.noise", "noise", "encoder.noise", "encoder noise"])

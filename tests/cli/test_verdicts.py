@@ -5,7 +5,10 @@ import re
 
 import pytest
 
+import butterfly as bf
 from butterfly.cli.output import ExitCode
+from butterfly.experiment.methods import ESTIMATORS
+from butterfly.report.finding_texts import estimate_sentences
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import changed
 from tests.verdicts import follow_nothing, impossible_data
@@ -98,8 +101,8 @@ def test_the_numbers_and_the_page_say_the_verdict(
     text = report.read_text(encoding="utf-8")
     head, _, after = text.partition('<section class="summary"')
     assert '<div class="verdict warning">' in head
-    said = "All: do not use" if command == "validate of several" else "Do not use"
-    assert f"✕ {said}" in head
+    badges = {"identify": "Do not use", "validate of several": "All: do not use"}
+    assert f"✕ {badges.get(command, 'Parameters: do not use')}" in head
     for reason in numbers["reasons"]:
         assert reason in out
         assert reason in head
@@ -159,10 +162,73 @@ def test_the_fault_of_a_poor_method_is_no_slip_of_the_logs(butterfly, quick_data
 def test_what_a_method_does_not_estimate_is_no_value_of_it(butterfly, quick_data, tmp_path):
     page = tmp_path / "r.html"
     _, out, _ = butterfly("identify", quick_data, "--method", "thesis", "--report", page, "-v")
-    assert "This method estimates neither coulomb nor delay nor p4" in out
+    assert "This method does not estimate coulomb or delay or p4" in out
     assert_tables_fit(out)
-    table = out[out.index("quickstart: thesis") :]
-    assert all(symbol in table for symbol in ("p₁", "p₂", "p₃"))
-    assert not any(symbol in table for symbol in ("p₄", "T_c", "delay"))
-    assert {*json.loads(page.with_suffix(".json").read_text())["parameters"]} == {"p1", "p2", "p3"}
-    assert "<td>T_c</td>" not in page.read_text(encoding="utf-8")
+    _, table, *_ = out[out.index("quickstart: thesis") :].split("\n\n")
+    estimated = {"p1", "p2", "p3"}
+    assert {*re.findall(r"^  (\w+)", table, re.MULTILINE)} == estimated
+    assert {*json.loads(page.with_suffix(".json").read_text())["parameters"]} == estimated
+    text = page.read_text(encoding="utf-8")
+    assert {*re.findall(r"<tr><td>(\w+)<small>", text)} == estimated
+
+
+def _sentences(out):
+    """What is printed above the tables, a sentence in a line."""
+    return out.partition("\n\n")[0].splitlines()
+
+
+@pytest.mark.parametrize("method", ["harmonic-balance", "linear", "thesis"])
+def test_two_lines_three_sentences_and_a_hint_are_printed_and_all_with_verbose(
+    answer, quick_data, method
+):
+    words = ("identify", quick_data, "--method", method)
+    values, model, *others, hint = _sentences(answer(*words)[1])
+    assert re.match("(Good|Use with care|Do not use): ", values)
+    assert model.startswith("Model: error ")
+    assert len(others) == 3
+    every = _sentences(answer(*words, "--verbose")[1])
+    assert every[:5] == [values, model, *others]
+    assert hint == f"--verbose adds {len(every[5:])} more sentences."
+    found = bf.identify(quick_data, ESTIMATORS[method]()).estimate
+    assert {*estimate_sentences(found)} <= {*every}
+    assert len({*every}) == len(every)
+    assert answer(*words, "--quiet")[1] == f"{values}\n{model}\n"
+
+
+def test_of_several_estimators_the_verdict_is_two_lines_and_sentences_name_theirs(
+    butterfly, quick, tmp_path
+):
+    methods = ("linear", "harmonic-balance")
+    changed(quick, estimators=[{"method": method} for method in methods])
+    words = ("run", quick, "--out", tmp_path / "out")
+    values, model, other, *others, hint = _sentences(done(butterfly(*words)))
+    assert values.startswith("Good: linear: p1 ±")
+    assert model.startswith("Model: error ")
+    assert other.startswith("harmonic-balance: Good: p1 ±")
+    assert ". Model: error " in other
+    assert len(others) == 2
+    assert re.fullmatch(r"--verbose adds \d+ more sentences\.", hint)
+    again = "This run was already done; --force repeats it."
+    _, _, *every = _sentences(done(butterfly(*words, "--verbose")))
+    assert every.pop(0) == again
+    assert every[:3] == [other, *others]
+    assert {each.partition(": ")[0] for each in every} == {*methods}
+    assert not any("Model: " in each for each in every[1:])
+    assert done(butterfly(*words, "--quiet")) == f"{values}\n{model}\n"
+
+
+def test_an_estimator_that_fails_is_said_before_the_findings_of_the_others(
+    butterfly, quick, tmp_path
+):
+    estimators = [{"method": method} for method in ("weak-form", "thesis")]
+    changed(quick, estimators=estimators, excitations=[{"omega": 4.5, "amplitude": 0.15}])
+    _, _, first, *_ = _sentences(butterfly("run", quick, "--out", tmp_path / "out")[1])
+    assert first.startswith("thesis: ")
+
+
+def test_values_given_by_hand_have_a_verdict_of_one_line(answer, quick_data):
+    given = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
+    out = done(answer("predict", quick_data, "--with", given))
+    assert out.startswith("Use with care: p1, p4, p2, p3, coulomb and delay without an interval.\n")
+    assert "Model:" not in out
+    assert answer("predict", quick_data, "--with", given, "-q")[1] == f"{out.splitlines()[0]}\n"
