@@ -120,7 +120,7 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     assert "swings +1 turn from the others" in " ".join(out.split())
     assert "--repair unwrap" in out
     out = done(butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap"))
-    assert "by a turn undone; turns 2.5 times round" in " ".join(out.split())
+    assert "by a turn, undone; the angle spans 2.5 turns" in " ".join(out.split())
 
 
 def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path):
@@ -182,7 +182,7 @@ def test_one_log_says_how_its_file_was_read(butterfly, loose):
     path.write_text(path.read_text() + "4000")
     out = done(butterfly("inspect", path, *COLUMNS))
     assert "semicolons between columns" in out
-    assert "1 last line that lacks its end, dropped" in out
+    assert "1 incomplete last line dropped" in out
     assert "rad (√2 rms), mean" in out
 
 
