@@ -112,7 +112,9 @@ def test_a_stopped_sweep_leaves_results_and_no_process(quick, tmp_path, how):
     if how is not signal.SIGKILL:
         assert running.returncode == ExitCode.STOPPED
         last = said.splitlines()[-1]  # a slow machine tells its progress before
-        assert last.startswith(f"stopped: {_records(out)} of 40 runs are done; the same command ")
+        assert last.startswith(
+            f"stopped: {_records(out)} of 40 runs are done; run the same command "
+        )
 
 
 @pytest.mark.slow
@@ -179,7 +181,7 @@ ONE_MASS = {"added_masses": SINGLE["added_masses"][:1]}
 
 
 @pytest.mark.parametrize(
-    ("refused", "reason"), [(WILD, "command: got"), (ONE_MASS, "carry no added mass")]
+    ("refused", "reason"), [(WILD, "command: got"), (ONE_MASS, "have no added mass")]
 )
 def test_a_run_that_is_refused_is_recorded_with_its_reason_and_the_others_go_on(
     folder, refused, reason
