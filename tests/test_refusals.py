@@ -75,7 +75,7 @@ class Case:
 
 
 CASES = {
-    "nothing tells the scale": Case(
+    "nothing fixes the scale": Case(
         f"identify bare.yaml {WEAK}",
         "all logs have no added mass, so p1..p4 are identifiable only up to a common factor",
         (
@@ -96,12 +96,12 @@ CASES = {
         "all logs have no added mass, so p1..p4 are identifiable only up to a common factor",
         (f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1,gear_ratio=1",),
     ),
-    "logs that nothing drives": Case(
+    "no input": Case(
         f"identify decays.yaml {WEAK}",
         "the input is always zero, so p4 and delay are not identifiable",
         (f"identify driven.yaml {WEAK}", f"identify decays.yaml {WEAK} --known p4=0.5,delay=0"),
     ),
-    "no input column, as nothing drives the joint": Case(
+    "no input column": Case(
         f"identify free.yaml {WEAK}",
         "free0.csv: input: got no such column; expected one of 'time', 'angle'",
         (
@@ -119,7 +119,7 @@ CASES = {
             f"identify speed.yaml {WEAK} {GAIN},p3=0",
         ),
     ),
-    "no sines, for a method that wants them": Case(
+    "no sines, for a method that needs them": Case(
         f"identify unsaid-sines.yaml {BALANCE} {GAIN}",
         "no log is marked as a sine",
         (f"identify sines.yaml {BALANCE} {GAIN}", f"identify unsaid-sines.yaml {WEAK} {GAIN}"),
@@ -134,7 +134,7 @@ CASES = {
         "expected arm in m, since 1.csv has an added mass",
         (f"identify two.yaml {WEAK}",),
     ),
-    "names that tell masses, and no arm": Case(
+    "file names with masses, but no arm": Case(
         f"identify folder {BALANCE} {GAIN}",
         "folder: manifest.yaml: got no such file",
         (
@@ -143,22 +143,22 @@ CASES = {
             f"identify folder {BALANCE} {GAIN}",
         ),
     ),
-    "an angle that falls back by a turn": Case(
+    "a wrapped angle": Case(
         "inspect wrapped.csv",
         "wrapped.csv: angle: got 11 jumps by 6.283 rad",
         ("inspect wrapped.csv --repair unwrap",),
     ),
-    "a counter that starts again": Case(
+    "a wrapped counter": Case(
         "inspect counter.csv",
         "counter.csv: angle: got 11 jumps by 400 rad",
         ("inspect counter.csv --units angle=counts/400 --repair unwrap",),
     ),
-    "a word in a bracket that is no unit": Case(
+    "brackets without a unit": Case(
         "inspect ticks.csv",
         "ticks.csv: angle [ticks]: got the unit 'ticks' of angle; expected one of rad, mrad, deg",
         ("inspect ticks.csv --units angle=counts/4096",),
     ),
-    "two units that differ": Case(
+    "two different units": Case(
         "inspect deg.csv --input torque --units angle=rad",
         "deg.csv: angle [deg]: got the units deg (name) and rad (given) of angle",
         ("inspect deg.csv --input torque", "inspect deg.csv --input torque --units angle=1"),
@@ -173,22 +173,22 @@ CASES = {
         "wide.csv: header: got 'time,input,angle' above rows of 4 numbers",
         ("inspect wide.csv --columns time=0,input=1,angle=2",),
     ),
-    "separated thousands in the stamps": Case(
+    "thousands separators in timestamps": Case(
         "inspect thousands.csv",
         "thousands.csv: time: got 1 after 999 at sample 999",
         ("inspect 0.csv",),
     ),
-    "degrees taken for rad": Case(
+    "degrees read as rad": Case(
         f"identify degrees.yaml {WEAK} {GAIN}",
         "The angle looks like degrees",
         (f"identify degrees.yaml {WEAK} {GAIN} --units angle=deg",),
     ),
-    "milliseconds taken for s": Case(
+    "milliseconds read as s": Case(
         f"identify ms.yaml {WEAK} {GAIN}",
         "time: got a mean step of 2.5 s; expected seconds. The timestamps look like milliseconds",
         (f"identify ms.yaml {WEAK} {GAIN} --units time=ms",),
     ),
-    "a clock that starts again": Case(
+    "a clock that restarts": Case(
         "inspect restarts.csv",
         "restarts.csv: time: got 0.0 at sample 4800 (4799 such samples)",
         (
@@ -197,7 +197,7 @@ CASES = {
             "inspect restarts.csv --repair backward",
         ),
     ),
-    "samples that are no numbers": Case(
+    "missing samples": Case(
         "inspect nan.csv",
         "nan.csv: angle: got nan at sample 7 (1 such samples)",
         ("inspect nan.csv --repair non_finite",),
@@ -217,7 +217,7 @@ CASES = {
         "units.angle: got furlong; expected one of rad, mrad, deg",
         ("inspect 0.csv --units angle=mrad", "inspect 0.csv --units angle=201.168"),
     ),
-    "an unknown name of a parameter": Case(
+    "an unknown parameter": Case(
         f"identify bare.yaml {WEAK} --known p44=0.5",
         "known.p44: got an unknown name; expected 'p4' (did you mean that?)",
         (f"identify bare.yaml {WEAK} {GAIN}",),
@@ -227,12 +227,12 @@ CASES = {
         "unknown key; expected 'columns' (did you mean that?)",
         (f"identify named.yaml {WEAK} {GAIN}",),
     ),
-    "no mass can be left out": Case(
+    "no mass can be held out": Case(
         "validate bare-known.yaml --split mass --method weak-form --terms=",
         "all logs have no added mass: none can be held out",
         ("validate bare-known.yaml --split time --method weak-form --terms=",),
     ),
-    "one mass of two would be left": Case(
+    "only one mass would remain": Case(
         "validate two.yaml --split mass --method weak-form --terms=",
         "without the logs with no added mass, only one added mass remains",
         (
@@ -245,7 +245,7 @@ CASES = {
         "two: holdout: got all logs; expected at least one log to estimate from",
         (f"identify two.yaml {WEAK} {GAIN} --holdout 1.csv",),
     ),
-    "knowledge that the method cannot use": Case(
+    "a known value the method cannot use": Case(
         f"identify bare.yaml {WEAK} --known p4=0.5,tilt=0.01",
         "weak-form: known.tilt: got 0.01; expected the method output-error",
         ("identify bare.yaml --method output-error --terms= --known p4=0.5,tilt=0.01",),
@@ -258,7 +258,7 @@ CASES = {
             f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4+-0.1",
         ),
     ),
-    "a known value that no log agrees with": Case(
+    "a known value that contradicts the logs": Case(
         f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.3",
         "Do not use: The model does not follow the logs",
         (f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.003",),
@@ -268,7 +268,7 @@ CASES = {
         "predict: p4: got nothing; expected a value, as there is no sine log",
         ("predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008,p4=0.5",),
     ),
-    "a piece outside the log": Case(
+    "a part outside the log": Case(
         "inspect 0.csv --from 20",
         "0.csv: from, to: got 0 samples in 0.csv (20 s to end); expected at least 16 samples",
         ("inspect 0.csv --from 2",),
