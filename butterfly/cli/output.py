@@ -303,12 +303,14 @@ def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
     def tell() -> None:
         while not over.wait(EVERY):
             spent = time.monotonic() - begin
-            far = f"{done}{f' of {count}' if count else ''} done"
+            far = f"{done}{f' of {count}' if count else ''} done, "
             if count == 1:  # which takes what its simulations take
-                far = f"{search.simulations - before} simulations of all logs"
+                simulated = search.simulations - before
+                far = f"{simulated} simulations of all logs, " if simulated else ""
             left = f", about {spent / done * (count - done):.0f} s left" if 0 < done < count else ""
-            ends = "" if math.isinf(search.seconds) else f" (search limit {search.seconds:g} s)"
-            print(f"{description}: {far}, {spent:.0f} s{left}{ends}", file=sys.stderr, flush=True)
+            limited = count == 1 and not (search.over or math.isinf(search.seconds))
+            ends = f" (search limit {search.seconds:g} s)" if limited else ""
+            print(f"{description}: {far}{spent:.0f} s{left}{ends}", file=sys.stderr, flush=True)
 
     threading.Thread(target=tell, daemon=True).start()
     try:

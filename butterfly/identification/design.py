@@ -129,7 +129,7 @@ def rank_experiments(
         limits = {"misfit": misfit, "limit": largest_swing}
         return judged_candidate(estimate, mass, signal, log, **limits)
 
-    judged = in_threads(judge, jobs, track, "Judging candidates")
+    judged = in_threads(judge, jobs, track, "Rating candidates")
     candidates = (each for each in judged if each is not None)
     return sorted(candidates, key=lambda c: (bool(c.warning), c.score))
 

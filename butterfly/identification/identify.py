@@ -59,7 +59,9 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], "Judging")]
+    (left,) = [
+        residuals_of(data, run.estimate, each) for each in track([run.runs], "Checking residuals")
+    ]
     sure = judge(data, estimator, run.estimate, left)
     return replace(
         run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label

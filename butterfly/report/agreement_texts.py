@@ -68,7 +68,7 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
         # the condition is 1 over the speed; a lag that a faster joint has more of is no gap
         return ("backlash",) if contrast.grows else _FRICTION
     if condition is Condition.LOG:
-        return _SCATTER if name == "p4" else ("friction that varies between logs",)
+        return _SCATTER if name == "p4" else ("temperature", "lubrication", "wear")
     if condition is Condition.WEIGHED:
         return ("weighed wrong", *_WITH_MASS)
     if condition is Condition.DIRECTION:
