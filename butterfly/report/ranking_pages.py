@@ -134,7 +134,7 @@ def structures_table(passed: Sequence[Structure]) -> PageTable:
         gained = "" if gain is None else f"{gain.mean:.1f} \N{PLUS-MINUS SIGN} {gain.error:.1f}"
         rows.append((", ".join((_BASIC, *structure.terms)), *cells, gained))
     fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
-    return PageTable(headers=("terms", *fit_headers, "gain"), rows=rows)
+    return PageTable(headers=("terms", *fit_headers, "gain in FIT"), rows=rows)
 
 
 def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -> Page:
@@ -168,7 +168,7 @@ def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -
 
 
 def _structures_figure(passed: Sequence[Structure]) -> Figure:
-    figure = panel("", "median FIT in %", 340)
+    figure = panel("fitted terms", "median FIT in %", 340)
     names = [_BASIC, *(f"+ {each.terms[-1]}" for each in passed[1:])]
     fits = {"in sample": [each.in_sample.median for each in passed]}
     for split in passed[0].held_out:
