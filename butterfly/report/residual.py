@@ -15,6 +15,7 @@ from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.result import versions
 from butterfly.verdict import Verdict
 
 HEADERS = (
@@ -101,7 +102,7 @@ def residual_page(
         ],
         summary=[*summary],
         sections=[torque, errors],
-        numbers={},
+        numbers={"data": {"name": residual.label}, "versions": versions()},
     )
 
 
