@@ -118,7 +118,7 @@ def _torque_figure(residual: ResidualTorque, title: str, way: str) -> Figure:
     for row, (below, values) in enumerate(columns.items(), start=1):
         colour, _ = look(row - 1)
         style = {"line": {"color": colour, "width": 1}, "mode": "lines" if row == 1 else "markers"}
-        style["marker"] = {"color": colour, "size": 3, "opacity": 0.5}
+        style["marker"] = {"color": colour, "size": 3, "opacity": 0.8}
         add(figure, row, values[some], torque, showlegend=False, **style)
         figure.update_xaxes(title=below, row=row)
         figure.update_yaxes(title=title, row=row)
