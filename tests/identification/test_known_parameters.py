@@ -228,7 +228,7 @@ def test_what_is_known_is_not_to_be_found_otherwise(pair):
         with pytest.raises(InputError, match=message):
             OutputError(terms=(), **options)(data)
     every = {name: getattr(ROBOT, name) for name in PARAMETERS}
-    with pytest.raises(InputError, match="known: got p1, .* all exactly; expected at least one"):
+    with pytest.raises(InputError, match=r"known: got p1, .* all exactly; expected at least one"):
         METHODS["weak-form"](data.knowing(Prior.of(every)))
 
 
