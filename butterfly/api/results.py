@@ -383,7 +383,7 @@ class Residual(Answer):
             self.torque(worst),
             self.residuals.logs[worst],
             self.judged,
-            self.summary[1:],
+            self.notes,
             joint=self.data.joint,
         )
         write_html(page, Path(path))

@@ -89,11 +89,14 @@ def log_ticks(*digits: int) -> dict[str, Any]:
 
 
 def logs_panel(names: Sequence[str], across: str) -> Figure:
-    """Return a figure with a row for each log, the first on top; their y is 0, 1, and so on."""
-    count = len(names)
-    figure = panel(across, "", min(_ROW * count, _HIGHEST) + 100)
-    rows = list(range(0, count, -(-_ROW * count // _HIGHEST)))  # those whose names have room
-    texts = [escape(names[row]) for row in rows]
+    """Return a figure with a row for each log, the first on top; their y is 0, 1, and so on.
+
+    A name may have several lines.
+    """
+    count, high = len(names), _ROW * max((name.count("\n") + 1 for name in names), default=1)
+    figure = panel(across, "", min(high * count, _HIGHEST) + 100)
+    rows = list(range(0, count, -(-high * count // _HIGHEST)))  # those whose names have room
+    texts = [escape(names[row]).replace("\n", "<br>") for row in rows]
     return figure.update_yaxes(tickvals=rows, ticktext=texts, range=[count - 0.4, -0.6])
 
 

@@ -17,6 +17,7 @@ from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.report.page import Badge, Page, PageTable, Section
+from butterfly.result import versions
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
 
@@ -171,5 +172,5 @@ def inspection_page(log: Log, health: Health) -> Page:
         summary=hints(remarks),
         lead=Section(title="In numbers", tables=(table,)),
         sections=[Section(title="The log", figures={"log": recorded_figure(log)})],
-        numbers={},
+        numbers={"data": {"name": log.source}, "versions": versions()},
     )

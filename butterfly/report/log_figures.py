@@ -257,7 +257,7 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
             y = outline.astype(np.float32)
             add(figure, row, there_and_back, y, name=f"95 %, {name}", **shade)
         for name, (angle, colour, width) in lines.items():
-            style = {"line": {"width": width, "color": colour}, **common}
+            style = {"line": {"width": width if row == 1 else 1.5, "color": colour}, **common}
             style["hovertemplate"] = f"%{{x:.2f}} s: %{{y:.4f}} {way}"
             y = (angle - about).astype(np.float32)
             add(figure, row, prediction.time, y, name=name, **style)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from textwrap import wrap
 
 from plotly.graph_objects import Figure
 
@@ -25,6 +26,7 @@ _HEADERS: tuple[str, ...] = (
     *("time in s", "p1", "p2", "p3", "p4", "coulomb", "remark"),
 )
 _ROW = 52  # pixels of an estimator
+_BROAD = 32  # letters of a line that names an experiment
 _BASIC = "p1..p4, coulomb, delay"  # which every structure has
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
@@ -134,7 +136,7 @@ def structures_table(passed: Sequence[Structure]) -> PageTable:
         gained = "" if gain is None else f"{gain.mean:.1f} \N{PLUS-MINUS SIGN} {gain.error:.1f}"
         rows.append((", ".join((_BASIC, *structure.terms)), *cells, gained))
     fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
-    return PageTable(headers=("terms", *fit_headers, "gain"), rows=rows)
+    return PageTable(headers=("terms", *fit_headers, "gain in FIT"), rows=rows)
 
 
 def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -> Page:
@@ -168,7 +170,7 @@ def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -
 
 
 def _structures_figure(passed: Sequence[Structure]) -> Figure:
-    figure = panel("", "median FIT in %", 340)
+    figure = panel("fitted terms", "median FIT in %", 340)
     names = [_BASIC, *(f"+ {each.terms[-1]}" for each in passed[1:])]
     fits = {"in sample": [each.in_sample.median for each in passed]}
     for split in passed[0].held_out:
@@ -210,7 +212,9 @@ class TablePlots:
         """Draw the mean of the standard errors after each of the first candidates, over now's."""
         rows = self.result.rows()[:count]
         names = [f"{row['input']}, {row['added mass']}" for row in rows]
-        figure = logs_panel(names, "standard errors after this run, in % of the present ones")
+        short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
+        across = "standard errors after this run<br>in % of the present ones"
+        figure = logs_panel(["\n".join(lines) for lines in short], across)
         ends = [min(0.0, *(100 * row["mean"] for row in rows)), 105.0]
         return figure.update_xaxes(range=ends).add_scatter(
             x=[100 * row["mean"] for row in rows],
@@ -218,6 +222,7 @@ class TablePlots:
             text=[f"{100 * row['mean']:.3g} %" for row in rows],
             textposition="middle left",
             mode="markers+text",
-            hovertemplate="%{y}: %{x:.3g} %<extra></extra>",
+            hovertext=[*map(escape, names)],
+            hovertemplate="%{hovertext}: %{x:.3g} %<extra></extra>",
             marker={"color": PALETTE[0], "size": 9},
         )

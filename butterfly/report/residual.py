@@ -15,6 +15,7 @@ from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.result import versions
 from butterfly.verdict import Verdict
 
 HEADERS = (
@@ -101,7 +102,7 @@ def residual_page(
         ],
         summary=[*summary],
         sections=[torque, errors],
-        numbers={},
+        numbers={"data": {"name": residual.label}, "versions": versions()},
     )
 
 
@@ -117,7 +118,7 @@ def _torque_figure(residual: ResidualTorque, title: str, way: str) -> Figure:
     for row, (below, values) in enumerate(columns.items(), start=1):
         colour, _ = look(row - 1)
         style = {"line": {"color": colour, "width": 1}, "mode": "lines" if row == 1 else "markers"}
-        style["marker"] = {"color": colour, "size": 3, "opacity": 0.5}
+        style["marker"] = {"color": colour, "size": 3, "opacity": 0.8}
         add(figure, row, values[some], torque, showlegend=False, **style)
         figure.update_xaxes(title=below, row=row)
         figure.update_yaxes(title=title, row=row)

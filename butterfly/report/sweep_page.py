@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _LISTED = 100  # runs in a table of what went wrong
 _NEXT_TO_ZERO = 10.0  # times the true value, from which a deviation in per cent says nothing
+_LEAST = 1e-12  # deviation that is told from 0
 _ORBITS = 200  # runs in the table of orbits
 
 
@@ -162,7 +163,8 @@ def _recovery_table(recovered: Sequence[Recovery]) -> PageTable:
 def closest(table: Estimates) -> list[str]:
     """Return the estimator with the least deviations, then those not significantly farther off.
 
-    Significant: twice the standard error, over the runs that both have, of the difference.
+    Significant: twice the standard error, over the runs that both have, of the logarithm of their
+    ratio, which no single run decides.
     """
     means: dict[str, dict[float, float]] = {}
     medians: dict[str, float] = {}
@@ -171,7 +173,7 @@ def closest(table: Estimates) -> list[str]:
         size = np.abs(group["deviation"])
         if size.size:
             numbers, run = np.unique(group["number"], return_inverse=True)
-            own = np.bincount(run, size) / np.bincount(run)
+            own = np.log(np.maximum(np.bincount(run, size) / np.bincount(run), _LEAST))
             means[method] = dict(zip(numbers.tolist(), own.tolist(), strict=True))
             medians[method] = float(np.median(size))
     first, *others = sorted(medians, key=lambda method: medians[method]) or [""]

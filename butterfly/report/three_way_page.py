@@ -35,9 +35,9 @@ from butterfly.result import Result
 
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
 _LINES = {  # the later ones above, and thinner, so that all are seen
-    "MuJoCo": {"color": PALETTE[1], "width": 6},
-    "grey box": {"color": PALETTE[2], "width": 3},
-    "measured": {"color": PALETTE[0], "width": 1.2},
+    "MuJoCo": {"color": PALETTE[1], "width": 8},
+    "grey box": {"color": PALETTE[2], "width": 5},
+    "measured": {"color": PALETTE[0], "width": 1.8},
 }
 _STEP = 0.02  # s between drawn points
 _MOST = 4000  # points of a curve

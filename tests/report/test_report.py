@@ -240,6 +240,31 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
         assert row[3].limits[0] <= 0.0 <= row[3].limits[1]
 
 
+def test_the_first_screen_repeats_the_numbers_of_its_verdict(simulated):
+    result, _ = simulated
+    page = identification_page(result)
+    values, model = page.headed.reasons
+    widths = {str(row[0]): row[4] for row in page.lead.tables[0].rows}
+    assert widths.pop("delay") == "may be 0"
+    for name, width in widths.items():
+        assert f"{name} {width.replace(' ', '', 1)}" in values
+    (error,) = [fact.value for fact in page.facts if fact.label == "model error"]
+    assert f"error {error} of the motion" in model
+
+
+def test_noise_in_a_spectrum_is_as_high_as_its_peaks(simulated):
+    run, residuals = simulated[0].free_runs[0], simulated[0].residuals.logs[0]
+    noise = np.random.default_rng(0).normal(0, residuals.sensor.spread, run.log.time.size)
+    even = np.linspace(run.log.time[0], run.log.time[-1], run.log.time.size)
+    log = dataclasses.replace(run.log, time=even)
+    noisy = dataclasses.replace(run, log=log, simulated=log.measured - noise)
+    _, found, expected = spectrum_figure(noisy, residuals).data
+    slow = found.x < 0.1 * np.pi / log.mean_step  # beyond, interpolation smooths noise
+    assert slow.sum() > 100
+    ratio = np.mean((found.y[slow] / expected.y[slow]) ** 2)
+    assert ratio == pytest.approx(1.0, abs=0.15)
+
+
 def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
     result = simulated[0]
     estimate = result.estimate

@@ -2,7 +2,7 @@ const OPTIONS = {responsive: true, displaylogo: false, modeBarButtonsToRemove: [
 const DARK = {"#0072B2": "#5aaee8", "#E69F00": "#f2b63c", "#009E73": "#35c99c", "#CC79A7": "#e59cc5", "#56B4E9": "#9bd6f7",
   "#D55E00": "#ff8f4a", "#F0E442": "#f5ec7a", "#888888": "#9aa5b0"};
 const LIGHT = {"#F0E442": "#a89b00"};
-const PRINTED = {ink: "#1b1f24", rule: "#d8dde2", width: 680, height: 860};
+const PRINTED = {ink: "#1b1f24", rule: "#d8dde2", width: 680, height: 640};
 const dark = matchMedia("(prefers-color-scheme: dark)");
 let printing = false;
 
@@ -24,7 +24,9 @@ function themed({data, layout}) {
     modebar: {orientation: "v", bgcolor: "rgba(0,0,0,0)", color: rule, activecolor: ink},
     legend: {orientation: "h", y: 1.01, yanchor: "bottom"}, hoverlabel: {namelength: -1},
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom"};
-  if (printing) Object.assign(result, {width: PRINTED.width, height: Math.min(own.height ?? 450, PRINTED.height)}); else { result.autosize = true; delete result.width; }
+  const height = own.height ?? 450, named = data.filter(trace => trace.name && trace.showlegend !== false).length;
+  if (printing) Object.assign(result, {width: PRINTED.width, height: Math.min(height, PRINTED.height)});
+  else { Object.assign(result, {autosize: true, height: height + (narrow ? 20 * named : 0)}); delete result.width; }
   for (const key of Object.keys(result)) {
     if (/^[xy]axis/.test(key)) result[key] = {...result[key], gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true, exponentformat: "power", minexponent: 4};
   }
