@@ -59,7 +59,8 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (left,) = [
+    describe = "Checking residuals"
+    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], describe)]
         residuals_of(data, run.estimate, each) for each in track([run.runs], "Checking residuals")
     ]
     sure = judge(data, estimator, run.estimate, left)
