@@ -59,8 +59,7 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    describe = "Checking residuals"
-    (left,) = [residuals_of(data, run.estimate, each) for each in track([run.runs], describe)]
+    (left,) = [
         residuals_of(data, run.estimate, each) for each in track([run.runs], "Checking residuals")
     ]
     sure = judge(data, estimator, run.estimate, left)
