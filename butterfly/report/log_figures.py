@@ -224,7 +224,7 @@ def share_figure(predictions: Sequence[Prediction]) -> Figure:
                 hovertemplate="%{text}: %{x:.1f} %",
             )
     figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
-    figure.update_xaxes(range=[-2, 102])
+    figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
     return figure
 
 
