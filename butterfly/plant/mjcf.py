@@ -265,7 +265,10 @@ def _dress(root: ElementTree.Element, added: AddedMass) -> None:
     if reach > _PLATE:
         ends = (0, depth, 0, 0, depth, added.arm)
         _geom(body, "visual", type="capsule", size=(_ROD,), fromto=ends)
-    if reach > _SCENE:
+    if reach > _SCENE:  # the mass swings below the bench's floor, too
+        for parent in root.iter("worldbody"):
+            for floor in parent.findall("geom[@material='floor']"):
+                parent.remove(floor)
         for tag, name in (("camera", "pos"), ("statistic", "extent")):
             for element in root.iter(tag):
                 numbers = [float(number) for number in element.get(name, "").split()]

@@ -15,7 +15,7 @@ from butterfly.identification.inference.conditions import Condition
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text
-from butterfly.report.format import counted, fit_text, times_text
+from butterfly.report.format import counted, fit_text, times_text, upwards
 from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]
@@ -132,7 +132,7 @@ def values_sentence(estimate: Estimate) -> str:
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
     known = [name for name in names if name not in zero and math.isfinite(estimate.reach[name])]
     parts = [
-        ", ".join(f"{shown[name]} ±{_upwards(estimate.reach[name])}" for name in group)
+        ", ".join(f"{shown[name]} ±{upwards(estimate.reach[name])}" for name in group)
         for group in (
             [name for name in known if name in OF_VERDICT],
             [name for name in known if name not in OF_VERDICT],
@@ -263,13 +263,6 @@ _MORE_RUNS = {
 def _percent(share: float) -> str:
     """Return a share in per cent, with two digits."""
     return f"{float(f'{100 * share:.2g}'):g} %"
-
-
-def _upwards(share: float) -> str:
-    """Return a share in per cent with two digits, rounded up, as a limit has to be."""
-    percent = 100 * share * (1 - 1e-9)
-    digit = 10.0 ** (math.floor(math.log10(percent)) - 1) if percent > 0 else 1.0
-    return f"{math.ceil(percent / digit) * digit:.4g} %"
 
 
 def _both(names: Sequence[str]) -> str:
