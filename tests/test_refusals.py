@@ -77,7 +77,7 @@ class Case:
 CASES = {
     "nothing fixes the scale": Case(
         f"identify bare.yaml {WEAK}",
-        "all logs have no added mass, so p1..p4 are identifiable only up to a common factor",
+        "no log has an added mass, so p1..p4 are identifiable only up to a common factor",
         (
             f"identify two.yaml {WEAK}",
             f"identify bare.yaml {WEAK} {GAIN}",
@@ -93,7 +93,7 @@ CASES = {
     ),
     "a slide whose motor has no gear ratio": Case(
         f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1",
-        "all logs have no added mass, so p1..p4 are identifiable only up to a common factor",
+        "no log has an added mass, so p1..p4 are identifiable only up to a common factor",
         (f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1,gear_ratio=1",),
     ),
     "no input": Case(
@@ -229,7 +229,7 @@ CASES = {
     ),
     "no mass can be held out": Case(
         "validate bare-known.yaml --split mass --method weak-form --terms=",
-        "all logs have no added mass: none can be held out",
+        "no log has an added mass: none can be held out",
         ("validate bare-known.yaml --split time --method weak-form --terms=",),
     ),
     "only one mass would remain": Case(

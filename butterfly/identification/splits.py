@@ -178,7 +178,11 @@ def _why_alike(data: DataSet, split: Split) -> str:
     """Return why all logs are of one part."""
     if split is Split.MASS:
         (mass,) = data.masses
-        return f"all logs have {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
+        return (
+            f"all logs have the same added mass ({mass})"
+            if mass.mass
+            else "no log has an added mass"
+        )
     if split is Split.FREQUENCY:
         return "all sines have the same frequency" if _frequencies(data) else "no log is a sine"
     return "there is only one log"

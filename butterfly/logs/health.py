@@ -245,7 +245,7 @@ def _refuse_unless_allowed(
     if repair is Repair.NON_FINITE:
         field = next(name for name, column in columns.items() if not np.isfinite(column[first]))
     value = f"{columns[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
-    hint = f"{expected} (or drop and count them: --repair {repair}, or the manifest's key repair)"
+    hint = f"{expected} (to drop them: --repair {repair}, or the manifest's key repair)"
     raise InputError(log.source, field, value, hint)
 
 
@@ -254,7 +254,7 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
         return
     first = log.time[wrapping.rows[0]]
     value = f"{wrapping.rows.size} jumps by {wrapping.turn:.4g} rad, the first at {first:.6g} s"
-    hint = "a continuous angle (or undo and count the jumps: "
+    hint = "a continuous angle (to unwrap it: "
     hint += f"--repair {Repair.UNWRAP}, or the manifest's key repair)"
     if not wrapping.exact:
         hint = (

@@ -17,7 +17,7 @@ _FRICTION = ("a friction term missing in the model",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log (warm-up)",)
 _SCATTER = (
-    "a resistance that varies between logs",
+    "a varying resistance",
     "drive saturation",
     "a moving base",
 )
@@ -82,18 +82,18 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
 def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
     """Say in a sentence what follows what, from where to where, and what may be the cause."""
     first, *others = causes(contrast)
-    alike = f" (or {', '.join(others)})" if others else ""
+    why = f"Possible cause{'s' if others else ''}"
     if contrast.condition is Condition.WEIGHED:
         given, wanted = 1e3 * contrast.first, 1e3 * contrast.last
         return (
             f"The logs with the added mass of {given:.4g} g agree with the others if it is really "
-            f"{wanted:.4g} g: {first}{alike}?"
+            f"{wanted:.4g} g. {why}: {', '.join([first, *others])}."
         )
     if contrast.play > 0:
         size = f"{contrast.play:.2g} {estimate.joint.way}"
         if estimate.joint is JointKind.HINGE:
             size += f" ({math.degrees(contrast.play):.2g}°)"
-        first = f"{first}, about {size} in total"
+        first = f"{first} of about {size}"
     unit = unit_of(contrast.parameter, estimate.input_kind, estimate.joint)
     low, high = contrast.first, contrast.last
     if contrast.condition in {Condition.COMMAND, Condition.SPEED}:  # the condition is 1 over it
@@ -101,7 +101,8 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
     way = f"{'grows' if high > low else 'falls'} with {_FOLLOWS[contrast.condition]}"
     if contrast.condition is Condition.LOG:
         way = "varies between logs"
-    return f"{contrast.parameter} {way}, from {low:.3g} to {high:.3g} {unit}: {first}{alike}?"
+    moves = f"{contrast.parameter} {way}, from {low:.3g} to {high:.3g} {unit}"
+    return f"{moves}. {why}: {', '.join([first, *others])}."
 
 
 def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:

@@ -185,6 +185,7 @@ def finding_text(finding: Finding, values: Values) -> str:
         fields |= {"number": number, "percent": 100 * number, "used": counted(number, "log")}
         fields |= {"rounded": float(f"{number:.2g}"), "size": abs(100 * number)}
         fields["larger"] = "larger" if number > 0 else "smaller"
+        fields["faster"] = "faster" if number > 0 else "slower"
     return text.format(**fields)
 
 
@@ -222,8 +223,8 @@ def _few_masses(finding: Finding, _: Values) -> str:
 def _torque_driven(finding: Finding, values: Values) -> str:
     resistance = _number(finding)
     return (
-        "The input looks like a torque, not a voltage: its back EMF alone would brake more than p2 "
-        f"unless the back-EMF constant is below {resistance * abs(values['p4']):.2g} V s/rad and "
+        "The input is declared as a voltage but looks like a torque: p2 is too small for a motor's "
+        f"back EMF, unless its constant is below {resistance * abs(values['p4']):.2g} V s/rad and "
         f"the resistance below {resistance:.2g} Ohm. Check the manifest's key input."
     )
 
@@ -329,15 +330,15 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.SCANNED: lambda finding, _: (
         f"{', '.join(finding.parameters)} ({_number(finding):.2g} "
-        f"{TERMS[finding.parameters[0]].unit}) comes from a grid search; the intervals cover "
-        "equally good values."
+        f"{TERMS[finding.parameters[0]].unit}) was chosen from a grid; the intervals cover "
+        "grid values that fit equally well."
     ),
     FindingKind.HELD: lambda finding, _: (
         f"{', '.join(finding.parameters)} is fixed at {_number(finding):.2g} "
         f"{TERMS[finding.parameters[0]].unit}: these logs hardly constrain it."
     ),
     FindingKind.NOT_HELPING: (
-        "Not fitted: {names}. No improvement in the prediction of held-out logs."
+        "Tried, not included: {names}. No better prediction of held-out logs."
     ),
     FindingKind.INSEPARABLE: lambda finding, _: " ".join(
         [
@@ -349,35 +350,36 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         _number(finding), finding.parameters
     ),
     FindingKind.OTHER_END: (
-        "From another start the fit ends in a worse minimum ({number:.3g} times the squared "
-        "error); the best one is given."
+        "Another start led to a worse minimum ({number:.3g} times the squared error); the best fit "
+        "is given."
     ),
     FindingKind.COMBINATION: (
-        "{combined} are strongly correlated (condition number {rounded:.0f}): add a run that "
-        "separates them."
+        "These logs hardly separate {combined} (condition number {rounded:.0f}): add a run that "
+        "does."
     ),
     FindingKind.ON_BOUND: "{names} hit the bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} hit the bound and would go beyond: the model lacks a term, or a sign, a mass or "
-        "a timestamp is wrong."
+        "{names} stopped at the bound, and the data would push it further: the model lacks a term, "
+        "or a sign, a mass or a timestamp is wrong."
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
-        "With {used} the intervals come from blocks of time and do not cover scatter between runs: "
+        "With {used} the intervals do not cover scatter between runs and may be too narrow: "
         "record more runs."
     ),
     FindingKind.SCATTER: lambda finding, _: _scatter(finding),
     FindingKind.CLOCK: (
-        "The recorded sines run {percent:+.2g} % off the given omega: the clock or omega is wrong. "
-        "This shifts {names} by about twice that; the intervals cover both. Check clock and omega."
+        "The recorded sines are {size:.2g} % {faster} than the given omega: the clock or omega is "
+        "wrong. This shifts {names} by about twice that; the intervals cover both. Check clock and "
+        "omega."
     ),
     FindingKind.CLOCK_SET: (
-        "The recorded sines run {percent:+.2g} % off the given omega. The logs agree best with a "
-        "wrong clock: the timestamps were corrected. Check the clock."
+        "The recorded sines are {size:.2g} % {faster} than the given omega. A clock error explains "
+        "this best: the timestamps were corrected. Check the clock."
     ),
     FindingKind.OMEGA_SET: (
-        "The recorded sines run {percent:+.2g} % off the given omega. The logs agree best with a "
-        "wrong omega: it was corrected. Check omega."
+        "The recorded sines are {size:.2g} % {faster} than the given omega. A wrong omega explains "
+        "this best: it was corrected. Check omega."
     ),
     FindingKind.LIKE_CLOCK: (
         "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
@@ -398,9 +400,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.NO_MISFIT: "Sensor noise explains the error ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
     FindingKind.RESTS_ON: lambda finding, _: (
-        f"All values rest on {_both([_RESTS_ON[name] for name in finding.parameters])}, which the "
-        "logs cannot show. A lag counts as delay; a spring at small swings as p3."
+        "The logs cannot show errors of "
+        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A lag appears "
+        "as delay, a spring at small swings as p3."
     ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
-    FindingKind.RATIOS: "Ratios to p1: no known mass was added. A controller needs no more.",
+    FindingKind.RATIOS: (
+        "No known mass was added, so values are ratios to p1: enough to design a controller."
+    ),
 }

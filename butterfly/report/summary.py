@@ -234,7 +234,7 @@ def best_experiment_text(best: Candidate) -> str:
     warning = f"; but: {best.warning}." if best.warning else "."
     return (
         f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard "
-        f"errors to {100 * best.score:.0f} % on average{warning}"
+        f"errors to {100 * best.score:.0f} % of now on average{warning}"
     )
 
 

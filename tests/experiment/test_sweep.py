@@ -181,7 +181,7 @@ ONE_MASS = {"added_masses": SINGLE["added_masses"][:1]}
 
 
 @pytest.mark.parametrize(
-    ("refused", "reason"), [(WILD, "command: got"), (ONE_MASS, "have no added mass")]
+    ("refused", "reason"), [(WILD, "command: got"), (ONE_MASS, "no log has an added mass")]
 )
 def test_a_run_that_is_refused_is_recorded_with_its_reason_and_the_others_go_on(
     folder, refused, reason

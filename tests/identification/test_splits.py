@@ -89,7 +89,7 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, k
 
 def test_refusals_name_what_works(sines):
     for data, split, said in (
-        (_of(sines, 1), Split.MASS, "have no added mass: .*; split frequency works"),
+        (_of(sines, 1), Split.MASS, "no log has an added mass: .*; split frequency works"),
         (_other(AddedMass(), HEAVY), Split.FREQUENCY, "no log is a sine.*; split time works"),
         (_other(AddedMass()), Split.LOG, "only one log.*; split time works"),
     ):

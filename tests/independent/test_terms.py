@@ -84,7 +84,7 @@ def test_what_a_parameter_follows_and_why_is_among_what_is_always_shown(row):
 def test_backlash_is_named_with_its_size(number, method):
     """Sines by their responses; chirps and sums of sines by their free runs."""
     found = identify(DataSet.of(defects.draw("backlash", number).logs), METHODS[method])
-    told = re.search(r"backlash, about (\S+) rad \((\S+)°\) in total", " ".join(found.notes[:3]))
+    told = re.search(r"backlash of about (\S+) rad \((\S+)°\)", " ".join(found.notes[:3]))
     assert float(told[1]) == pytest.approx(np.radians(0.3), rel=0.3)
     assert float(told[2]) == pytest.approx(0.3, rel=0.3)
 
@@ -101,7 +101,7 @@ def test_a_resistance_that_friction_by_load_hides_is_seen_by_free_runs():
     """p4 is 11 % off, with the masses: its interval holds what it is if logs differ."""
     robot = defects.draw("resistance", 1, 2203)
     found = identify(DataSet.of(robot.logs), METHODS["harmonic-balance"])
-    assert "a resistance that varies" in " ".join(found.notes[:3])
+    assert "a varying resistance" in " ".join(found.notes[:3])
     assert found.judged.level is not Level.GOOD
     (p4,) = (row for row in found.estimate.table() if row.name == "p4")
     assert p4.lower < robot.truth["p4"] < p4.upper

@@ -35,9 +35,9 @@ NUMBERS = {
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.HELD: (0.14, "fixed at 0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
-    FindingKind.CLOCK: (-0.0031, "-0.31 %"),
-    FindingKind.CLOCK_SET: (0.0042, "+0.42 %"),
-    FindingKind.OMEGA_SET: (0.0042, "+0.42 %"),
+    FindingKind.CLOCK: (-0.0031, "0.31 % slower"),
+    FindingKind.CLOCK_SET: (0.0042, "0.42 % faster"),
+    FindingKind.OMEGA_SET: (0.0042, "0.42 % faster"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.LIKE_CLOCK: (0.00213, "+0.21 %"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
@@ -174,8 +174,8 @@ _SCATTER = "Scatter between logs: p2, coulomb by 21 %; p4 by 1.2 %."
             (WITH_MASS,),
             f"{_TIMES}.",
             [
-                "p1 grows with the added mass, from 0.002 to 0.0022 kg m²: the added mass's own "
-                "inertia (or its arm, the clock, a moving base)?"
+                "p1 grows with the added mass, from 0.002 to 0.0022 kg m². Possible causes: the "
+                "added mass's own inertia, its arm, the clock, a moving base."
             ],
         ),
     ],
@@ -193,9 +193,9 @@ def test_the_second_line_is_the_model_s_and_what_differs_between_logs_comes_next
 def test_terms_that_the_free_runs_lack_are_not_said_to_be_of_no_help():
     idle = Finding(FindingKind.NOT_HELPING, ("drag", "stribeck"))
     said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle))
-    assert any("Not fitted" in each for each in said)
+    assert any("Tried, not included" in each for each in said)
     said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle, LACKS))
-    assert not any("Not fitted" in each for each in said)
+    assert not any("Tried, not included" in each for each in said)
 
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():

@@ -136,9 +136,7 @@ def unit_error_text(finding: Finding) -> str:
         case UnitError.MASS:
             given, ways = more
             choice = (
-                ""
-                if ways == "1"
-                else f" This is one of {ways} explanations; the motion alone cannot tell which."
+                "" if ways == "1" else f" This is one of {ways} explanations: weigh the masses."
             )
             return (
                 "The added masses contradict each other: the logs agree with a joint if "

@@ -121,9 +121,9 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
     scale = [name for name in known.scale(carried[0]) if driven or name != "p4"]
     if scale or len({mass.inertia_and_moment for mass in carried}) > 1:
         return
-    what = "the same added mass" if carried[0].mass else "no added mass"
+    same = "all logs have the same" if carried[0].mass else "no log has an"
     raise IdentifiabilityError(
-        f"all logs have {what}, so p1..p4 are identifiable only up to a common factor: "
+        f"{same} added mass, so p1..p4 are identifiable only up to a common factor: "
         f"{'; or '.join(_remedies(carried[0], driven=driven))}"
     )
 
@@ -131,7 +131,8 @@ def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: b
 def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
     """Name what would tell how large the parameters are, of logs that all carry the same."""
     slide = carried.joint is JointKind.SLIDE
-    remedies = ["add a log with another known mass (no added mass counts too)"]
+    other = "another known mass, or with none" if carried.mass else "a known mass"
+    remedies = [f"add a log with {other}"]
     if driven:
         force = "N" if slide else "N m"
         motor = "resistance=...,torque_constant=..." + (",gear_ratio=..." if slide else "")
