@@ -25,7 +25,7 @@ from tests.independent.scores import Reading, Score, scored
 MOVED = 2.0
 """Error in % of a parameter that a defect has moved."""
 
-_GIVEN = "All values rest on"  # begins a line that names what no log shows
+_GIVEN = "The logs cannot show errors of"  # begins a line that names what no log shows
 _KEY = ("p1", "p4")  # what *good* vouches for
 
 
