@@ -31,6 +31,10 @@ class Search:
     simulations: int = 0  # of all logs, so far
     left_out: list[str] = field(default_factory=list)
 
+    def excuse(self, seconds: float) -> None:
+        """Let some of the time that has passed not count."""
+        self.begun += seconds
+
     @property
     def over(self) -> bool:
         """Whether the time is over."""

@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 
@@ -156,3 +157,10 @@ def test_a_descent_goes_the_same_way_whether_dear_trials_stop_or_not(data, monke
         FreeRunResiduals, "equations", lambda self, at, _=None, **how: equations(self, at, **how)
     )
     assert estimator(data).values.tolist() == found.values.tolist()
+
+
+def test_compiling_takes_nothing_of_the_time_to_search():
+    with budget(60.0) as search:
+        begun = search.begun
+        numba.njit(lambda x: x + 1)(1)
+    assert search.begun > begun

@@ -214,7 +214,8 @@ class Manifest(StrictModel):
         if self.joint is JointKind.HINGE and self.arm is None:
             for entry in self.logs:
                 if known_of(entry.added_mass).value and entry.arm is None:
-                    raise ValueError(f"arm in m, since {entry.file} has an added mass")
+                    expected = f"arm in m, since {entry.file} has an added mass"
+                    raise InputError("manifest", "arm", "nothing", expected)
         for entry in self.logs:
             told = entry.input or self.input
             if told is InputKind.SETPOINT and "law" not in self.loop_of(entry):

@@ -36,8 +36,8 @@ _RESPONSE = (
     "(describing functions). Below: the difference between the two."
 )
 _RESPONSE_UNASKED = (
-    "Lines: the model at the median rms swing of the logs (describing functions). No log has a "
-    "sine as its input, so there are no measured points."
+    "Lines: the model at the median rms swing of the logs (describing functions). No log "
+    "has an omega in the manifest, so there are no measured points."
 )
 _RUN = (
     "Free run: the model gets the input and the initial angle only. Thick: simulated; thin, above "
