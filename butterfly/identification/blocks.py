@@ -50,10 +50,7 @@ def parts_of(size: int, count: int, begin: int = 0) -> list[slice]:
 
 
 def edges_of(time: Samples, count: int) -> list[int]:
-    """Return the numbers of the samples at which blocks of a log begin, all about as long.
-
-    There are fewer than ``count`` where a block would be too short to be used.
-    """
+    """Return the samples at which blocks of a log begin; fewer than ``count`` if too short."""
     if time.size < MIN_SAMPLES:
         return []
     edges = [0]

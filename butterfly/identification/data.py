@@ -346,10 +346,7 @@ class DataSet:
 
 
 def _of_logs(logs: Sequence[Log]) -> Prior:
-    """Tell what follows of the logs: across no gravity is no moment, without input nothing late.
-
-    Nor of any gain: where nothing ever drives, p4 is none.
-    """
+    """Tell what follows of logs: no gravity, no moment; no input, nothing late; no drive, p4 0."""
     absent = {
         "p3": not logs[0].added_mass.gravity,
         "spring": any(log.integrated for log in logs),
@@ -372,10 +369,7 @@ def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
 
 
 def turns_over(log: Log, zero: float) -> bool:
-    """Whether the hand passes near the upright, or through it, so that small causes tell.
-
-    ``log``: of any input; ``zero``: encoder reading in rad of the hand at rest.
-    """
+    """Whether the hand, at rest at ``zero`` rad, passes near the upright: small causes tell."""
     turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
     return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
 

@@ -69,10 +69,7 @@ class ParameterDraws:
     runs: tuple[DrawnRun, ...] = ()
 
     def resampled(self, count: int, seed: int = 0) -> ParameterDraws:
-        """Return so many draws that count alike: each as often as its weight says.
-
-        By systematic resampling (Kitagawa, J. Comput. Graph. Stat. 5, 1996), in a random order.
-        """
+        """Return so many draws that count alike (Kitagawa, J. Comput. Graph. Stat. 5, 1996)."""
         rng = np.random.default_rng(seed)
         at = (rng.uniform() + np.arange(count)) / count
         chosen = np.searchsorted(np.cumsum(self.weights), at).clip(max=len(self.weights) - 1)
@@ -164,11 +161,7 @@ def draw_parameters(
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
-    """(n, n) covariance whose spreads are at least those of the intervals; refused without one.
-
-    What would hold at the limits of conditions that disagree is left aside: logs to be predicted
-    are recorded under such as were seen.
-    """
+    """(n, n) covariance as wide as the intervals, but for conditions beyond those seen."""
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
         raise IdentifiabilityError(
@@ -221,11 +214,7 @@ def _possible(moved: Samples, estimate: Estimate, masses: Iterable[AddedMass]) -
 def weighed(
     draws: ParameterDraws, data: DataSet, *, bands: Sequence[Log] = (), track: Track = untracked
 ) -> ParameterDraws:
-    """Return draws with weights by the logs that the estimate was made from.
-
-    What they make of those logs that are to have ``bands`` is kept. Draws for which there is no
-    time are left out, but for `LEAST`.
-    """
+    """Return draws weighed by the estimate's logs, as time allows; keep runs of ``bands``."""
     kept = sum(samples_of_bands(log).nbytes for log in bands) * len(draws.values)
     wanted = {log.name for log in bands} if kept <= _MOST_KEPT else set()
     numbers = range(len(data.logs))

@@ -160,10 +160,7 @@ class CellEquations:
         cells: int = 1,
         jacobian: Samples | None = None,
     ) -> CellEquations:
-        """Take a regression and its solution, each cluster cut into some cells.
-
-        ``jacobian``: (m, n) derivatives, if they are not the regression's.
-        """
+        """Cut a regression about its solution into cells; ``jacobian``: (m, n), if not its own."""
         values = solution.values
         derived = regression.jacobian(values) if jacobian is None else jacobian
         parts = cut(derived, regression.residuals(values), regression.cluster, cells)
@@ -243,10 +240,7 @@ class CellEquations:
         return inverse / np.outer(size, size)
 
     def apart(self, changes: Samples) -> tuple[Samples, Samples]:
-        """Return what the values, following, leave of (k, n) changes of them by cell.
-
-        And its (k,) information; both are zeros where the cells cannot tell it from others.
-        """
+        """Return what the values leave of (k, n) changes, and its (k,) information; or zeros."""
         pulls = np.einsum("kmn,kn->km", self.curvature, changes)
         rest = changes - self.change_by(pulls.sum(axis=0))
         information = np.einsum("kn,kmn,km->k", rest, self.curvature, rest)
@@ -278,11 +272,7 @@ class CellEquations:
 
     @cached_property
     def independent(self) -> CellEquations:
-        """The same, in cells between which errors are independent.
-
-        They are logs, or stretches of time where there are so few logs that their scatter tells
-        nothing of that between others.
-        """
+        """The same in cells whose errors are independent: logs, or stretches of few logs."""
         return self.of_logs if np.unique(self.log).size > FEW else self
 
     def without(self, logs: Iterable[int]) -> CellEquations:
@@ -327,11 +317,7 @@ class CellEquations:
 
 
 def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
-    """Reduce cells of any number of equations in n parameters to n + 1 that say the same.
-
-    Of (m, n) rows and (m,) residuals stays the triangular factor of both: (k, n + 1, n) rows and
-    (k, n + 1) residuals.
-    """
+    """Reduce cells of (m, n) rows and (m,) residuals to n + 1 equations each that say the same."""
     every = [*cells]
     sizes = np.array([residuals.size for _, residuals in every])
     count = every[0][0].shape[1] + 1
@@ -346,10 +332,7 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
 
 
 def scaled_least_squares(rows: Samples, target: Samples) -> Samples:
-    """Return (n,) or (n, k) values, (m, n) rows times which are nearest to (m,) or (m, k) targets.
-
-    Each column of the rows is scaled to be of length 1, so that its unit does not count.
-    """
+    """Return (n, ...) values, rows times which are nearest to targets, whatever their units."""
     scaled, scale = unit_columns(rows)
     values = np.linalg.lstsq(scaled, target, rcond=None)[0]
     return np.asarray((values.T / scale).T)

@@ -81,10 +81,7 @@ class Estimate:
         return LumpedParameters(**self.fixed | found)
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
-        """Return a row for each parameter, beside the truth if it is known.
-
-        Those that were known exactly come last; those that were not estimated have none.
-        """
+        """Return a row for each parameter, beside the truth; those known exactly come last."""
         if isinstance(truth, LumpedParameters):
             truth = asdict(truth)
         errors, claims = self.standard_errors, precision(self.values, self.lower, self.upper)
@@ -178,10 +175,7 @@ class Estimate:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """Return what `to_dict` gave; others of its keys are not looked at.
-
-        KeyError, TypeError or ValueError say that something is missing or not what it should be.
-        """
+        """Return what `to_dict` gave; KeyError, TypeError or ValueError if it is not that."""
         names = tuple(map(str, content["covariance"]["names"]))
         rows, others = content["parameters"], content["unestimated"]
         values = [others[name] if name in others else rows[name]["value"] for name in names]
@@ -253,11 +247,7 @@ class Estimate:
 
     @cached_property
     def level(self) -> Level:
-        """What may be done with the values: they are good if the limits of the scale are near.
-
-        Of p1 and p4, which set it, counts what was estimated: the other may be known exactly, or
-        all be ratios to p1.
-        """
+        """What may be done with the values: good if the limits of the scale are near."""
         if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
             return Level.WARNING
         reach = self.reach
@@ -289,10 +279,7 @@ class Estimate:
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
 
     def owners(self, masses: Iterable[AddedMass]) -> list[tuple[str, AddedMass | str | None]]:
-        """Return whose each encoder's zero and bias is (see `local`).
-
-        Where no zero was fitted, one belongs to each of ``masses``.
-        """
+        """Return whose each zero (of ``masses``, if none was fitted) and bias is."""
         owners = [
             (name, whose)
             for whose, values in self.local.items()

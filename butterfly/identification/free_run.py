@@ -49,10 +49,7 @@ class FreeRun:
 
     @cached_property
     def velocity_fit(self) -> float:
-        """FIT in per cent of the velocity, the from slopes of local parabolas.
-
-        The angle of a joint that goes on and on has a FIT near 100 for any inertia.
-        """
+        """FIT in per cent of the velocity; an angle that goes on and on fits any inertia."""
         if self.log.integrated:
             return self.fit
         grid = uniform_grid(self.log.time)

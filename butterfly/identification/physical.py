@@ -96,10 +96,9 @@ def physical_parameters(
 ) -> PhysicalParameters:
     """Separate what the lumped parameters are made of, errors propagated to first order.
 
-    Standard errors are those of the estimate's covariance with what is known; half-widths those of
-    its intervals, which are wider, with the same correlations. What ``estimate.known`` says of p4
-    has made it: R and k_t are then not independent of it (see `Quantities.told_of`). ``carrier`` is
-    any added mass of the joint, for its kind and gravity.
+    Half-widths are those of the intervals, which are wider, with the same correlations. What
+    ``estimate.known`` says of p4 has made it: R and k_t then depend on it (see
+    `Quantities.told_of`). ``carrier`` is any added mass of the joint, for its kind and gravity.
     """
     joint = carrier.joint
     narrow, wide = (

@@ -96,10 +96,7 @@ class ExpectedErrors:
     unseen: bool
 
     def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
-        """(m,) relative errors at (m,) instants in s, in blocks that begin anywhere in the log.
-
-        Those of samples as they are: between two the mean of their noise would be smaller.
-        """
+        """(m,) relative errors of samples at (m,) instants in s, in blocks from anywhere."""
         own = self.log.time - self.log.time[0]
         length = min(length_of(self.log), float(own[-1]))
         number = ((time - time[0]) / length).astype(np.intp)
@@ -110,10 +107,7 @@ class ExpectedErrors:
 
 
 def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
-    """Return the errors of the logs that an estimate was made from, in their order.
-
-    A log that stands still has none.
-    """
+    """Return the errors of the logs that made an estimate; one that stands still has none."""
     found = []
     further = math.sqrt(1 + 1 / len(data.masses))
     for number, log in enumerate(data.logs):

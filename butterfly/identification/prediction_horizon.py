@@ -32,9 +32,8 @@ def horizon_of(
 ) -> float:
     """Return the longest time in s within which no small error grows by more than `GROWTH`.
 
-    The parameters are those of the bare hand, roughly; the zeros the encoder's readings in rad of
-    the hand at rest. Infinite where none grows so; else rounded down, so that little depends on
-    the parameters. Nor do errors grow in a servo's loop, which brings the joint back.
+    Rounded down, so that little depends on the parameters; infinite where none grows so, as in a
+    loop.
     """
     free = [log for log in logs if not log.closed]
     found = min(
@@ -63,11 +62,7 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
 
 
 def _soonest(falling: Samples, damping: float, slowest: float) -> int:
-    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does.
-
-    An error of the velocity is as large as what it would move the angle by if nothing pulled: that
-    grows with time by itself, and does not count.
-    """
+    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does."""
     begins = np.arange(0, falling.size - 1, _EVERY)
     angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
     velocity = 1 - angle

@@ -197,10 +197,7 @@ class _Segment:
     def _about(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
     ) -> _About:
-        """Differentiate by names, among them those of the start.
-
-        A change of the start moves angles by 1 less what one of the zero does, and no velocity.
-        """
+        """Differentiate by names and start, which moves angles by 1 less what the zero does."""
         with np.errstate(over="ignore", invalid="ignore"):
             expansion = self.simulation.linearised(names, parameters, zero, begin)
             errors, rows, mixture = expansion
@@ -230,11 +227,10 @@ def is_segmented(
 ) -> bool:
     """Whether a log is simulated in segments, or as a single one, whose start is fitted.
 
-    A log that is no longer than the horizon is simulated whole if it begins at rest, if its
-    beginning does not count, or if its velocity there is known; but not that of a joint that no
-    gravity brings back: the noise of its first sample would stay for good. ``free`` starts are
-    fitted also of a log that begins at rest, as noise of its first sample is of weight. A servo's
-    loop is simulated whole: it brings the joint back from any start, but one of speed.
+    A log no longer than the horizon is simulated whole if it begins at rest, its beginning does not
+    count, or its velocity there is known, and gravity, or the loop of a servo, brings the joint
+    back. ``free`` starts are fitted also of a log at rest, as noise of its first sample is of
+    weight.
     """
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0

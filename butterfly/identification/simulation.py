@@ -96,12 +96,7 @@ class Simulation:
     def run(
         self, parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> SimulatedMotion:
-        """Simulate the log.
-
-        Its added mass is put on the ``parameters`` of the bare hand (78); ``zero`` is the encoder's
-        reading in rad where the model's angle is 0. A velocity to ``begin`` with takes the first
-        sample's angle as it is.
-        """
+        """Simulate the log, its added mass on the bare hand (78); ``zero`` is the encoder's."""
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs, loop = self._inputs(parameters), self.loop(parameters, zero)
         angle, speed = simulate(loaded, self.grid, inputs[0], *self.start(zero, begin), loop)
@@ -114,12 +109,11 @@ class Simulation:
         zero: float,
         begin: Begin = None,
     ) -> tuple[Samples, Samples, Samples]:
-        """Return the errors, and what they change by with n parameters, zero or velocity.
+        """Return (m,) errors, and (m, k) and (k, n) factors of their derivatives by n parameters.
 
-        They are what is simulated less what was measured, angle in rad or velocity in rad/s,
-        averaged over the samples of each grid
-        interval: the average keeps what the samples tell at a fraction of their number. Returned
-        are (m,) errors, and (m, k) and (k, n) matrices whose product is the Jacobian.
+        They are what is simulated less what was measured, in rad or rad/s, averaged over the
+        samples of each grid interval: that keeps what the samples tell at a fraction of their
+        number.
         """
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
@@ -196,11 +190,8 @@ class Simulation:
         return loop_on_grid(self.log, parameters, zero, self.grid, inputs, self._every)
 
     def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
-        """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
-
-        The first derivative is that by the delay (see `hold.parabolas`); those by the slow delay
-        and by the terms of the drive follow if so many ``drives`` are asked for.
-        """
+        """(2 or more, n - 1, 3) delivered input and its derivatives; the latest are kept."""
+        # by the delay (see `hold.parabolas`); by the slow delay and the drive's terms, if asked for
         looped = needs_loop(self.log)  # delivers by itself
         drive = IDEAL if looped else parameters.drive
         slow = (0.0, 0.0) if looped else (parameters.slow_delay, parameters.slow_interval)
@@ -231,11 +222,7 @@ class Simulation:
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:
-    """Return the longest step in s of a simulation's grid, for parameters of the bare hand.
-
-    It is no shorter than a hundredth of the log's own: no log shows a resonance that asks for more.
-    A speed that settles faster than that follows each sample of its input.
-    """
+    """Return the longest step in s of a grid; no log shows a resonance a hundred times its rate."""
     drive = log.excitation.omega if log.excitation else 0.0
     loaded = parameters.with_added_mass(log.added_mass)
     fastest = max(resonance_frequency(loaded), drive)

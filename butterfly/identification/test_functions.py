@@ -60,10 +60,7 @@ class Bumps:
         return np.arange(self.margin, self.size - self.margin, self._stride)
 
     def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
-        """(m,) integrals of an (n,) signal against the ``order``-th derivative of each.
-
-        Over the bump's area; in the signal's unit, over s to the power ``order``.
-        """
+        """(m,) integrals of an (n,) signal against a derivative of each, over its area."""
         weights = self._weights[order]
         stride, parts = weights.shape
         rows = self.centres.size + parts - 1
@@ -250,10 +247,7 @@ class _Place(NamedTuple):
     mean: dict[tuple[Hashable, ...], NDArray[np.float64]]
 
     def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
-        """(m,) means of an (n,) signal and its mirror image (see `Bumps.means`).
-
-        What is integrated by parts once is odd about its first value.
-        """
+        """(m,) means of an (n,) signal and its mirror image, odd if integrated by parts once."""
         mirror = signal[self.lead : 0 : -1]
         before = 2 * signal[0] - mirror if order % 2 else mirror
         return self.bumps.means(np.concatenate([before, signal]), order)
@@ -277,11 +271,7 @@ class ResidualTorque:
 
     @classmethod
     def of(cls, log: Log, values: LumpedParameters, zero: float) -> ResidualTorque:
-        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5).
-
-        InputError if the log is shorter than a bump. The load on the bearing enters by its own
-        basis, so that T_c is the bare hand's.
-        """
+        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5)."""
         loaded = values.with_added_mass(log.added_mass)
         omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
         width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH

@@ -225,11 +225,7 @@ class _Fits:
 
 
 class _NestedFits(_Fits):
-    """The same by output error, each fit begun where the equations of a larger one say.
-
-    Those of one with all the terms tell where one with some of them begins, and its own what the
-    rest of the logs lead to: about, for the score, and where their fit begins.
-    """
+    """The same by output error, each fit begun where the equations of a larger one say."""
 
     def __init__(self, data: DataSet, estimator: OutputError, terms: tuple[str, ...]) -> None:
         super().__init__(data, estimator)

@@ -127,11 +127,7 @@ def from_ratios(
 def recalibrate(
     logs: Sequence[Log], zero: float, options: RecalibrationOptions = RecalibrationOptions()
 ) -> Recalibration:
-    """Estimate p1..p4 and friction terms by constrained linear least squares.
-
-    The logs are of runs next to the orbit, none of them quite on it: there the control only makes
-    up for friction.
-    """
+    """Estimate p1..p4 and friction by bounded linear least squares, from runs next to the orbit."""
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
     loop = LoopEquations(logs, zero, options)
@@ -168,11 +164,7 @@ def estimate_of(
     method: str,
     scale: FindingKind,
 ) -> Estimate:
-    """Return the estimate that equations give, their errors independent between stretches of runs.
-
-    Their (m,) rows are of the given runs, without each of which is estimated again where enough are
-    left.
-    """
+    """Return the estimate of equations, and if there are enough runs those without each."""
     solved = CellEquations.of(regression, solution)
     left_out: dict[Hashable, Samples] = {}
     runs = np.unique(run)

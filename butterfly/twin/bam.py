@@ -124,10 +124,7 @@ def _least(p: LumpedParameters) -> str:
 
 
 def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
-    """Return kt^2/R in N m s/rad, which with p4 = kt/R tells both, and what told it.
-
-    It cannot be more than p2, of which the rest is viscous friction.
-    """
+    """Return kt^2/R in N m s/rad, at most p2, which with p4 = kt/R tells both; and its source."""
     told = {name: each.value for name, each in known.physical.items()}
     ratio = told.get("gear_ratio", 1.0)
     if p.back_emf:

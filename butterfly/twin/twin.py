@@ -81,10 +81,7 @@ class Twin:
         added: AddedMass = NO_ADDED_MASS,
         mass: float | None = None,
     ) -> Twin:
-        """Return the twin of an estimate, of data of an ``origin``, with a load and a mass in kg.
-
-        The logs, if they are still there, are its measure.
-        """
+        """Return the twin of an estimate of data of an ``origin``, with a load and a mass in kg."""
 
         def recorded() -> Sequence[tuple[Log, Setting]]:
             try:

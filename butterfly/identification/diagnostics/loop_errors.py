@@ -66,10 +66,7 @@ def _cells_of(each: Windows) -> Samples | None:
 
 
 def with_free_gain(data: DataSet, estimator: Estimator, before: Estimate) -> Estimate | None:
-    """Return the estimate with a P gain of another factor, if that leaves half the misfit at most.
-
-    It is only looked for where more than what matters is left of the motion.
-    """
+    """Return the estimate with another P gain, if that leaves half the misfit at most."""
     misfit = 1 - float(np.median(data.simulations.fits(before))) / 100
     if not isinstance(estimator, OutputError) or not any(log.closed for log in data.logs):
         return None

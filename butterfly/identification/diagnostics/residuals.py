@@ -185,10 +185,7 @@ class Residuals:
 
     @property
     def beyond_sensors(self) -> bool:
-        """Whether more logs are outside than chance explains in those of one robot and one clock.
-
-        One log in twenty is by chance; those of one robot are hardly independent of each other.
-        """
+        """Whether more logs are outside than chance explains in those of one robot and clock."""
         return self.outside > _BY_CHANCE * len(self.logs)
 
     @property
@@ -220,10 +217,7 @@ def residual_units(joint: JointKind, place: str = "residuals.") -> dict[str, str
 
 
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
-    """Compare what the free runs of an estimate leave with what sensors and missing terms explain.
-
-    The ``runs`` are those of all logs with the estimate, if they are simulated already.
-    """
+    """Compare what free runs of an estimate leave with what sensors and lacking terms explain."""
     model = Derivatives.of(data, estimate)
     every = [
         LinearisedRun.of(
@@ -295,10 +289,7 @@ def _contrasts(
     directions: Samples,
     left: Sequence[Samples],
 ) -> tuple[tuple[Contrast, ...], Samples | None]:
-    """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log.
-
-    Where the log comes first, the (n,) values that logs of their own leave as well.
-    """
+    """Return what follows a condition in (m, 1) errors; (n,) values if the log comes first."""
     names, known = estimate.names, logs[0].known.shape[1]
     cells = cells_of(len(logs), known)
     every = [

@@ -59,10 +59,7 @@ OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "laten
 
 
 def tried(logs: Iterable[Log]) -> tuple[str, ...]:
-    """Return the terms that are tried of some logs where none are told.
-
-    A drive that is told a current or a torque makes it against any back EMF.
-    """
+    """Return the terms that are tried where none are told; no back EMF of a torque drive."""
     kinds = {log.input_kind for log in logs if log.setpoint is not None}
     if not kinds:
         return TRIED
@@ -154,10 +151,10 @@ class FreeRunResiduals:
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
     def equations(self, scaled: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
-        """Return errors relative to each log's rms motion; a log's squares sum to their mean.
+        """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
 
-        About (n,) values, or (k, n) of k logs. Logs whose costs sum up to more than ``most`` are
-        the last to be simulated; without ``slopes`` there are no derivatives.
+        A log's squares sum to their mean. Once they cost more than ``most``, no further log is
+        simulated.
         """
         values = np.broadcast_to(scaled, (len(self.motion), len(self.keys))) * self.scale
         segmented = [each for each in self.simulations if isinstance(each, Segments)]

@@ -176,10 +176,7 @@ class HarmonicBalance(Estimator):
     def _may_move(
         self, chosen: TermChoice, fit: HarmonicBalanceFit, conditions: Conditions
     ) -> bool:
-        """Whether a base that gives is worth trying: parameters follow what they should not.
-
-        So they did without a rarer term.
-        """
+        """Whether to try a base that gives: parameters follow what they should not."""
         if self.terms is not None or not candidates((BASE,), fit.phasors.masses, fit.phasors.known):
             return False
         rarer = not {*RARER}.isdisjoint(chosen.names)

@@ -108,10 +108,7 @@ class Phasors:
     def equations(
         self, about: LumpedParameters
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """(n, p) regressors of the parameters, and (n,) targets, ``about`` a delay and a drive.
-
-        For what p4 multiplies, the unknown is p4 times what is added to its value there.
-        """
+        """(n, p) regressors and (n,) targets; what p4 multiplies enters as p4 (value - about)."""
         late = self.input * np.exp(-1j * self.omega * about.delay)
         driven = {}
         if about.drive != IDEAL or not set(DRIVE).isdisjoint(self.names):
@@ -277,10 +274,7 @@ class HarmonicBalanceFit:
         return submodels_of(equations, phasors.masses, negligible)
 
     def on_likeliest_base(self, more: Sequence[str] = ()) -> HarmonicBalanceFit:
-        """Return the fit, its phasors on the base that explains most of what is left.
-
-        That is the best of some frequencies and damping ratios, beside ``more`` terms.
-        """
+        """Return the fit, its phasors on the likeliest base beside ``more`` terms."""
         naturals, dampings = self._shapes
 
         def left(shape: Shape) -> float:
@@ -296,11 +290,7 @@ class HarmonicBalanceFit:
 
     @property
     def on_other_bases(self) -> tuple[NDArray[np.float64], ...]:
-        """(n,) values on bases of other frequency and damping, in eight directions.
-
-        Each is so far off that the residuals grow as by two standard errors of one parameter: the
-        mean of their squares is then what the two add to the variance.
-        """
+        """(n,) values on bases in 8 directions, residuals grown as by two standard errors."""
         shape = np.log(list(self.phasors.base.values()))[::-1]
         limits = np.array([(each[0], each[-1]) for each in self._shapes])
         least, _ = self._on_base(shape)

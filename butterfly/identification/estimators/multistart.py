@@ -90,11 +90,7 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    """Fit the weak form.
-
-    Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
-    about the rest angles corrects them, but for those that are told.
-    """
+    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told."""
     zeros = data.equilibria
     wanted, open_ = _known(WeakForm, terms), bool(data.unread)
     if open_ and wanted is not None and "p3_offset" not in wanted:
@@ -122,11 +118,7 @@ def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
 
 
 def _of_ratios(data: DataSet) -> Start | None:
-    """Return a guess of what the masses hardly tell: the scale of ratios found without them.
-
-    A small mass that is added to a large one changes the motion by less than noise does to a closed
-    form, not to a simulation. That finds the scale from anywhere, so the guess is any.
-    """
+    """Guess the scale, which small masses hardly tell, of ratios found without them."""
     bare = {mass: replace(mass, mass=0.0, arm=0.0) for mass in data.masses}
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
@@ -154,8 +146,7 @@ def lowest_end(
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
     """Descend from the first guess of each problem; return the best end, and what of the others.
 
-    The first descent is made to its end; the others are, only where they come lower, and none where
-    it is ``enough`` that that end leaves noise alone.
+    Others are followed to the end where they come lower; none is where the first leaves ``enough``.
     """
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
@@ -185,11 +176,7 @@ def lowest_end(
 
 
 def _leaves_noise(at: Equations) -> bool:
-    """Whether errors are a small share of the motion and white: no simulation explains more.
-
-    Second differences of white errors are on average six times their squares; what a model misses
-    is smooth from step to step and hardly enters them.
-    """
+    """Whether errors are a small share of the motion, and white by their second differences."""
     noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
     small = 2 * at.cost <= len(at.logs) * MATTERS**2
     return small and at.cost <= _ELSEWHERE * noise

@@ -148,11 +148,7 @@ class OutputError(Estimator):
         return self.fit(logs, first, known).estimate
 
     def fit(self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR) -> JointFit:
-        """Fit as `of_logs` does; what is returned tells also of fits without some of the logs.
-
-        Where the terms are told, and no Stribeck velocity is sought, later guesses are made only if
-        the first does not lead to noise.
-        """
+        """Fit as `of_logs`; if terms are told, further guesses only if noise is exceeded."""
         if self.servo_loop == "open":
             logs = [log.opened for log in logs]
         guesses = iter(first)
@@ -368,11 +364,7 @@ def _chosen(
     found: tuple[FreeRunResiduals, Minimum],
     always: tuple[str, ...],
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]]:
-    """Return the residuals in the terms that help, where they end, rivals, and what is not fitted.
-
-    From where some terms of the ``wide`` residuals were fitted; the ``rarer`` ones are tried where
-    one is lacking.
-    """
+    """Choose terms of ``wide`` residuals, ``rarer`` if lacking; return end, rivals, findings."""
     (problem, end), lacking = found, None
     rivals: tuple[Samples, ...] = ()
     said: tuple[Finding, ...] = ()
@@ -410,10 +402,7 @@ def _holding(
     rivals: tuple[Samples, ...],
     hidden: WeighedLogs | None,
 ) -> tuple[FreeRunResiduals, Minimum, WeighedLogs | None, tuple[Samples, ...], tuple[Finding, ...]]:
-    """Hold what hardly shows of a base's shape, by weighed logs where there are such.
-
-    The least squares are fitted again, but where terms are ``hidden`` from them.
-    """
+    """Hold what hardly shows of a base's shape; fit again, unless terms are ``hidden``."""
     said: tuple[Finding, ...] = ()
     while held := problem.untold(weighed.weighed_end if weighed else end):
         point = weighed.weighed_end.point if weighed else end.point
@@ -439,10 +428,7 @@ def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals,
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
-    """(n, n) covariance of what waits for firmware's looks leave open: nobody tells their phase.
-
-    A set-point waits from nothing to a period, of which the delay holds the mean.
-    """
+    """(n, n) covariance of what nobody tells: a set-point waits for firmware up to a period."""
     periods = [log.servo.period for log in logs if log.closed and log.servo is not None]
     if not periods or "delay" not in names:
         return None
@@ -450,11 +436,7 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
 
 
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:
-    """Return the values of a clock that is wrong instead, where masses' own inertia looks like it.
-
-    Stamps that are too short by a share make all inertia larger by twice that, that of the masses
-    among it, and damping by it; sines tell the two apart by their frequency.
-    """
+    """Return values of a clock wrong by a share instead: damping grows by it, inertia by twice."""
     own = dict(zip(solved.names, solved.values.tolist(), strict=True))
     share = own.get("mass_inertia", 0.0)
     if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):

@@ -43,10 +43,9 @@ def servo_start(
 ) -> tuple[Start, tuple[str, ...]]:
     """Return a first guess of servos, whose friction decides where they stop, and their terms.
 
-    Over segments of one period, or as many time constants of the speed, driven by the rebuilt
-    drive alone, no stop is far off. Terms are chosen there unless they are told, at the delay
-    of the set-points at which the rebuilt drive is followed best. ``over`` makes the problem with
-    some terms, with what is fixed, over a horizon in s; ``asked`` are the terms and what is fixed.
+    Over segments of one period, or a few time constants of the speed, driven by the rebuilt drive,
+    no stop is far off. ``over`` makes the problem with some terms, with what is fixed, over a
+    horizon in s; ``asked`` are the terms, None to choose them, and what is fixed.
     """
     told, fixed = asked
     loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]

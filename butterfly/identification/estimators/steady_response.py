@@ -187,11 +187,7 @@ def _solved(rows: Samples, target: Samples) -> Samples:
 
 
 def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
-    """Return the numbers of the logs whose response to a sine is steady, and what of the others.
-
-    Where the hand turns over, swings too wide, or never settles, its motion has no phasor. One that
-    swings about a place a whole turn off does so as well as at home.
-    """
+    """Return the numbers of the logs whose response to a sine is steady, and what of the others."""
     sines = [k for k, point in enumerate(data.points) if point is not None]
     steady = [k for k in sines if _is_steady(data, k)]
     lost = [k for k in sines if k not in steady]
@@ -233,10 +229,7 @@ class SteadyModel:
     poles: Sequence[complex | None]
 
     def corrected(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
-        """Return the fit with what the model's own motion leaves over in its balance.
-
-        That is nothing where the model, or its motion in a log, is too far from the robot's.
-        """
+        """Return the fit with what the model's own motion leaves over, if it is near."""
         parameters = replace(fit.parameters, bias=self.rest.bias or 0.0)
         masses = (each.log.added_mass for each in self.simulations)
         if not parameters.p1 + min(mass.inertia for mass in masses) > 0:

@@ -69,12 +69,9 @@ class WeighedLogs:
 
     @cached_property
     def step(self) -> Samples:
-        """(n,) what they ask the values to move by.
-
-        What else shapes a term by half at most, and to ten times its first guess: a base that is
-        faster still shows no frequency, and costs the more steps.
-        """
+        """(n,) what they ask the values to move by."""
         size = np.abs(self.point)
+        # a base that is faster still shows no frequency, and costs the more steps
         shapes = [name in FOLLOWERS for name in self._names]
         room = np.maximum(self.problem.initial / PRECISE - self.point, ROUNDING * size)
         highest = np.where(shapes, np.minimum(LOST * size, room), np.inf)
@@ -127,10 +124,7 @@ class WeighedLogs:
         return replace(self.weighed_end, at=at)
 
     def next_in(self, problem: FreeRunResiduals, share: float = 1.0) -> WeighedLogs | None:
-        """Return what logs say a step away, or a share of it, of as many values or more.
-
-        Each log is simulated as it most likely is; None where a simulation diverges.
-        """
+        """Return what logs say a share of the step away; None where a simulation diverges."""
         step = share * self.step
         point = self.point + step
         own = self._scatter.apart(self.logs.moved(step), self._spread)
@@ -168,11 +162,8 @@ class WeighedLogs:
 
 
 def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> WeighedLogs | None:
-    """Return what logs say, once they are weighed, from equations about any values on.
-
-    None where few logs do not tell, robust losses have weights of their own, or a log is not
-    followed.
-    """
+    """Weigh logs, from equations about any values; None where that says nothing."""
+    # a robust loss has weights of its own
     few = len(at.logs) <= FEW or at.loss is not Loss.LINEAR
     if few or out_of_time("weighting the logs by their scatter"):
         return None
@@ -182,11 +173,7 @@ def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> We
 def weighed_end(
     found: WeighedLogs | None, end: Minimum
 ) -> tuple[Minimum, tuple[Finding, ...]] | None:
-    """Return the end with logs weighed by their scatter, and what is found of it.
-
-    Beside that of the least squares. None where logs cannot be weighed, no longer tell the
-    parameters apart, or are not followed there as their derivatives said.
-    """
+    """Return the end with logs weighed, and findings; None where they cannot be followed."""
     if found is None or found.problem.inseparable(found.at):
         return None
     weighed = replace(found.weighed_end, converged=end.converged)
@@ -199,11 +186,7 @@ def weighed_end(
 def chosen_by_weight(
     wide: FreeRunResiduals, found: WeighedLogs | None, end: Minimum
 ) -> WeighedLogs | None:
-    """Return what logs say, once they are weighed, with the rarer terms that they lack otherwise.
-
-    Scatter hides these from the least squares. None where friction and gain do not differ from log
-    to log by more than chance, or nothing is lacking.
-    """
+    """Return weighed logs with the rarer terms that scatter hid from the least squares."""
     chosen: WeighedLogs | None = None
     while found and found.findings and not out_of_time("the selection of terms"):
         every = wide.without(not_tried(found.problem))

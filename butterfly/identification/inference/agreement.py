@@ -113,10 +113,7 @@ class Rival(NamedTuple):
 def disagreements_of(
     equations: CellEquations, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
-    """Return the contrasts that are no chance and matter, the best first, and their rivals.
-
-    Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
-    """
+    """Return the contrasts that are no chance and matter, the best first, and their rivals."""
     accepted = _accepted(equations, conditions)
     rivals = (
         Rival(end, _reach(equations, each, limit, end))
@@ -167,10 +164,7 @@ def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool
 def lacking_term(
     equations: CellEquations, names: Sequence[str], conditions: Conditions
 ) -> str | None:
-    """Return which of some terms a model lacks, by the rule of contrasts: the likeliest, if any.
-
-    The terms are in the equations, at what is none of them; each may move in all cells alike.
-    """
+    """Return the likeliest of some terms, each at nothing here, that a model lacks, if any."""
     absent = np.isin(equations.names, names)
     about = replace(equations, on_bound=equations.on_bound | absent)
     every = np.ones(equations.log.size)
@@ -190,10 +184,7 @@ def lacking_term(
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
-    """Return within which share masses are weighed, as they tell of each other; 0 if they agree.
-
-    The least change of one of them that makes them agree.
-    """
+    """Return within which share masses are weighed: the least change to agree, or 0."""
     wrong = [each for each in contrasts if each.condition is Condition.WEIGHED]
     return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
 
@@ -258,10 +249,7 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
 
 
 def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
-    """(n,) half-widths of (n,) values that hold at the limit of a condition, with its slope.
-
-    The slope is a value more, about that limit.
-    """
+    """(n,) half-widths of (n,) values at the limit of a condition, the slope being a value more."""
     unit = np.array([name == each.parameter for name in equations.names])
     slope = np.einsum("kmn,kn->km", equations.rows, np.outer(each.x - limit, unit))
     left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
@@ -280,10 +268,7 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
 
 
 def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
-    """Return the friction or gain that differs from log to log (F test), the best first.
-
-    One log more is one value more, which explains by chance what the share is adjusted for.
-    """
+    """Return friction or gain that differs from log to log (adjusted F test), the best first."""
     found = _from_log_to_log(equations.of_logs)
     return tuple(sorted(found, key=lambda each: -each.share))
 

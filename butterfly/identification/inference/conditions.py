@@ -74,10 +74,7 @@ class Conditions:
 
 
 def _of_log(log: Log) -> dict[Condition, float]:
-    """Return what is the same throughout a log: 0 where nothing drives, moves, or both ways do.
-
-    The frequency is that of the sine, or the one at which a motion is as fast as it is.
-    """
+    """Return what is the same throughout a log: 0 where nothing drives, moves, or both ways do."""
     size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
     omega = log.rms_speed / (log.rms_motion or np.inf)
     if log.excitation is not None:

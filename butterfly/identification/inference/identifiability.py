@@ -44,11 +44,8 @@ class Conditioning:
         known: NDArray[np.bool_] | None = None,
         about: tuple[Samples, Samples] | None = None,
     ) -> Conditioning:
-        """Judge the (m, n) rows of a regression on the n parameters ``names``.
-
-        What is known of some of them, by a mask, counts as much as the rows, however well it is
-        known. ``about``: (n,) values, and the (m,) residuals there, tell what two are together.
-        """
+        """Judge the (m, n) rows of a regression; ``known``: a mask of what counts as rows do."""
+        # values and residuals there tell what two parameters are together
         scaled, size = unit_columns(rows)  # one without effect makes the regression singular
         whole = scaled if known is None else np.concatenate([scaled, np.eye(len(names))[known]])
         _, singular, right = np.linalg.svd(whole, full_matrices=False)
@@ -107,11 +104,7 @@ def is_driven(logs: Iterable[Log]) -> bool:
 
 
 def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> None:
-    """Raise IdentifiabilityError if nothing says how large the parameters are.
-
-    All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
-    takes two different added masses, or a torque that is known and is not 0.
-    """
+    """Raise IdentifiabilityError without two different masses, or a torque that is known, not 0."""
     if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
             "the input is always zero, so p4 and delay are not identifiable: add logs of the "

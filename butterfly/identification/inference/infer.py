@@ -157,12 +157,7 @@ def without_each_mass(
     *,
     driven: bool,
 ) -> tuple[dict[Hashable, Samples], list[Finding]]:
-    """Estimate again without each added mass, but where the rest cannot determine the parameters.
-
-    If what is known of the robot is exact, even one mass may be enough; a scale that rests on what
-    is uncertain would tell of that alone. Returns the estimates, to first order, and what is to be
-    said if there are none.
-    """
+    """Estimate to first order without each mass, if the rest tells the scale; else say so."""
     different = sorted({masses[number] for number in np.unique(equations.log)}) if masses else []
     left_out: dict[Hashable, Samples] = {}
     sure = known.within(known.fixed)
@@ -210,10 +205,7 @@ def misfit_over_value(equations: CellEquations) -> Samples:
 def outweighed(
     misfit: Samples, values: Samples, limits: tuple[Samples, Samples], names: Sequence[str]
 ) -> tuple[Samples, Samples]:
-    """Return (n,) limits that hold what a misfit may have made of the scale, or of precise values.
-
-    The misfit of friction alone often outweighs a small share of it.
-    """
+    """Return (n,) limits that hold what a misfit may have made of scale, or precise values."""
     claims = precision(values, *limits)
     doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
     reach = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
