@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,17 +35,9 @@ def cut(
 ) -> Iterable[tuple[Samples, Samples]]:
     """Yield the (m, n) and (m,) equations of each cell, one cluster after the other."""
     order = np.argsort(cluster, kind="stable")
-    starts = [0, *(np.flatnonzero(np.diff(cluster[order])) + 1).tolist(), order.size]
-    for begin, end in pairwise(starts):
-        for part in parts_of(end - begin, cells, begin):
-            yield jacobian[order[part]], residuals[order[part]]
-
-
-def parts_of(size: int, count: int, begin: int = 0) -> list[slice]:
-    """Return the parts, all about as long, of so many samples or equations from one on."""
-    each, longer = divmod(size, count)
-    edges = [begin + k * each + min(k, longer) for k in range(count + 1)]
-    return [slice(*pair) for pair in pairwise(edges)]
+    for rows in np.split(order, np.flatnonzero(np.diff(cluster[order])) + 1):
+        for part in np.array_split(rows, cells):
+            yield jacobian[part], residuals[part]
 
 
 def edges_of(time: Samples, count: int) -> list[int]:

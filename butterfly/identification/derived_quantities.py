@@ -58,9 +58,8 @@ class Way:
     """How a quantity follows from others."""
 
     name: str
-    needs: tuple[
-        str, ...
-    ]  # What must be known of parameters, motor and hand, or `gravity` in m/s^2
+    # What must be known of parameters, motor and hand, or `gravity` in m/s^2
+    needs: tuple[str, ...]
     formula: Formula
     _: KW_ONLY
     # What must not be known: there is a better way then, or the formula does not hold

@@ -96,17 +96,12 @@ class Regression:
     @property
     def known_rows(self) -> tuple[Samples, Samples]:
         """(k, n) rows and (k,) targets that the prior adds; none of products without a gain."""
-        known = self.turned_prior
-        return (np.empty((0, len(self.names))), np.empty(0)) if known is None else known.rows()
-
-    @property
-    def turned_prior(self) -> Penalty | None:
-        """The prior, of what the rows multiply."""
         if self.prior is None:
-            return None
+            return np.empty((0, len(self.names))), np.empty(0)
         if not self.gain:
-            return self.prior.without(self._products)
-        return self.prior.turned(np.where(self._products, self.gain, 1.0), self._shift)
+            return self.prior.without(self._products).rows()
+        slope = np.where(self._products, self.gain, 1.0)
+        return self.prior.turned(slope, self._shift).rows()
 
     @cached_property
     def lower(self) -> Samples:

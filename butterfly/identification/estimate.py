@@ -65,7 +65,7 @@ class Estimate:
     # (n,) fits with other terms that predict as well, which the intervals hold too
     rivals: tuple[Samples, ...] = ()
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
-    # asked for, None where it is left to the logs (see `identification.prediction_horizon`)
+    # asked for, None where it is left to the logs (see `identification.segments`)
     horizon: float | None = None
     known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
     freedom: Samples | None = None  # (n,) degrees, of the standard errors

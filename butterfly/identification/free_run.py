@@ -12,8 +12,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.prediction_horizon import horizon_of
-from butterfly.identification.segments import Segments, is_segmented
+from butterfly.identification.segments import Segments, horizon_of, is_segmented
 from butterfly.identification.simulation import Simulation, grid_step
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log

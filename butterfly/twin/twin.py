@@ -23,7 +23,7 @@ from butterfly.model.parameters import (
     JointKind,
     LumpedParameters,
 )
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import TERMS, Term
 from butterfly.plant.robot import Robot, Shape
@@ -186,6 +186,15 @@ def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
         f"{row.name} {getattr(p, row.name):.4g} {units.get(row.unit, row.unit)}" for row in rows
     )
     return ", ".join(each.strip().replace("unit", unit) for each in said)
+
+
+def told_of(servo: ServoLoop, held: Collection[str]) -> list[str]:
+    """Return what else is told of a servo's loop than what a format holds."""
+    return [
+        f"{each.name} {value.value if isinstance(value, Known) else value}"
+        for each in fields(servo)
+        if each.name not in held and (value := getattr(servo, each.name)) != each.default
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

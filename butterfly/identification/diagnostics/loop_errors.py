@@ -19,7 +19,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
-from butterfly.identification.blocks import CELLS, parts_of
+from butterfly.identification.blocks import CELLS
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
@@ -60,9 +60,8 @@ def _cells_of(each: Windows) -> Samples | None:
     angle, inputs = (rest - basis @ (basis.T @ rest) for rest in (spring, -drive))
     left = inputs - angle * (angle @ inputs) / (angle @ angle)
     variance = float(left @ left) / (left.size - len(names) + 1)
-    parts = parts_of(left.size, CELLS)
-    sums = [(angle[part] @ angle[part], angle[part] @ inputs[part]) for part in parts]
-    return np.array(sums) / variance
+    parts = zip(*(np.array_split(each, CELLS) for each in (angle, inputs)), strict=True)
+    return np.array([(own @ own, own @ theirs) for own, theirs in parts]) / variance
 
 
 def with_free_gain(data: DataSet, estimator: Estimator, before: Estimate) -> Estimate | None:

@@ -146,6 +146,11 @@ class FreeRunResiduals:
         )
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """(n,) names of the parameters."""
+        return tuple(name for name, _ in self.keys)
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
@@ -203,11 +208,8 @@ class FreeRunResiduals:
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent."""
-        absent = {
-            self.keys[k][0]: getattr(LumpedParameters, self.keys[k][0], 0.0)
-            for k in range(len(self.keys))
-            if k not in kept
-        }
+        lost = np.delete(self.names, kept).tolist()
+        absent = {name: getattr(LumpedParameters, name, 0.0) for name in lost}
         return replace(
             self,
             start=replace(self.start, **absent),
@@ -264,10 +266,10 @@ class FreeRunResiduals:
 
     def without(self, names: Container[str]) -> FreeRunResiduals:
         """Return the residuals without some terms, and what says nothing without them."""
-        lost = {name for name, _ in self.keys if name in names}
-        left = {name for name, _ in self.keys} - lost
+        lost = {name for name in self.names if name in names}
+        left = {*self.names} - lost
         lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
-        kept = np.flatnonzero([name not in lost for name, _ in self.keys])
+        kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
 
     def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
@@ -277,7 +279,7 @@ class FreeRunResiduals:
 
     def values_of(self, problem: FreeRunResiduals, points: Samples) -> Samples:
         """Return (..., n) scaled values at those of fewer parameters."""
-        absent = np.array([getattr(LumpedParameters, name, 0.0) for name, _ in self.keys])
+        absent = np.array([getattr(LumpedParameters, name, 0.0) for name in self.names])
         values = np.broadcast_to(absent / self.scale, (*points.shape[:-1], absent.size)).copy()
         places = [self.keys.index(key) for key in problem.keys]
         values[..., places] = points * problem.scale / self.scale[places]
@@ -301,20 +303,19 @@ class FreeRunResiduals:
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
         rows = np.concatenate(at.compressed(1)[0])
-        names = tuple(name for name, _ in self.keys)
         told = None if at.known is None else at.known[0].active
-        conditioning = Conditioning.of(rows, names, told)
+        conditioning = Conditioning.of(rows, self.names, told)
         doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
             return ()
         last = doubtful[-1]
         together = {last, *TERMS[last].follows}
         together |= companions(together)
-        return tuple(name for name in names if name in together)
+        return tuple(name for name in self.names if name in together)
 
     def untold(self, end: Minimum) -> str | None:
         """Return what of the shape of a base's motion could as well be 0, or twice as large."""
-        names = [name for name, _ in self.keys]
+        names = self.names
         shape = [names.index(name) for name in sorted(companions({BASE})) if name in names]
         if not shape:
             return None
@@ -339,7 +340,7 @@ class FreeRunResiduals:
         prior = scaled.prior
         found = replace(
             scaled,
-            names=tuple(name for name, _ in self.keys),
+            names=self.names,
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,

@@ -44,11 +44,8 @@ Shape = Sequence[float] | NDArray[np.float64]
 """Logarithms of a base's frequency in rad/s and damping ratio."""
 
 _ON_BASE = ("moment", "base")
-_NATURAL = (
-    1.0,
-    10.0,
-    7,
-)  # least and largest of a base over the fastest input's; how many are tried
+# least and largest of a base over the fastest input's; how many are tried
+_NATURAL = (1.0, 10.0, 7)
 _DAMPING = (0.02, 2.0, 5)  # the same of damping ratios
 _HALVES = 12  # of a stretch, by which the limit of what residuals allow is found
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing

@@ -32,8 +32,12 @@ from butterfly.identification.estimators.free_run_residuals import (
 )
 from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import Key
-from butterfly.identification.estimators.multistart import Start, lowest_end, starts
-from butterfly.identification.estimators.servo_start import servo_start
+from butterfly.identification.estimators.multistart import (
+    Start,
+    lowest_end,
+    servo_start,
+    starts,
+)
 from butterfly.identification.estimators.weighed_logs import (
     WeighedLogs,
     chosen_by_weight,
@@ -52,8 +56,8 @@ from butterfly.identification.inference.term_choice import (
     requested_terms,
 )
 from butterfly.identification.levels import FEW, LOST, MATTERS
-from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.scale_parameter import ScaleParameter
+from butterfly.identification.segments import horizon_of
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -201,7 +205,7 @@ class OutputError(Estimator):
             said = (*said, *more)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
-            kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
+            kept = np.flatnonzero([name not in lost for name in problem.names])
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
@@ -310,7 +314,7 @@ class OutputError(Estimator):
     def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
-        fitted = {reference, *(name for name, _ in problem.keys)}
+        fitted = {reference, *problem.names}
         if "slow_delay" not in fitted and not start.slow_delay:
             fitted.add("slow_interval")
         return {
@@ -419,8 +423,8 @@ def _holding(
 def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
     """Return the residuals without the terms that are 0, and where they end."""
     optional = {*tried([each.log for each in problem.simulations]), *RARER}
-    pairs = zip(problem.keys, end.point.tolist(), strict=True)
-    none = {name for (name, _), value in pairs if not value}
+    pairs = zip(problem.names, end.point.tolist(), strict=True)
+    none = {name for name, value in pairs if not value}
     told = problem.without(none & optional).keys
     kept = np.flatnonzero([key in told for key in problem.keys])
     fewer = problem.keeping(kept, end.point[kept])

@@ -54,10 +54,8 @@ class WeighedLogs:
     @cached_property
     def at(self) -> Equations:
         """The equations, whose errors are independent and of variance 1."""
-        pairs, identity = (
-            zip(*self._scatter.whitened(self.logs, self._spread), strict=True),
-            np.eye(self.point.size),
-        )
+        pairs = zip(*self._scatter.whitened(self.logs, self._spread), strict=True)
+        identity = np.eye(self.point.size)
         logs = (LogEquations(residuals=own, rows=rows, mixture=identity) for rows, own in pairs)
         prior = self.problem.prior(self.point)
         return Equations(logs=tuple(logs), known=None if prior is None else (prior, self.point))
@@ -72,7 +70,7 @@ class WeighedLogs:
         """(n,) what they ask the values to move by."""
         size = np.abs(self.point)
         # a base that is faster still shows no frequency, and costs the more steps
-        shapes = [name in FOLLOWERS for name in self._names]
+        shapes = [name in FOLLOWERS for name in self.problem.names]
         room = np.maximum(self.problem.initial / PRECISE - self.point, ROUNDING * size)
         highest = np.where(shapes, np.minimum(LOST * size, room), np.inf)
         lowest = np.minimum(self.problem.lower - self.point, 0.0)
@@ -137,7 +135,7 @@ class WeighedLogs:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Which of the scatter is more than chance."""
-        return tuple(self._likelihood.findings(self._scatter, self._names))
+        return tuple(self._likelihood.findings(self._scatter, self.problem.names))
 
     @property
     def conditions(self) -> Conditions:
@@ -145,12 +143,8 @@ class WeighedLogs:
         return Conditions.of([each.log for each in self.problem.simulations], 1, steady=True)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(name for name, _ in self.problem.keys)
-
-    @property
     def _spread(self) -> Samples:
-        return spread_of(self._names, self.point)
+        return spread_of(self.problem.names, self.point)
 
     @cached_property
     def _likelihood(self) -> Likelihood:
@@ -208,7 +202,7 @@ def chosen_by_weight(
 
 def not_tried(problem: FreeRunResiduals) -> set[str]:
     """Return the terms that nobody looks for beside those that are fitted."""
-    fitted = {name for name, _ in problem.keys}
+    fitted = {*problem.names}
     idle = {*tried([each.log for each in problem.simulations])} - fitted
     if BASE in fitted:  # on which friction of gears is not simulated
         return idle | {*GEAR}

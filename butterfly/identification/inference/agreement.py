@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
@@ -132,7 +132,7 @@ def _contrasts(
     equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
 ) -> tuple[Contrast, ...]:
     if accepted or not conditions.steady:  # others have `scatter` to weigh logs, or free runs
-        return tuple(contrast for contrast, *_ in accepted)
+        return tuple(each.contrast for each in accepted)
     return from_log_to_log(equations)
 
 
@@ -306,10 +306,8 @@ def differing_values(equations: CellEquations, name: str) -> Samples:
     """(n,) values if one of them were another in every log; of that one, the mean."""
     equations, place = equations.of_logs, equations.names.index(name)
     curvature, _ = equations.total
-    size = np.sqrt(np.diag(curvature))
-    size = np.where(size > 0, size, 1.0)
-    units = np.outer(size, size)
-    inverse = np.linalg.pinv(curvature / units, hermitian=True) / units
+    scaled, size = unit_diagonal(curvature)
+    inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
     pulls = equations.curvature[:, :, place]
     own = np.diag(pulls[:, place]) - pulls @ inverse @ pulls.T
     change = -np.linalg.pinv(own, rcond=ROUNDING, hermitian=True) @ equations.gradient[:, place]

@@ -82,7 +82,11 @@ def infer(
     )
     shift = equations.values - about.values
     share = weighed_within(contrasts)
-    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
+    weighed = [  # none better than the masses tell of each other
+        replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
+        for each in masses
+    ]
+    carried = [weighed[number] for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
@@ -143,11 +147,6 @@ def infer(
         freedom=freedom[own],
         ratios=ratios,
     )
-
-
-def _weighed(mass: AddedMass, share: float) -> AddedMass:
-    """Return a mass that is weighed within a share of it, if no better."""
-    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
 
 
 def without_each_mass(
