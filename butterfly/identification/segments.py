@@ -238,9 +238,8 @@ def is_segmented(
     """Whether a log is simulated in segments, or as a single one, whose start is fitted.
 
     A log no longer than the horizon is simulated whole if it begins at rest, its beginning does not
-    count, or its velocity there is known, and gravity, or the loop of a servo, brings the joint
-    back. ``free`` starts are fitted also of a log at rest, as noise of its first sample is of
-    weight.
+    count, or its velocity there is known, and gravity or a servo's loop brings the joint back. With
+    ``free`` the start of one at rest is fitted too, as noise of its first sample is of weight.
     """
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0
@@ -263,8 +262,7 @@ def horizon_of(
 ) -> float:
     """Return the longest time in s within which no small error grows by more than `GROWTH`.
 
-    Rounded down, so that little depends on the parameters; infinite where none grows so, as in a
-    loop.
+    Rounded down, so that little depends on the parameters; infinite where none grows so.
     """
     free = [log for log in logs if not log.closed]
     found = min(

@@ -111,9 +111,8 @@ class Simulation:
     ) -> tuple[Samples, Samples, Samples]:
         """Return (m,) errors, and (m, k) and (k, n) factors of their derivatives by n parameters.
 
-        They are what is simulated less what was measured, in rad or rad/s, averaged over the
-        samples of each grid interval: that keeps what the samples tell at a fraction of their
-        number.
+        They are simulated less measured, in rad or rad/s, averaged over the samples of each grid
+        interval: that keeps what they tell at a fraction of their number.
         """
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)

@@ -44,33 +44,22 @@ class Body(NamedTuple):
 class Twin:
     """A joint to export: its parameters, what it carries, and logs that show how it moves."""
 
-    name: str = "joint"
-    """Of the data set or experiment."""
-    parameters: LumpedParameters
-    """Of the bare joint, those of its command included."""
-    added: AddedMass = NO_ADDED_MASS
-    """What it carries."""
+    name: str = "joint"  # of the data set or experiment
+    parameters: LumpedParameters  # of the bare joint, those of its command included
+    added: AddedMass = NO_ADDED_MASS  # what it carries
     joint: JointKind = JointKind.HINGE
-    kind: InputKind = InputKind.VOLTAGE
-    """What the command means."""
-    limit: float = math.inf
-    """Saturation, in units of the command."""
-    resolution: float = 0.0
-    """Step to which a command is rounded; 0 for none."""
-    servo: ServoLoop | None = None
-    """The loop in which it was identified."""
-    known: Prior = NO_PRIOR
-    """What was known of it."""
-    ratios: bool = False
-    """Whether the parameters are ratios to p1."""
-    robot: Robot | None = None
-    """The robot of an experiment, whose shape is known; None where only its motion is."""
-    mass: float | None = None
-    """Of what swings in kg, on which the motion does not depend; a possible one if None."""
+    kind: InputKind = InputKind.VOLTAGE  # what the command means
+    limit: float = math.inf  # saturation, in units of the command
+    resolution: float = 0.0  # step to which a command is rounded; 0 for none
+    servo: ServoLoop | None = None  # the loop in which it was identified
+    known: Prior = NO_PRIOR  # what was known of it
+    ratios: bool = False  # whether the parameters are ratios to p1
+    robot: Robot | None = None  # that of an experiment, whose shape is known, not its motion alone
+    mass: float | None = None  # in kg, on which no motion depends; a possible one if None
+    # whether what swings across the ground's gravity is drawn as the Butterfly robot's hand
     is_butterfly: bool = False
-    """Whether what swings across the ground's gravity is drawn as the Butterfly robot's hand."""
+    # returns logs of its motion, and what each is simulated with
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
-    """Returns logs of its motion, and what each is simulated with."""
 
     @classmethod
     def identified(

@@ -75,8 +75,7 @@ class SensorErrors:
     ) -> Samples:
         """Return (m, k) means of errors in rad that readings of (n,) angles in rad may have.
 
-        Each is over ``counts`` of the angles in turn, all of them off by one of (k,) ``shifts`` in
-        rad.
+        Each is over ``counts`` of the angles in turn, all off by one of (k,) ``shifts`` in rad.
         """
         moved = np.rint(shifts / self.step * self.places).astype(np.int64)
         places = _places(angle, self.step)

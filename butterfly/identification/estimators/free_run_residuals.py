@@ -158,8 +158,7 @@ class FreeRunResiduals:
     def equations(self, scaled: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
         """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
 
-        A log's squares sum to their mean. Once they cost more than ``most``, no further log is
-        simulated.
+        A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
         """
         values = np.broadcast_to(scaled, (len(self.motion), len(self.keys))) * self.scale
         segmented = [each for each in self.simulations if isinstance(each, Segments)]

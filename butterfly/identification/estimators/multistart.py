@@ -19,11 +19,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
-from butterfly.identification.estimators.free_run_residuals import (
-    OF_SERVO,
-    FreeRunResiduals,
-    tried,
-)
+from butterfly.identification.estimators.free_run_residuals import OF_SERVO, FreeRunResiduals, tried
 from butterfly.identification.estimators.gauss_newton import Equations, Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.steady_response import steady_sines

@@ -25,19 +25,10 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.free_run_residuals import (
-    LOCAL,
-    FreeRunResiduals,
-    tried,
-)
+from butterfly.identification.estimators.free_run_residuals import LOCAL, FreeRunResiduals, tried
 from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import Key
-from butterfly.identification.estimators.multistart import (
-    Start,
-    lowest_end,
-    servo_start,
-    starts,
-)
+from butterfly.identification.estimators.multistart import Start, lowest_end, servo_start, starts
 from butterfly.identification.estimators.weighed_logs import (
     WeighedLogs,
     chosen_by_weight,

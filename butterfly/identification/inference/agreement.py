@@ -37,11 +37,7 @@ _SHARE = 0.05  # of the squared errors, that a contrast explains which is named
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
 
-
-_LIMITS: dict[Condition, tuple[float, ...]] = {
-    Condition.DIRECTION: (-1.0, 1.0),
-    Condition.WEIGHED: (),
-}
+_LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 """Where conditions would disturb no more, if that is not at 0."""
 
 _SCATTERS = ("coulomb", "p2", "p4")
@@ -95,12 +91,8 @@ class _Tried(NamedTuple):
         return moved
 
 
-class _Accepted(NamedTuple):
-    """A contrast that is no chance and matters."""
-
-    contrast: Contrast
-    tried: _Tried
-    ends: list[tuple[float, Samples]]  # where the condition would disturb no more, (n,) values
+# a contrast that is no chance and matters, and (n,) values where the condition disturbs no more
+_Accepted = tuple[Contrast, _Tried, list[tuple[float, Samples]]]
 
 
 class Rival(NamedTuple):
@@ -132,7 +124,7 @@ def _contrasts(
     equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
 ) -> tuple[Contrast, ...]:
     if accepted or not conditions.steady:  # others have `scatter` to weigh logs, or free runs
-        return tuple(each.contrast for each in accepted)
+        return tuple(contrast for contrast, *_ in accepted)
     return from_log_to_log(equations)
 
 
@@ -140,7 +132,7 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, conditions, each))]
     tried.sort(key=lambda each: each.chance)
-    accepted = []
+    accepted: list[_Accepted] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
         if not chance < 1 - CONFIDENCE:
@@ -151,8 +143,8 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
         if _matters(equations, each, ends or [each.at_mean], conditions, of):
             pairs = list(zip(limits, ends, strict=True))
-            accepted.append(_Accepted(_contrast(each, place, chance), each, pairs))
-    return sorted(accepted, key=lambda each: -each.contrast.share)
+            accepted.append((_contrast(each, place, chance), each, pairs))
+    return sorted(accepted, key=lambda each: -each[0].share)
 
 
 def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:

@@ -66,11 +66,7 @@ class Conditions:
         signs = values[Condition.DIRECTION][::cells]
         if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
             del values[Condition.DIRECTION]
-        return cls(
-            values=values,
-            masses=tuple(log.added_mass for log in logs),
-            steady=steady,
-        )
+        return cls(values=values, masses=tuple(log.added_mass for log in logs), steady=steady)
 
 
 def _of_log(log: Log) -> dict[Condition, float]:

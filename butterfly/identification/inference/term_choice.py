@@ -97,8 +97,7 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
     What grows with the added mass shows with three of them: by two the scale of all is set. Without
-    gravity a gear carries what accelerates the joint alone: friction with it may as well be uneven
-    friction.
+    gravity friction with a gear may as well be uneven friction: it carries what accelerates alone.
     """
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
