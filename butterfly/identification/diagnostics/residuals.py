@@ -20,7 +20,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import cells_of, independent_cells_of
+from butterfly.identification.blocks import Condition, Conditions, cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.linearised_run import (
@@ -40,7 +40,6 @@ from butterfly.identification.inference.agreement import (
     differing_values,
     from_log_to_log,
 )
-from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.term_choice import choose_terms, submodels_of
 from butterfly.identification.levels import FEW, PRECISE, SPREADS
 from butterfly.logs.log import Log

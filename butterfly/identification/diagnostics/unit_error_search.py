@@ -18,6 +18,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.loop_errors import follows, with_free_gain
@@ -36,7 +37,6 @@ from butterfly.identification.equations import CellEquations, Solution, scaled_l
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.estimators.weak_regression import About, Windows
-from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.test_functions import Averaging

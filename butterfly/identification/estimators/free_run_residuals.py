@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.blocks import cells_of, independent_cells_of
+from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimators.gauss_newton import (
@@ -28,7 +28,6 @@ from butterfly.identification.estimators.local_parameters import (
     local_keys,
 )
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (

@@ -29,6 +29,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
@@ -43,8 +44,7 @@ from butterfly.identification.estimators.steady_response import (
     steady_sines,
 )
 from butterfly.identification.inference.agreement import contrasts_of
-from butterfly.identification.inference.conditions import Conditions
-from butterfly.identification.inference.identifiability import refuse_without_scale
+from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
@@ -57,7 +57,6 @@ from butterfly.identification.inference.term_choice import (
     scanned_terms,
 )
 from butterfly.identification.levels import FEW
-from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior

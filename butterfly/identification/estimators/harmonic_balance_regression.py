@@ -16,9 +16,9 @@ from scipy.optimize import brentq, minimize
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     BASE,

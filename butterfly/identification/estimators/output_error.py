@@ -37,7 +37,11 @@ from butterfly.identification.estimators.weighed_logs import (
     weighed_from,
 )
 from butterfly.identification.inference.agreement import contrasts_of
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
+from butterfly.identification.inference.identifiability import (
+    ScaleParameter,
+    is_driven,
+    refuse_without_scale,
+)
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
@@ -47,7 +51,6 @@ from butterfly.identification.inference.term_choice import (
     requested_terms,
 )
 from butterfly.identification.levels import FEW, LOST, MATTERS
-from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.segments import horizon_of
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods

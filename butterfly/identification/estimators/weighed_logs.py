@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.arrays import Samples
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals, tried
@@ -26,7 +27,6 @@ from butterfly.identification.estimators.gauss_newton import (
     decrease,
 )
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.term_choice import BASE, RARER
 from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PRECISE, ROUNDING, WEIGHED

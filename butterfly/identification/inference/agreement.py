@@ -26,8 +26,8 @@ import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples, unit_diagonal
+from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.model.terms import PARAMETERS

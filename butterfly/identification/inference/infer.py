@@ -9,11 +9,11 @@ import numpy as np
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import disagreements_of, weighed_within
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.consistency import (
     disagreements,
     moved_by_givens,

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.levels import ROUNDING
 from butterfly.model.terms import FOLLOWERS
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.agreement import friction_disagrees
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import CLEARLY, FEW
