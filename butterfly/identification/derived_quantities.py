@@ -138,10 +138,7 @@ WAYS = (
         **_MOTOR,
     ),
     Way(
-        "torque_constant",
-        ("p4", "gear_ratio"),
-        lambda of: of["p4"] / of["gear_ratio"],
-        **_AMPERES,
+        "torque_constant", ("p4", "gear_ratio"), lambda of: of["p4"] / of["gear_ratio"], **_AMPERES
     ),
     Way(
         "viscous_friction",

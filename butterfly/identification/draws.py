@@ -57,16 +57,12 @@ _TINY = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterDraws:
-    """Parameters that an estimate leaves open: (m, n) values of its n parameters.
-
-    The (m,) weights, how much each draw counts, add up to 1. ``runs`` are what they made of logs
-    when they were weighed.
-    """
+    """Parameters that an estimate leaves open."""
 
     estimate: Estimate
-    values: Samples
-    weights: Samples
-    runs: tuple[DrawnRun, ...] = ()
+    values: Samples  # (m, n) of its n parameters
+    weights: Samples  # (m,) how much each draw counts; they add up to 1
+    runs: tuple[DrawnRun, ...] = ()  # what they made of logs when they were weighed
 
     def resampled(self, count: int, seed: int = 0) -> ParameterDraws:
         """Return so many draws that count alike (Kitagawa, J. Comput. Graph. Stat. 5, 1996)."""
@@ -130,10 +126,9 @@ def draw_parameters(
 ) -> ParameterDraws:
     """Draw parameters within their bounds, all with the same weight.
 
-    Each draw has to make a joint with each of the added ``masses``: of inertia p1 + Z > 0 and
-    without negative friction. InputError if fewer than `LEAST` are asked for, or the seed is
-    negative; IdentifiabilityError if the estimate has no covariance, or hardly any draw is
-    possible.
+    Each draw makes a joint with each of the added ``masses``: of inertia p1 + Z > 0 and without
+    negative friction. InputError if fewer than `LEAST` are asked for, or the seed is negative;
+    IdentifiabilityError without a covariance, or if hardly any draw is possible.
     """
     if count < LEAST:
         raise InputError("draws", "count", count, f"at least {LEAST}")

@@ -281,9 +281,9 @@ class CellEquations:
     def realised_variance(self) -> float:
         """Variance of a row as the scatter of the cells realises it: 1 per parameter if right.
 
-        Of independent equal errors it is theirs; errors that are alike within a cell count for
-        fewer rows, which is a larger variance of each. It is no less than in the direction of each
-        parameter of which something is known besides, the others following.
+        Errors that are alike within a cell count for fewer rows, which is a larger variance of
+        each. It is no less than in the direction of each parameter of which something is known
+        besides.
         """
         cells = self.independent
         flat = cells.rows.reshape(-1, cells.rows.shape[2])

@@ -302,9 +302,9 @@ class Estimate:
     def with_contrasts(self, more: tuple[Contrast, ...], rival: Samples | None) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then hold a rival of (n,) values, as far as it reaches by itself, unless its logs
-        were weighed by that scatter.
-        What steady responses say of single logs is no match: they have few rows beside so many.
+        Its limits then hold a rival of (n,) values too, unless its logs were weighed by that
+        scatter. What steady responses say of single logs is no match: they have few rows beside so
+        many.
         """
         own = [each.share for each in self.agreement if each.condition is not Condition.LOG]
         if not more or more[0].share < max(own, default=0.0):

@@ -89,10 +89,7 @@ class PhysicalParameters:
 
 
 def physical_parameters(
-    estimate: Estimate,
-    known: Prior,
-    input_kind: InputKind,
-    carrier: AddedMass,
+    estimate: Estimate, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> PhysicalParameters:
     """Separate what the lumped parameters are made of, errors propagated to first order.
 
@@ -144,11 +141,7 @@ def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
 
 
 def _together(
-    estimate: Estimate,
-    errors: Samples,
-    known: Prior,
-    input_kind: InputKind,
-    carrier: AddedMass,
+    estimate: Estimate, errors: Samples, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Quantities:
     """Return lumped and physical parameters, of which each tells of the other."""
     joint = carrier.joint

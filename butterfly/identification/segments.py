@@ -43,10 +43,9 @@ _PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 class Segments:
     """Simulates one log in segments with the recorded input; as `Simulation` in all that counts.
 
-    Segments are no longer than the ``horizon`` in s, and one begins at the sample numbered
-    ``first``, from which on errors count. With ``warm`` each start is sought from the one that was
-    found last, which is near in a descent, but makes what is found depend on what was asked before;
-    else each search begins where the log does.
+    They are no longer than the ``horizon`` in s; errors count from the sample numbered ``first``
+    on, at which one begins. With ``warm`` each start is sought from the one found last, which is
+    near in a descent, but depends on what was asked before; else from where the log begins.
     """
 
     def __init__(
@@ -97,11 +96,7 @@ class Segments:
         return SimulatedMotion(pieces, self.log.integrated)
 
     def linearised(
-        self,
-        names: Sequence[str],
-        parameters: LumpedParameters,
-        zero: float,
-        _: Begin = None,
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, _: Begin = None
     ) -> tuple[Samples, Samples, Samples]:
         """Return errors and derivatives less what the starts explain (see `Simulation`)."""
         errors, rows, mixtures, _directions = zip(
@@ -128,19 +123,14 @@ class Segments:
 
 
 class _About(NamedTuple):
-    """A segment's errors and derivatives about a start, as `Simulation.linearised` returns them.
-
-    ``directions`` are the (m, j) orthonormal ones in which the start moves the errors, which lie
-    ``explained`` (j,) far along each. A ``step`` of angle in rad and velocity in rad/s takes that
-    away, to first order.
-    """
+    """A segment's errors and derivatives about a start (see `Simulation.linearised`)."""
 
     errors: Samples
     rows: Samples
     mixture: Samples
-    directions: Samples
-    explained: Samples
-    step: Samples
+    directions: Samples  # (m, j) orthonormal, in which the start moves the errors
+    explained: Samples  # (j,) how far these lie along each
+    step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
 
     @property
     def cost(self) -> float:

@@ -39,12 +39,7 @@ def needs_loop(log: Log) -> bool:
 
 
 def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
-    log: Log,
-    parameters: LumpedParameters,
-    zero: float,
-    grid: Samples,
-    inputs: Samples,
-    every: int,
+    log: Log, parameters: LumpedParameters, zero: float, grid: Samples, inputs: Samples, every: int
 ) -> Loop:
     """Return what the kernel is told of a servo, whose firmware looks at ``every`` instant.
 

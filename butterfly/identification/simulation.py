@@ -61,21 +61,16 @@ class SimulatedMotion(NamedTuple):
 class Simulation:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
 
-    It starts at rest, unless the log begins in motion (see `Log.initial_state`). The
-    step of the grid follows the resonance of the ``parameters`` (of the bare hand) and the log's
-    drive, but is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
+    It starts as the log does (see `Log.initial_state`). The step follows the resonance of the
+    ``parameters`` of the bare hand and the log's drive, but is at most ``longest`` s. Errors count
+    from the sample numbered ``first`` on.
 
-    Between two instants of the grid the input is the parabola that has the mean and the first and
-    second moment of the recorded one, so that no impulse is lost or gained where steps fall between
-    the instants.
+    Between two instants of the grid the input is the parabola that has the mean and the first two
+    moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
     """
 
     def __init__(
-        self,
-        log: Log,
-        parameters: LumpedParameters,
-        first: int = 0,
-        longest: float = LONGEST_STEP,
+        self, log: Log, parameters: LumpedParameters, first: int = 0, longest: float = LONGEST_STEP
     ) -> None:
         self.log = log
         self._command = log.goal if log.closed else log.command
@@ -103,11 +98,7 @@ class Simulation:
         return SimulatedMotion(((self.grid, zero + angle, speed),), self.log.integrated)
 
     def linearised(
-        self,
-        names: Sequence[str],
-        parameters: LumpedParameters,
-        zero: float,
-        begin: Begin = None,
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> tuple[Samples, Samples, Samples]:
         """Return (m,) errors, and (m, k) and (k, n) factors of their derivatives by n parameters.
 

@@ -236,15 +236,12 @@ class Averaging:
 
 
 class _Place(NamedTuple):
-    """Test functions, the share of each that stands still, and means over them.
-
-    The means are kept by name; what the input enters by name, delay and drive. As many samples as
-    ``lead`` are mirrored before the first.
-    """
+    """Test functions, the share of each that stands still, and means over them."""
 
     bumps: Bumps
-    lead: int
+    lead: int  # samples that are mirrored before the first
     still: Samples
+    # by name; what the input enters by name, delay and drive
     mean: dict[tuple[Hashable, ...], Samples]
 
     def means(self, signal: Samples, order: int = 0) -> Samples:

@@ -132,11 +132,7 @@ class Structure:
 
 
 def select_terms(
-    data: DataSet,
-    estimator: Estimator,
-    candidates: Sequence[str],
-    *,
-    track: Track = untracked,
+    data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> list[Structure]:
     """Add terms greedily, each time the one that most improves the mean held-out FIT.
 

@@ -84,13 +84,9 @@ class RecalibrationOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recalibration:
-    """Parameters next to an orbit, and how far to trust them.
+    """Parameters next to an orbit, and how far to trust them."""
 
-    p1 is among them if they are absolute, otherwise all but a compression are divided by the p1 of
-    the hand with what it carried. Intervals are widened to hold the estimates that leave one run
-    out.
-    """
-
+    # if p1 is not in it, all but a compression is over that of the hand with what it carried
     estimate: Estimate
     rejected: tuple[str, ...]  # candidates that did not help
     carried: AddedMass | None  # the added mass, if all logs had the same one

@@ -38,10 +38,10 @@ _NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
 class Form(NamedTuple):
     """One way to write a twin at a step."""
 
+    # time constant in steps with which dry friction stops the joint; None for MuJoCo's own
     grip: float | None = _GRIPS[0]
-    """Time constant in steps with which dry friction stops the joint; None for MuJoCo's own."""
+    # how a delay is written: none, in whole steps, between past commands, or half a step later
     delay: str = "whole"
-    """How a delay is written: none, in whole steps, between past commands, or half a step later."""
 
     def late(self, delay: float, step: float) -> float | None:
         """Return MuJoCo's delay of a command in s; None for none."""

@@ -190,12 +190,9 @@ def told_of(servo: ServoLoop, held: Collection[str]) -> list[str]:
 class Accuracy:
     """Error of a twin against our own simulation of the same inputs."""
 
-    errors: dict[str, float]
-    """Largest error in each log, in rad (m for a slide), by the log's name."""
-    unit: str
-    """Unit of the errors."""
-    besides: int = 0
-    """Number of logs not compared, for lack of time."""
+    errors: dict[str, float]  # largest error in each log, in rad (m for a slide), by the log's name
+    unit: str  # unit of the errors
+    besides: int = 0  # number of logs not compared, for lack of time
 
     @property
     def worst(self) -> float:
@@ -223,11 +220,9 @@ class Accuracy:
 class Written:
     """A twin in one format."""
 
-    text: str
-    """The file's text."""
-    about: str
-    """A short description."""
+    text: str  # the file's text
+    about: str  # a short description
+    # sentences on what the format cannot represent; the file contains them too
     left_out: tuple[str, ...] = ()
-    """Sentences on what the format cannot represent; the file contains them too."""
+    # error against our own simulation; None for a format without simulation
     accuracy: Accuracy | None = None
-    """Error against our own simulation; None for a format without simulation."""

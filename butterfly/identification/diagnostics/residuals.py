@@ -2,11 +2,9 @@
 
 From the errors of the free runs is taken what a small change of the parameters, of zeros and of
 each log's start would take from them, to first order and jointly: a value that is off within its
-interval is no misfit of the model. What stays is compared with errors drawn as each log's own
-encoder and noise make them, averaged and reduced alike (a parametric bootstrap: Efron & Tibshirani,
-An Introduction to the Bootstrap, 1993, section 6.5). The terms of the table that the model lacks
-are offered to the one rule that chooses terms, on the same equations: those are missing that
-predict logs better that were left out.
+interval is no misfit. What stays is compared with errors drawn as each log's encoder and noise make
+them (a parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 1993, section
+6.5). Those terms are missing that predict logs better that were left out, by the same equations.
 """
 
 from __future__ import annotations
@@ -283,10 +281,7 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
 
 
 def _contrasts(
-    estimate: Estimate,
-    logs: Sequence[LinearisedRun],
-    directions: Samples,
-    left: Sequence[Samples],
+    estimate: Estimate, logs: Sequence[LinearisedRun], directions: Samples, left: Sequence[Samples]
 ) -> tuple[tuple[Contrast, ...], Samples | None]:
     """Return what follows a condition in (m, 1) errors; (n,) values if the log comes first."""
     names, known = estimate.names, logs[0].known.shape[1]

@@ -67,11 +67,7 @@ class SensorErrors:
         return cls(step=step, noise=float(brentq(excess, 0.0, largest, xtol=1e-3 * step)))
 
     def draw(
-        self,
-        angle: Samples,
-        shifts: Samples,
-        counts: Places,
-        random: np.random.Generator,
+        self, angle: Samples, shifts: Samples, counts: Places, random: np.random.Generator
     ) -> Samples:
         """Return (m, k) means of errors in rad that readings of (n,) angles in rad may have.
 

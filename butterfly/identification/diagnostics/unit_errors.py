@@ -109,11 +109,7 @@ COUNTS = tuple(
 
 
 def unit_error(
-    error: UnitError,
-    factor: float,
-    *more: str,
-    logs: Iterable[Log] = (),
-    moves: bool = True,
+    error: UnitError, factor: float, *more: str, logs: Iterable[Log] = (), moves: bool = True
 ) -> Finding:
     """Return the finding that names a mistake, what undoes it, and whether that moves values."""
     kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED

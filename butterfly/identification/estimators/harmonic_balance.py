@@ -232,11 +232,7 @@ class Linear(Estimator):
 
 
 def _begun(
-    points: Sequence[ResponsePoint],
-    known: Prior,
-    names: tuple[str, ...],
-    *,
-    small: bool = False,
+    points: Sequence[ResponsePoint], known: Prior, names: tuple[str, ...], *, small: bool = False
 ) -> tuple[ScaleParameter, HarmonicBalanceFit]:
     """Fit some parameters, and say on what their scale rests."""
     _refuse_too_few(points, known.fitted(names), known)

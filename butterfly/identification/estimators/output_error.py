@@ -320,14 +320,11 @@ class OutputError(Estimator):
 
 
 class JointFit(NamedTuple):
-    """An estimate, the equations about it, and whose the last of their values are.
-
-    ``unweighted`` are those of the least squares, before logs were weighed by their scatter.
-    """
+    """An estimate, the equations about it, and whose the last of their values are."""
 
     estimate: Estimate
     equations: CellEquations
-    unweighted: CellEquations
+    unweighted: CellEquations  # of the least squares, before logs were weighed by their scatter
     owned: tuple[Key, ...]
 
     def without(self, logs: Iterable[int]) -> Estimate:

@@ -209,14 +209,11 @@ def _is_steady(data: DataSet, number: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SteadyModel:
-    """What is simulated besides the parameters of a balance: sines, and the angles they go about.
-
-    The poles are those of the transients that were fitted to them.
-    """
+    """What is simulated besides a balance's parameters: sines, and the angles they go about."""
 
     simulations: Sequence[Simulation]
     rest: RestAngles
-    poles: Sequence[complex | None]
+    poles: Sequence[complex | None]  # of the transients that were fitted to them
 
     def corrected(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
         """Return the fit with what the model's own motion leaves over, if it is near."""

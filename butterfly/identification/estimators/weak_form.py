@@ -60,10 +60,7 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 
 
 def fitted_terms(
-    logs: Sequence[Log],
-    windows: Sequence[Windows],
-    terms: tuple[str, ...] | None,
-    known: Prior,
+    logs: Sequence[Log], windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior
 ) -> tuple[WeakFit, TermChoice]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them."""
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)

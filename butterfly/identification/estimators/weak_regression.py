@@ -57,10 +57,7 @@ class Windows(NamedTuple):
         return self.averaging.signals((), delay=delay).moving
 
     def equations(
-        self,
-        names: tuple[str, ...],
-        about: About,
-        use: NDArray[np.bool_] | None = None,
+        self, names: tuple[str, ...], about: About, use: NDArray[np.bool_] | None = None
     ) -> tuple[Samples, Samples]:
         """(m, n) regressors and (m,) targets where it moves, rms inertial term 1/sqrt(m)."""
         known = about.known.fixed

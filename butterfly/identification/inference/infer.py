@@ -150,11 +150,7 @@ def infer(
 
 
 def without_each_mass(
-    equations: CellEquations,
-    masses: Sequence[AddedMass],
-    known: Prior,
-    *,
-    driven: bool,
+    equations: CellEquations, masses: Sequence[AddedMass], known: Prior, *, driven: bool
 ) -> tuple[dict[Hashable, Samples], list[Finding]]:
     """Estimate to first order without each mass, if the rest tells the scale; else say so."""
     different = sorted({masses[number] for number in np.unique(equations.log)}) if masses else []

@@ -103,10 +103,7 @@ def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
 
 
 def _bounded(
-    about: CellEquations,
-    total: tuple[Samples, Samples],
-    kept: NDArray[np.bool_],
-    absent: Samples,
+    about: CellEquations, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
 ) -> Samples:
     """(t, n) values that solve equations for what is kept, within bounds; nan if untold."""
     (curvature, gradient), at, lower = total, about.values, about.lower

@@ -139,11 +139,7 @@ def submodels_of(
     folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
     slack = CLEARLY if few else 1.0
     return Submodels(
-        equations=cells,
-        folds=folds,
-        negligible=negligible,
-        slack=slack,
-        conditions=conditions,
+        equations=cells, folds=folds, negligible=negligible, slack=slack, conditions=conditions
     )
 
 
@@ -223,10 +219,7 @@ class _Trial(NamedTuple):
 
 
 def _all_trials(
-    fits: Sequence[Submodels],
-    always: tuple[str, ...],
-    demanded: tuple[str, ...],
-    most: int | None,
+    fits: Sequence[Submodels], always: tuple[str, ...], demanded: tuple[str, ...], most: int | None
 ) -> list[_Trial]:
     """Try all that can be tried: of the parts of the data, or else of single logs."""
     by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
