@@ -141,8 +141,8 @@ def next_experiments(
 ) -> list[Candidate]:
     """Rank what to do next with the added masses of a data set (see `rank_experiments`).
 
-    ``largest_swing``: allowed, in rad or m; `LARGEST_SWING`, or what the logs of a slide or a servo
-    have shown, if not given.
+    ``largest_swing``: in rad or m; by default `LARGEST_SWING`, or what slides and servos have
+    shown.
     """
     estimate.parameters.require_gain("design")
     servos = [*{log.servo: log for log in data.logs if log.closed}.values()]

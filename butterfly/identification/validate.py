@@ -136,10 +136,10 @@ def select_terms(
 ) -> list[Structure]:
     """Add terms greedily, each time the one that most improves the mean held-out FIT.
 
-    That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
-    raises it by a tenth of a per cent, and by more than that gain's own standard error over logs.
-    Returns the structures passed through, the last being the one selected; InputError if the
-    estimator does not offer such terms.
+    One added mass at a time is held out, or what `divide` finds to suit the logs. Stops when no
+    term raises it by a tenth of a per cent, and by more than that gain's own standard error over
+    logs. Returns the structures passed through; InputError if the estimator does not offer such
+    terms.
     """
     first = divide(data).split
     splits = [first]

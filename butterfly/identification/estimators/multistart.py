@@ -153,10 +153,7 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
 def lowest_end(
     problems: Iterable[FreeRunResiduals], *, enough: bool = False
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
-    """Descend from the first guess of each problem; return the best end, and what of the others.
-
-    Others are followed to the end where they come lower; none is where the first leaves ``enough``.
-    """
+    """Descend from each guess, until one is ``enough``; return the best end, and what of others."""
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
     for problem in problems:
