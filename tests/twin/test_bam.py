@@ -81,7 +81,7 @@ def bam(request):
 
 
 @pytest.mark.parametrize("model", ["m2", "m6"])
-def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam, tmp_path):
+def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam):
     joint = replace(JOINT, **MODELS[model])
     time = np.arange(0.0, 3.0, 1e-3)
     goal = 0.9 * np.sin(2 * time + time**2)
@@ -89,14 +89,12 @@ def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam, tmp_path):
     log = Log(time, input=goal, angle=0 * time, input_kind="setpoint", servo=SERVO,
               enabled=enabled, added_mass=CARRIED)  # fmt: skip
     ours = Simulation(driven(log), joint).run(joint, 0.0).at(time)
-    path = tmp_path / "m.json"
-    path.write_text(json.dumps(_told(joint)))
     entries = [
         {"goal_position": g, "position": 0.0, "torque_enable": bool(e)}
         for g, e in zip(goal, enabled, strict=True)
     ]
     their_log = {"mass": 0.4, "arm_mass": 0.0, "length": 0.1, "kp": 400, "vin": 7.4, "dt": 1e-3}
-    simulator = pytest.importorskip("bam.simulate").Simulator(bam(json.loads(path.read_text())))
+    simulator = pytest.importorskip("bam.simulate").Simulator(bam(_told(joint)))
     theirs, *_ = simulator.rollout_log(their_log | {"entries": entries}, simulate_control=True)
     assert np.ptp(ours) > 0.5
     np.testing.assert_allclose(theirs, ours, atol=0.01)
