@@ -52,10 +52,7 @@ def leaderboard(
 
 
 def equals(entries: Sequence[Entry]) -> list[Entry]:
-    """Return, of one data set's entries, the first and those not significantly worse.
-
-    Significant: twice the standard error, over logs, of the difference in FIT.
-    """
+    """Return, of one data set's entries, the first and those within two standard errors of it."""
     best, *others = entries
     if best.fits is None:
         return [best]

@@ -1,21 +1,24 @@
-"""One division of logs into blocks of time, for whatever takes or leaves out a part of a log.
+"""One division of logs into blocks of time, and under which conditions each of them was recorded.
 
 Errors are alike within a log, so that what counts as independent is a log, or where there are few
-of them a block.
+of them a block. A parameter may follow a condition, though it should not.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from itertools import pairwise
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.levels import FEW
-from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.logs.log import MIN_SAMPLES, Log, slow_interval
+from butterfly.model.parameters import AddedMass
+from butterfly.signals.frequency_response import STEADY_SECONDS, first_counted
 
 CELLS = 10
 """Blocks into which a log is cut: as many as tell their scatter within a quarter."""
@@ -36,24 +39,13 @@ def cut(
 ) -> Iterable[tuple[Samples, Samples]]:
     """Yield the (m, n) and (m,) equations of each cell, one cluster after the other."""
     order = np.argsort(cluster, kind="stable")
-    starts = [0, *(np.flatnonzero(np.diff(cluster[order])) + 1).tolist(), order.size]
-    for begin, end in pairwise(starts):
-        for part in parts_of(end - begin, cells, begin):
-            yield jacobian[order[part]], residuals[order[part]]
-
-
-def parts_of(size: int, count: int, begin: int = 0) -> list[slice]:
-    """Return the parts, all about as long, of so many samples or equations from one on."""
-    each, longer = divmod(size, count)
-    edges = [begin + k * each + min(k, longer) for k in range(count + 1)]
-    return [slice(*pair) for pair in pairwise(edges)]
+    for rows in np.split(order, np.flatnonzero(np.diff(cluster[order])) + 1):
+        for part in np.array_split(rows, cells):
+            yield jacobian[part], residuals[part]
 
 
 def edges_of(time: Samples, count: int) -> list[int]:
-    """Return the numbers of the samples at which blocks of a log begin, all about as long.
-
-    There are fewer than ``count`` where a block would be too short to be used.
-    """
+    """Return the samples at which blocks of a log begin; fewer than ``count`` if too short."""
     if time.size < MIN_SAMPLES:
         return []
     edges = [0]
@@ -70,3 +62,72 @@ def length_of(log: Log) -> float:
         return length
     period = 2 * math.pi / log.excitation.omega
     return math.ceil(length / period) * period
+
+
+class Condition(StrEnum):
+    """What a parameter may follow."""
+
+    MASS = "added mass"
+    COMMAND = "command"
+    SWING = "swing"
+    FREQUENCY = "frequency"
+    SPEED = "speed"
+    TIME = "time"
+    DIRECTION = "direction"
+    REGIME = "regime"
+    WEIGHED = "weighed"
+    LOG = "log"
+    ALL = "all"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Conditions:
+    """Under which conditions the logs of k cells were recorded."""
+
+    # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
+    # rad^2, omega^2 in rad^2/s^2, 1/speed, time since the start in s, sign of the input, share in
+    # which the clock is slow
+    values: Mapping[Condition, Samples]
+    masses: tuple[AddedMass, ...]  # of the n logs
+    steady: bool = False  # whether residuals are those of steady responses, whose errors are known
+
+    @classmethod
+    def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
+        """Read them off logs, each of which was cut into some cells."""
+        angles = (part for log in logs for part in np.array_split(log.angle, cells))
+        times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
+        of_logs = [_of_log(log) for log in logs]
+        values = {
+            **{n: np.repeat([each[n] for each in of_logs], cells) for n in of_logs[0]},
+            Condition.SWING: np.array([np.var(part) for part in angles]),
+            Condition.TIME: np.array([part.mean() for part in times]),
+        }
+        if limit := slow_interval(logs):
+            window = STEADY_SECONDS if steady else np.inf
+            slow = (
+                log.is_slow(limit)[-log.time.size :][first_counted(log, window) :] for log in logs
+            )
+            parts = (part.mean() for each in slow for part in np.array_split(each, cells))
+            values[Condition.REGIME] = np.fromiter(parts, np.float64)
+        if cells == 1:
+            del values[Condition.TIME]
+        # fewer of either sign differ by chance
+        signs = values[Condition.DIRECTION][::cells]
+        if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
+            del values[Condition.DIRECTION]
+        return cls(values=values, masses=tuple(log.added_mass for log in logs), steady=steady)
+
+
+def _of_log(log: Log) -> dict[Condition, float]:
+    """Return what is the same throughout a log: 0 where nothing drives, moves, or both ways do."""
+    size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
+    omega = log.rms_speed / (log.rms_motion or np.inf)
+    if log.excitation is not None:
+        omega = log.excitation.omega
+    return {
+        Condition.MASS: log.added_mass.inertia,
+        Condition.COMMAND: 1 / size if size else 0.0,
+        Condition.FREQUENCY: omega**2,
+        Condition.SPEED: log.lag_per_play,
+        Condition.DIRECTION: float(np.sign(mean)) if abs(mean) > size / 2 else 0.0,
+    }

@@ -40,6 +40,7 @@ from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
 _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
+_OF_EACH_LOG = ("recorded", "logs", "health", "points")  # of a data set
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -256,31 +257,29 @@ class DataSet:
         """Return the data set with further known values."""
         if not known:
             return self
-        manifest = None if self.manifest is None else self.manifest.knowing(known)
         given = self.given | known
-        test_logs = None if self.test_logs is None else self.test_logs.knowing(known)
         return replace(
             self,
             given=given,
             known=_implied(given, self.logs),
-            manifest=manifest,
-            test_logs=test_logs,
+            manifest=self.manifest and self.manifest.knowing(known),
+            test_logs=self.test_logs and self.test_logs.knowing(known),
         )
 
     def with_zero(self, zero: Known) -> DataSet:
         """Return the data set with what the encoder reads in rad where the hand hangs."""
         return replace(
             self,
-            manifest=None if self.manifest is None else self.manifest.with_zero(zero),
+            manifest=self.manifest and self.manifest.with_zero(zero),
             recorded=tuple(replace(log, zero=zero) for log in self.recorded),
             logs=tuple(replace(log, zero=zero) for log in self.logs),
-            test_logs=None if self.test_logs is None else self.test_logs.with_zero(zero),
+            test_logs=self.test_logs and self.test_logs.with_zero(zero),
         )
 
     def corrected(self, correct: Callable[[Log], Log], said: Finding) -> DataSet:
         """Return the data set with every log corrected, those that are held out too."""
         logs = tuple(map(correct, self.logs))
-        held = None if self.test_logs is None else self.test_logs.corrected(correct, said)
+        held = self.test_logs and self.test_logs.corrected(correct, said)
         points = _responses(logs, untracked)
         return replace(self, logs=logs, points=points, test_logs=held, correction=said)
 
@@ -289,16 +288,10 @@ class DataSet:
         """All logs, those that are held out after the others."""
         if self.test_logs is None:
             return self
-        both = (self, self.test_logs)
-        return replace(
-            self,
-            manifest=self.whole_manifest,
-            recorded=tuple(log for each in both for log in each.recorded),
-            logs=tuple(log for each in both for log in each.logs),
-            health=tuple(health for each in both for health in each.health),
-            points=tuple(point for each in both for point in each.points),
-            test_logs=None,
-        )
+        both: dict[str, Any] = {
+            name: (*getattr(self, name), *getattr(self.test_logs, name)) for name in _OF_EACH_LOG
+        }
+        return replace(self, manifest=self.whole_manifest, test_logs=None, **both)
 
     @property
     def whole_manifest(self) -> Manifest | None:
@@ -334,22 +327,13 @@ class DataSet:
         if manifest is not None:
             entries = [manifest.logs[k] for k in rows]
             manifest = manifest.model_copy(update={"logs": entries, "holdout": []})
-        return replace(
-            self,
-            manifest=manifest,
-            recorded=tuple(self.recorded[k] for k in rows),
-            logs=tuple(self.logs[k] for k in rows),
-            health=tuple(self.health[k] for k in rows),
-            points=tuple(self.points[k] for k in rows),
-            test_logs=None,
-        )
+        some: dict[str, Any]
+        some = {name: tuple(getattr(self, name)[k] for k in rows) for name in _OF_EACH_LOG}
+        return replace(self, manifest=manifest, test_logs=None, **some)
 
 
 def _of_logs(logs: Sequence[Log]) -> Prior:
-    """Tell what follows of the logs: across no gravity is no moment, without input nothing late.
-
-    Nor of any gain: where nothing ever drives, p4 is none.
-    """
+    """Tell what follows of logs: no gravity, no moment; no input, nothing late; no drive, p4 0."""
     absent = {
         "p3": not logs[0].added_mass.gravity,
         "spring": any(log.integrated for log in logs),
@@ -372,10 +356,7 @@ def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
 
 
 def turns_over(log: Log, zero: float) -> bool:
-    """Whether the hand passes near the upright, or through it, so that small causes tell.
-
-    ``log``: of any input; ``zero``: encoder reading in rad of the hand at rest.
-    """
+    """Whether the hand, at rest at ``zero`` rad, passes near the upright: small causes tell."""
     turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
     return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
 

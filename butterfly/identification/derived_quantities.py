@@ -58,9 +58,8 @@ class Way:
     """How a quantity follows from others."""
 
     name: str
-    needs: tuple[
-        str, ...
-    ]  # What must be known of parameters, motor and hand, or `gravity` in m/s^2
+    # What must be known of parameters, motor and hand, or `gravity` in m/s^2
+    needs: tuple[str, ...]
     formula: Formula
     _: KW_ONLY
     # What must not be known: there is a better way then, or the formula does not hold
@@ -139,10 +138,7 @@ WAYS = (
         **_MOTOR,
     ),
     Way(
-        "torque_constant",
-        ("p4", "gear_ratio"),
-        lambda of: of["p4"] / of["gear_ratio"],
-        **_AMPERES,
+        "torque_constant", ("p4", "gear_ratio"), lambda of: of["p4"] / of["gear_ratio"], **_AMPERES
     ),
     Way(
         "viscous_friction",
@@ -234,11 +230,7 @@ SIGNED = frozenset({"com_distance", "com_offset", "motor_current"} | (SYMBOLS.ke
 
 
 def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
-    """Return what is known of p1 and p3, next to exactly where it stands beside uncertain masses.
-
-    How far masses that were weighed badly move the other parameters is told by how these two do:
-    they have to be among those that are fitted.
-    """
+    """Return what is known; beside uncertain masses p1 and p3 not exactly: they are fitted."""
     doubtful = [mass for mass in masses if mass.mass_uncertainty or mass.arm_uncertainty]
     largest = {
         "p1": max((mass.inertia for mass in doubtful), default=0.0),
@@ -253,10 +245,7 @@ def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
 
 
 def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Known]:
-    """Return what is known, a motor without a gear turning as its hinge does.
-
-    How far a motor turns while a slide moves by 1 m is nothing to be assumed.
-    """
+    """Return what is known; a hinge without a gear turns as its motor does."""
     direct = {} if joint is JointKind.SLIDE else {"gear_ratio": Known(value=1.0)}
     return direct | dict(physical)
 
@@ -275,12 +264,7 @@ def _follow(given: Prior, input_kind: InputKind, joint: JointKind) -> dict[str, 
 
 
 def implied(given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE) -> Prior:
-    """Return what is given, and what it says of parameters, uncertainties propagated.
-
-    A parameter that is given itself as well has two sources, whose weights are the inverses of
-    their variances; what is fixed counts alone. This is to be done once only, with all that is
-    given.
-    """
+    """Return what is given, and once only what it says of parameters; two sources are weighed."""
     both = {
         name: _both(name, given.parameters[name], each) if name in given.parameters else each
         for name, each in _follow(given, input_kind, joint).items()

@@ -93,11 +93,9 @@ def rank_experiments(
     """Rank sines, multisines and free decays on each added mass by the uncertainty they leave.
 
     Left at the end, with a warning, are candidates that swing too wide, that friction may hold, or
-    whose angle the present uncertainty moves so much that its prediction means little.
-
-    ``estimate``: with its covariance; ``masses``: added masses that are at hand, none being one;
-    ``misfit``: relative error of the model on the logs so far, 1 - FIT/100; ``largest_swing``:
-    allowed, in rad; ``servos``: logs of a servo, in whose loops, and as long, runs are planned.
+    whose angle the present uncertainty moves so much that its prediction means little. ``misfit``:
+    1 - FIT/100 of the logs so far; ``largest_swing``: allowed, in rad; ``servos``: logs in whose
+    loops, and as long, runs are planned.
     """
     require_number("design", positive=True, unit="rad", swing=largest_swing)
     if not np.isfinite(estimate.covariance).all():
@@ -143,9 +141,8 @@ def next_experiments(
 ) -> list[Candidate]:
     """Rank what to do next with the added masses of a data set (see `rank_experiments`).
 
-    ``data``: from which the estimate was made; how well it is followed says how far to trust the
-    model; ``estimate``: with its covariance; ``largest_swing``: allowed, in rad or m;
-    `LARGEST_SWING`, or what the logs of a slide or a servo have shown, if not given.
+    ``largest_swing``: in rad or m; by default `LARGEST_SWING`, or what slides and servos have
+    shown.
     """
     estimate.parameters.require_gain("design")
     servos = [*{log.servo: log for log in data.logs if log.closed}.values()]

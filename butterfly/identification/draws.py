@@ -57,22 +57,15 @@ _TINY = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterDraws:
-    """Parameters that an estimate leaves open: (m, n) values of its n parameters.
-
-    The (m,) weights, how much each draw counts, add up to 1. ``runs`` are what they made of logs
-    when they were weighed.
-    """
+    """Parameters that an estimate leaves open."""
 
     estimate: Estimate
-    values: Samples
-    weights: Samples
-    runs: tuple[DrawnRun, ...] = ()
+    values: Samples  # (m, n) of its n parameters
+    weights: Samples  # (m,) how much each draw counts; they add up to 1
+    runs: tuple[DrawnRun, ...] = ()  # what they made of logs when they were weighed
 
     def resampled(self, count: int, seed: int = 0) -> ParameterDraws:
-        """Return so many draws that count alike: each as often as its weight says.
-
-        By systematic resampling (Kitagawa, J. Comput. Graph. Stat. 5, 1996), in a random order.
-        """
+        """Return so many draws that count alike (Kitagawa, J. Comput. Graph. Stat. 5, 1996)."""
         rng = np.random.default_rng(seed)
         at = (rng.uniform() + np.arange(count)) / count
         chosen = np.searchsorted(np.cumsum(self.weights), at).clip(max=len(self.weights) - 1)
@@ -133,10 +126,9 @@ def draw_parameters(
 ) -> ParameterDraws:
     """Draw parameters within their bounds, all with the same weight.
 
-    Each draw has to make a joint with each of the added ``masses``: of inertia p1 + Z > 0 and
-    without negative friction. InputError if fewer than `LEAST` are asked for, or the seed is
-    negative; IdentifiabilityError if the estimate has no covariance, or hardly any draw is
-    possible.
+    Each draw makes a joint with each of the added ``masses``: of inertia p1 + Z > 0 and without
+    negative friction. InputError if fewer than `LEAST` are asked for, or the seed is negative;
+    IdentifiabilityError without a covariance, or if hardly any draw is possible.
     """
     if count < LEAST:
         raise InputError("draws", "count", count, f"at least {LEAST}")
@@ -164,11 +156,7 @@ def draw_parameters(
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
-    """(n, n) covariance whose spreads are at least those of the intervals; refused without one.
-
-    What would hold at the limits of conditions that disagree is left aside: logs to be predicted
-    are recorded under such as were seen.
-    """
+    """(n, n) covariance as wide as the intervals, but for conditions beyond those seen."""
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
         raise IdentifiabilityError(
@@ -221,11 +209,7 @@ def _possible(moved: Samples, estimate: Estimate, masses: Iterable[AddedMass]) -
 def weighed(
     draws: ParameterDraws, data: DataSet, *, bands: Sequence[Log] = (), track: Track = untracked
 ) -> ParameterDraws:
-    """Return draws with weights by the logs that the estimate was made from.
-
-    What they make of those logs that are to have ``bands`` is kept. Draws for which there is no
-    time are left out, but for `LEAST`.
-    """
+    """Return draws weighed by the estimate's logs, as time allows; keep runs of ``bands``."""
     kept = sum(samples_of_bands(log).nbytes for log in bands) * len(draws.values)
     wanted = {log.name for log in bands} if kept <= _MOST_KEPT else set()
     numbers = range(len(data.logs))

@@ -139,10 +139,7 @@ def _guess(logs: Sequence[Log], home: float) -> EncoderOffset:
 
 
 def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, EncoderOffset]:
-    """Put the zeros that the motion told with different masses together, where they agree.
-
-    A guess gives way to what other masses tell better.
-    """
+    """Put zeros together that agree with different masses; a guess gives way to others."""
     joint = dict(found)
     told = {mass: zero for mass, zero in found.items() if zero.kind is OffsetKind.FIT}
     if told:

@@ -96,17 +96,12 @@ class Regression:
     @property
     def known_rows(self) -> tuple[Samples, Samples]:
         """(k, n) rows and (k,) targets that the prior adds; none of products without a gain."""
-        known = self.turned_prior
-        return (np.empty((0, len(self.names))), np.empty(0)) if known is None else known.rows()
-
-    @property
-    def turned_prior(self) -> Penalty | None:
-        """The prior, of what the rows multiply."""
         if self.prior is None:
-            return None
+            return np.empty((0, len(self.names))), np.empty(0)
         if not self.gain:
-            return self.prior.without(self._products)
-        return self.prior.turned(np.where(self._products, self.gain, 1.0), self._shift)
+            return self.prior.without(self._products).rows()
+        slope = np.where(self._products, self.gain, 1.0)
+        return self.prior.turned(slope, self._shift).rows()
 
     @cached_property
     def lower(self) -> Samples:
@@ -160,10 +155,7 @@ class CellEquations:
         cells: int = 1,
         jacobian: Samples | None = None,
     ) -> CellEquations:
-        """Take a regression and its solution, each cluster cut into some cells.
-
-        ``jacobian``: (m, n) derivatives, if they are not the regression's.
-        """
+        """Cut a regression about its solution into cells; ``jacobian``: (m, n), if not its own."""
         values = solution.values
         derived = regression.jacobian(values) if jacobian is None else jacobian
         parts = cut(derived, regression.residuals(values), regression.cluster, cells)
@@ -243,10 +235,7 @@ class CellEquations:
         return inverse / np.outer(size, size)
 
     def apart(self, changes: Samples) -> tuple[Samples, Samples]:
-        """Return what the values, following, leave of (k, n) changes of them by cell.
-
-        And its (k,) information; both are zeros where the cells cannot tell it from others.
-        """
+        """Return what the values leave of (k, n) changes, and its (k,) information; or zeros."""
         pulls = np.einsum("kmn,kn->km", self.curvature, changes)
         rest = changes - self.change_by(pulls.sum(axis=0))
         information = np.einsum("kn,kmn,km->k", rest, self.curvature, rest)
@@ -278,11 +267,7 @@ class CellEquations:
 
     @cached_property
     def independent(self) -> CellEquations:
-        """The same, in cells between which errors are independent.
-
-        They are logs, or stretches of time where there are so few logs that their scatter tells
-        nothing of that between others.
-        """
+        """The same in cells whose errors are independent: logs, or stretches of few logs."""
         return self.of_logs if np.unique(self.log).size > FEW else self
 
     def without(self, logs: Iterable[int]) -> CellEquations:
@@ -296,9 +281,9 @@ class CellEquations:
     def realised_variance(self) -> float:
         """Variance of a row as the scatter of the cells realises it: 1 per parameter if right.
 
-        Of independent equal errors it is theirs; errors that are alike within a cell count for
-        fewer rows, which is a larger variance of each. It is no less than in the direction of each
-        parameter of which something is known besides, the others following.
+        Errors that are alike within a cell count for fewer rows, which is a larger variance of
+        each. It is no less than in the direction of each parameter of which something is known
+        besides.
         """
         cells = self.independent
         flat = cells.rows.reshape(-1, cells.rows.shape[2])
@@ -327,11 +312,7 @@ class CellEquations:
 
 
 def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
-    """Reduce cells of any number of equations in n parameters to n + 1 that say the same.
-
-    Of (m, n) rows and (m,) residuals stays the triangular factor of both: (k, n + 1, n) rows and
-    (k, n + 1) residuals.
-    """
+    """Reduce cells of (m, n) rows and (m,) residuals to n + 1 equations each that say the same."""
     every = [*cells]
     sizes = np.array([residuals.size for _, residuals in every])
     count = every[0][0].shape[1] + 1
@@ -346,10 +327,7 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
 
 
 def scaled_least_squares(rows: Samples, target: Samples) -> Samples:
-    """Return (n,) or (n, k) values, (m, n) rows times which are nearest to (m,) or (m, k) targets.
-
-    Each column of the rows is scaled to be of length 1, so that its unit does not count.
-    """
+    """Return (n, ...) values, rows times which are nearest to targets, whatever their units."""
     scaled, scale = unit_columns(rows)
     values = np.linalg.lstsq(scaled, target, rcond=None)[0]
     return np.asarray((values.T / scale).T)

@@ -13,9 +13,9 @@ from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
 from butterfly.files import finite
+from butterfly.identification.blocks import Condition
 from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.inference.covariance import half_widths
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE
@@ -65,7 +65,7 @@ class Estimate:
     # (n,) fits with other terms that predict as well, which the intervals hold too
     rivals: tuple[Samples, ...] = ()
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
-    # asked for, None where it is left to the logs (see `identification.prediction_horizon`)
+    # asked for, None where it is left to the logs (see `identification.segments`)
     horizon: float | None = None
     known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
     freedom: Samples | None = None  # (n,) degrees, of the standard errors
@@ -81,10 +81,7 @@ class Estimate:
         return LumpedParameters(**self.fixed | found)
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
-        """Return a row for each parameter, beside the truth if it is known.
-
-        Those that were known exactly come last; those that were not estimated have none.
-        """
+        """Return a row for each parameter, beside the truth; those known exactly come last."""
         if isinstance(truth, LumpedParameters):
             truth = asdict(truth)
         errors, claims = self.standard_errors, precision(self.values, self.lower, self.upper)
@@ -178,10 +175,7 @@ class Estimate:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """Return what `to_dict` gave; others of its keys are not looked at.
-
-        KeyError, TypeError or ValueError say that something is missing or not what it should be.
-        """
+        """Return what `to_dict` gave; KeyError, TypeError or ValueError if it is not that."""
         names = tuple(map(str, content["covariance"]["names"]))
         rows, others = content["parameters"], content["unestimated"]
         values = [others[name] if name in others else rows[name]["value"] for name in names]
@@ -253,11 +247,7 @@ class Estimate:
 
     @cached_property
     def level(self) -> Level:
-        """What may be done with the values: they are good if the limits of the scale are near.
-
-        Of p1 and p4, which set it, counts what was estimated: the other may be known exactly, or
-        all be ratios to p1.
-        """
+        """What may be done with the values: good if the limits of the scale are near."""
         if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
             return Level.WARNING
         reach = self.reach
@@ -289,10 +279,7 @@ class Estimate:
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
 
     def owners(self, masses: Iterable[AddedMass]) -> list[tuple[str, AddedMass | str | None]]:
-        """Return whose each encoder's zero and bias is (see `local`).
-
-        Where no zero was fitted, one belongs to each of ``masses``.
-        """
+        """Return whose each zero (of ``masses``, if none was fitted) and bias is."""
         owners = [
             (name, whose)
             for whose, values in self.local.items()
@@ -315,9 +302,9 @@ class Estimate:
     def with_contrasts(self, more: tuple[Contrast, ...], rival: Samples | None) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then hold a rival of (n,) values, as far as it reaches by itself, unless its logs
-        were weighed by that scatter.
-        What steady responses say of single logs is no match: they have few rows beside so many.
+        Its limits then hold a rival of (n,) values too, unless its logs were weighed by that
+        scatter. What steady responses say of single logs is no match: they have few rows beside so
+        many.
         """
         own = [each.share for each in self.agreement if each.condition is not Condition.LOG]
         if not more or more[0].share < max(own, default=0.0):

@@ -12,8 +12,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.prediction_horizon import horizon_of
-from butterfly.identification.segments import Segments, is_segmented
+from butterfly.identification.segments import Segments, horizon_of, is_segmented
 from butterfly.identification.simulation import Simulation, grid_step
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
@@ -26,16 +25,11 @@ _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRun:
-    """A log and its simulation with the recorded input, from the first sample on or in segments.
-
-    ``simulated`` is what the log measures at its (n,) stamps: the angle in rad from the encoder's
-    zero, or the velocity; segments are no longer than the ``horizon`` in s, each from a start of
-    its own.
-    """
+    """A log and its simulation with the recorded input, from the first sample on or in segments."""
 
     log: Log
-    simulated: Samples
-    horizon: float = math.inf
+    simulated: Samples  # what it measures at its (n,) stamps: rad from the encoder's zero, or rad/s
+    horizon: float = math.inf  # longest segment in s, each from a start of its own
 
     @classmethod
     def of(cls, log: Log, setting: Setting) -> FreeRun:
@@ -49,10 +43,7 @@ class FreeRun:
 
     @cached_property
     def velocity_fit(self) -> float:
-        """FIT in per cent of the velocity, the from slopes of local parabolas.
-
-        The angle of a joint that goes on and on has a FIT near 100 for any inertia.
-        """
+        """FIT in per cent of the velocity; an angle that goes on and on fits any inertia."""
         if self.log.integrated:
             return self.fit
         grid = uniform_grid(self.log.time)
@@ -85,15 +76,12 @@ class FreeRun:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """Median, mean and worst FIT over a set of logs, in per cent.
-
-    ``horizon`` is the longest segment in s that was simulated at a time; None for whole logs.
-    """
+    """Median, mean and worst FIT over a set of logs, in per cent."""
 
     median: float
     mean: float
     worst: float
-    horizon: float | None = None
+    horizon: float | None = None  # longest segment in s simulated at a time; None for whole logs
 
     @classmethod
     def of(cls, fits: Samples, horizon: float | None = None) -> FitSummary:
@@ -145,9 +133,8 @@ class Setting:
 class Simulations:
     """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
 
-    Each of the ``logs`` is simulated about the encoder's zero that an estimate has found for it;
-    where it found none, about that of the ``zeros`` in rad by added mass. The logs numbered
-    ``counted`` tell over what horizon. A FIT that was asked for is known from then on.
+    Each is simulated about the encoder's zero that an estimate has found for it, or else that of
+    ``zeros`` in rad by added mass; those numbered ``counted`` tell over what horizon.
     """
 
     def __init__(

@@ -115,10 +115,8 @@ def judge(
 def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """Estimate, not judged yet, from logs whose sines have their omega.
 
-    Where the sines of all logs run off it by one share, the clock is wrong or omega is. Masses that
-    are known tell which, since the inertia that they add goes with the square of time: the wrong
-    one needs an inertia of the masses' own that is none, or is not followed. Where neither shows,
-    the intervals hold both answers.
+    Where all run off it by one share, the clock is wrong or omega is. Known masses tell which:
+    their inertia goes with the square of time. Where they do not, the intervals hold both answers.
     """
     share = clock_error(data.sines)
     if not share:
@@ -174,10 +172,7 @@ def simulated(
     against: Mapping[str, LumpedParameters] = MappingProxyType({}),
     track: Track = untracked,
 ) -> Identification:
-    """Simulate the logs of a data set with an estimate, and with other parameters (see `identify`).
-
-    Raises InputError if a log cannot be used.
-    """
+    """Simulate the logs of a data set with an estimate, and others; InputError if unusable."""
     estimate = data.simulations.settled(estimate)
     horizon = data.simulations.horizon(estimate)
     runs = _runs(data, estimate, track)

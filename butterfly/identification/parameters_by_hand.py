@@ -94,11 +94,7 @@ def best_gain(
     source: str = "parameters",
     track: Track = untracked,
 ) -> float:
-    """Return the p4 with the highest median FIT, the others fixed.
-
-    InputError if no log is a sine, whose gain tells where to look, or if the joint would swing
-    faster than any log could show.
-    """
+    """Return the p4 with the highest median FIT; InputError without sines, or of too fast p3."""
     if not data.sines:
         expected = "a value, as there is no sine log to estimate it from"
         raise InputError(source, "p4", "nothing", expected)

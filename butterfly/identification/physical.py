@@ -89,17 +89,13 @@ class PhysicalParameters:
 
 
 def physical_parameters(
-    estimate: Estimate,
-    known: Prior,
-    input_kind: InputKind,
-    carrier: AddedMass,
+    estimate: Estimate, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> PhysicalParameters:
     """Separate what the lumped parameters are made of, errors propagated to first order.
 
-    Standard errors are those of the estimate's covariance with what is known; half-widths those of
-    its intervals, which are wider, with the same correlations. What ``estimate.known`` says of p4
-    has made it: R and k_t are then not independent of it (see `Quantities.told_of`). ``carrier`` is
-    any added mass of the joint, for its kind and gravity.
+    Half-widths are those of the intervals, which are wider, with the same correlations. What
+    ``estimate.known`` says of p4 has made it: R and k_t then depend on it (see
+    `Quantities.told_of`). ``carrier`` is any added mass of the joint, for its kind and gravity.
     """
     joint = carrier.joint
     narrow, wide = (
@@ -145,11 +141,7 @@ def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
 
 
 def _together(
-    estimate: Estimate,
-    errors: Samples,
-    known: Prior,
-    input_kind: InputKind,
-    carrier: AddedMass,
+    estimate: Estimate, errors: Samples, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Quantities:
     """Return lumped and physical parameters, of which each tells of the other."""
     joint = carrier.joint

@@ -1,19 +1,17 @@
 """What a joint will do under a given input, and how far that is known: two bands about a free run.
 
 The band of the parameters holds the motion of the model, with whatever parameters the estimate
-leaves open. The band of a new log holds a recording: to each draw of the parameters come the errors
-of a log that the model has not seen. Both are pointwise, at
-`butterfly.identification.levels.CONFIDENCE`.
+leaves open; that of a new log holds a recording, to each draw of the parameters coming the errors
+of a log that the model has not seen. Both are pointwise, at `levels.CONFIDENCE`.
 
-The honest error is that of a log whose added mass the estimate has not seen: each log is simulated
-with the estimate that was made without its mass. Where there is none, as with two masses, of which
-none can be left out, errors in sample stand for it, larger by sqrt(1 + 1/G): of G masses, a further
-one differs from what they have in common by (1 + 1/G) times their variance, if they are like it.
+The honest error is that of a log whose added mass the estimate has not seen. Where none can be left
+out, errors in sample stand for it, larger by sqrt(1 + 1/G): of G masses, a further one differs from
+what they have in common by (1 + 1/G) times their variance, if it is like them.
 
-Of a new log, the error at any instant is one that a log with another mass had, relative to its
-motion. A whole log is the donor, so that a log that is followed badly is so throughout, and its
-errors are drawn in blocks of whole drive periods, so that they stay as slow as they were (the
-circular block bootstrap: Politis & Romano, in Exploring the Limits of Bootstrap, 1992).
+A whole log with another mass is the donor of errors relative to its motion, so that one that is
+followed badly is so throughout. They are drawn in blocks of whole drive periods, and stay as slow
+as they were (the circular block bootstrap: Politis & Romano, in Exploring the Limits of Bootstrap,
+1992).
 """
 
 from __future__ import annotations
@@ -62,14 +60,11 @@ class Band:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """A log predicted: its free run with the estimate, and bands at the samples numbered (m,).
-
-    The bands are `OF_PARAMETERS` and `OF_NEW_LOG`, as far as there are any.
-    """
+    """A log predicted: its free run with the estimate, and bands about it."""
 
     run: FreeRun
-    samples: NDArray[np.intp]
-    bands: dict[str, Band]
+    samples: NDArray[np.intp]  # numbered (m,), at which the bands are
+    bands: dict[str, Band]  # `OF_PARAMETERS` and `OF_NEW_LOG`, as far as there are any
 
     @property
     def time(self) -> Samples:
@@ -84,22 +79,16 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpectedErrors:
-    """Errors of one log.
-
-    ``relative`` is (n,) measured less simulated angle at its stamps, over the rms of its motion;
-    larger by sqrt(1 + 1/G) if it was seen with G masses. It is ``unseen`` if the estimate was made
-    without its added mass.
-    """
+    """Errors of one log, larger by sqrt(1 + 1/G) if it was seen with G masses."""
 
     log: Log
-    relative: Samples
-    unseen: bool
+    relative: (
+        Samples  # (n,) measured less simulated angle at its stamps, over the rms of its motion
+    )
+    unseen: bool  # whether the estimate was made without its added mass
 
     def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
-        """(m,) relative errors at (m,) instants in s, in blocks that begin anywhere in the log.
-
-        Those of samples as they are: between two the mean of their noise would be smaller.
-        """
+        """(m,) relative errors of samples at (m,) instants in s, in blocks from anywhere."""
         own = self.log.time - self.log.time[0]
         length = min(length_of(self.log), float(own[-1]))
         number = ((time - time[0]) / length).astype(np.intp)
@@ -110,10 +99,7 @@ class ExpectedErrors:
 
 
 def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
-    """Return the errors of the logs that an estimate was made from, in their order.
-
-    A log that stands still has none.
-    """
+    """Return the errors of the logs that made an estimate; one that stands still has none."""
     found = []
     further = math.sqrt(1 + 1 / len(data.masses))
     for number, log in enumerate(data.logs):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.identification.levels import ROUNDING
 from butterfly.model.prior import Known
 
@@ -23,8 +24,8 @@ class Quantities:
     """Quantities that are known together."""
 
     names: tuple[str, ...]  # The n quantities
-    values: NDArray[np.float64]  # (n,) in their units
-    covariance: NDArray[np.float64]  # (n, n), in their units; zeros for one that is known exactly
+    values: Samples  # (n,) in their units
+    covariance: Samples  # (n, n), in their units; zeros for one that is known exactly
 
     @classmethod
     def of(cls, known: Mapping[str, Known]) -> Quantities:
@@ -43,7 +44,7 @@ class Quantities:
             value = float(formula(self._named(self.values)))
         return Known(value=value, uncertainty=float(np.sqrt(np.maximum(variance, 0.0))))
 
-    def gradient(self, formula: Formula) -> NDArray[np.float64]:
+    def gradient(self, formula: Formula) -> Samples:
         """Return the (n,) derivatives of what follows, by each quantity."""
         slopes = np.zeros(len(self.names))
         for k in range(slopes.size):
@@ -100,7 +101,7 @@ class Quantities:
 
 def _linearised(
     found: Quantities, causes: Quantities, formulas: Mapping[str, Formula]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Samples, Samples]:
     """Return the (m, n) derivatives of m formulas, and (m,) how much more was found."""
     slopes = np.array([causes.gradient(formula) for formula in formulas.values()])
     follows = [causes.find(formula).value for formula in formulas.values()]

@@ -1,8 +1,9 @@
 """A log simulated in segments, each from a start that is fitted to it (multiple shooting).
 
 Where small causes grow, as about the upright, no simulation stays near a log for long, but each of
-many short ones does. The angle and velocity at which a segment starts belong to it alone. What a
-change of them would take from the errors is taken from these and from their derivatives, so that
+many short ones does: errors grow as in the linearised equation along the measured motion, friction
+aside, which tells their horizon. The angle and velocity at which a segment starts belong to it
+alone. What a change of them would take from the errors is taken from these and their derivatives:
 the starts need no place among the parameters of a fit (variable projection: Golub & Pereyra,
 Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Systems, 2002).
 """
@@ -10,7 +11,7 @@ Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Sys
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,25 +19,33 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import edges_of
+from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.identification.simulation import Begin, SimulatedMotion, Simulation
+from butterfly.identification.simulation import LONGEST_STEP, Begin, SimulatedMotion, Simulation
 from butterfly.logs.log import InitialState, Log
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search
+from butterfly.signals.spectrum import uniform_grid
 
 _HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
 _SHORTER = 0.25  # of a step that went too far
 _START = ("zero", "velocity")
 
+GROWTH = 30.0
+"""Times by which an error at the start of a segment may grow within it."""
+
+_EVERY = 5  # steps from one beginning to the next
+# horizons, times powers of ten
+_PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
+
 
 class Segments:
     """Simulates one log in segments with the recorded input; as `Simulation` in all that counts.
 
-    Segments are no longer than the ``horizon`` in s, and one begins at the sample numbered
-    ``first``, from which on errors count. With ``warm`` each start is sought from the one that was
-    found last, which is near in a descent, but makes what is found depend on what was asked before;
-    else each search begins where the log does.
+    They are no longer than the ``horizon`` in s; errors count from the sample numbered ``first``
+    on, at which one begins. With ``warm`` each start is sought from the one found last, which is
+    near in a descent, but depends on what was asked before; else from where the log begins.
     """
 
     def __init__(
@@ -87,11 +96,7 @@ class Segments:
         return SimulatedMotion(pieces, self.log.integrated)
 
     def linearised(
-        self,
-        names: Sequence[str],
-        parameters: LumpedParameters,
-        zero: float,
-        _: Begin = None,
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, _: Begin = None
     ) -> tuple[Samples, Samples, Samples]:
         """Return errors and derivatives less what the starts explain (see `Simulation`)."""
         errors, rows, mixtures, _directions = zip(
@@ -118,19 +123,14 @@ class Segments:
 
 
 class _About(NamedTuple):
-    """A segment's errors and derivatives about a start, as `Simulation.linearised` returns them.
-
-    ``directions`` are the (m, j) orthonormal ones in which the start moves the errors, which lie
-    ``explained`` (j,) far along each. A ``step`` of angle in rad and velocity in rad/s takes that
-    away, to first order.
-    """
+    """A segment's errors and derivatives about a start (see `Simulation.linearised`)."""
 
     errors: Samples
     rows: Samples
     mixture: Samples
-    directions: Samples
-    explained: Samples
-    step: Samples
+    directions: Samples  # (m, j) orthonormal, in which the start moves the errors
+    explained: Samples  # (j,) how far these lie along each
+    step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
 
     @property
     def cost(self) -> float:
@@ -197,10 +197,7 @@ class _Segment:
     def _about(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
     ) -> _About:
-        """Differentiate by names, among them those of the start.
-
-        A change of the start moves angles by 1 less what one of the zero does, and no velocity.
-        """
+        """Differentiate by names and start, which moves angles by 1 less what the zero does."""
         with np.errstate(over="ignore", invalid="ignore"):
             expansion = self.simulation.linearised(names, parameters, zero, begin)
             errors, rows, mixture = expansion
@@ -230,11 +227,9 @@ def is_segmented(
 ) -> bool:
     """Whether a log is simulated in segments, or as a single one, whose start is fitted.
 
-    A log that is no longer than the horizon is simulated whole if it begins at rest, if its
-    beginning does not count, or if its velocity there is known; but not that of a joint that no
-    gravity brings back: the noise of its first sample would stay for good. ``free`` starts are
-    fitted also of a log that begins at rest, as noise of its first sample is of weight. A servo's
-    loop is simulated whole: it brings the joint back from any start, but one of speed.
+    A log no longer than the horizon is simulated whole if it begins at rest, its beginning does not
+    count, or its velocity there is known, and gravity or a servo's loop brings the joint back. With
+    ``free`` the start of one at rest is fitted too, as noise of its first sample is of weight.
     """
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0
@@ -250,3 +245,52 @@ def _count(time: Samples, horizon: float) -> int:
     """Return the fewest segments no longer than a horizon in s."""
     span = float(time[-1] - time[0]) if time.size else 0.0
     return max(math.ceil(span / horizon * (1 - 1e-9)), 1)
+
+
+def horizon_of(
+    logs: Iterable[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    """Return the longest time in s within which no small error grows by more than `GROWTH`.
+
+    Rounded down, so that little depends on the parameters; infinite where none grows so.
+    """
+    free = [log for log in logs if not log.closed]
+    found = min(
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in free), default=math.inf
+    )
+    if not math.isfinite(found):
+        return math.inf
+    decade = 10.0 ** math.floor(math.log10(found))
+    fits = _PREFERRED[_PREFERRED * decade <= found * (1 + 1e-9)]
+    return float(f"{fits[-1] * decade:.2g}")
+
+
+def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
+    loaded = parameters.with_added_mass(log.added_mass)
+    if not (loaded.p1 > 0 and loaded.p3 > 0):
+        return math.inf
+    angle = log.angle - zero
+    if max(angle.max(), -angle.min()) <= math.pi / 2 or np.cos(angle).min() >= 0:
+        return math.inf  # gravity pulls back wherever the hand is
+    grid = uniform_grid(log.time, LONGEST_STEP)
+    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
+    damping = max(loaded.p2, 0.0) / loaded.p1
+    slowest = math.sqrt(loaded.p1 / loaded.p3)
+    steps = _soonest(falling, damping, slowest)
+    return steps * LONGEST_STEP if steps else math.inf
+
+
+def _soonest(falling: Samples, damping: float, slowest: float) -> int:
+    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does."""
+    begins = np.arange(0, falling.size - 1, _EVERY)
+    angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
+    velocity = 1 - angle
+    for count in range(1, falling.size):
+        begins = begins[begins + count < falling.size]
+        angle, velocity = angle[:, : begins.size], velocity[:, : begins.size]
+        velocity += LONGEST_STEP * (falling[begins + count] * angle - damping * velocity)
+        angle += LONGEST_STEP * velocity
+        sizes = np.abs(angle) / [[1.0], [max(count * LONGEST_STEP, slowest)]]
+        if sizes.max(initial=0.0) > GROWTH:
+            return count
+    return 0

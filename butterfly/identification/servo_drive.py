@@ -39,12 +39,7 @@ def needs_loop(log: Log) -> bool:
 
 
 def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
-    log: Log,
-    parameters: LumpedParameters,
-    zero: float,
-    grid: Samples,
-    inputs: Samples,
-    every: int,
+    log: Log, parameters: LumpedParameters, zero: float, grid: Samples, inputs: Samples, every: int
 ) -> Loop:
     """Return what the kernel is told of a servo, whose firmware looks at ``every`` instant.
 
@@ -95,9 +90,8 @@ def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:
 def driven(log: Log, delay: float = 0.0) -> Log:
     """Return the log of a servo with its drive as input, rebuilt if it was not recorded.
 
-    The input of a set-point becomes what the law makes of it, ``delay`` in s later, and of the
-    motion: its means over each step where the input is held, V where the supply of a duty is
-    known. A recorded duty is multiplied by a recorded supply.
+    That is what the law makes of motion and set-point, ``delay`` in s later: means over each step
+    where the input is held, V where the supply of a duty is known.
     """
     servo = log.servo
     if log.input_kind is InputKind.DUTY and log.supply is not None:
@@ -132,10 +126,7 @@ def driven(log: Log, delay: float = 0.0) -> Log:
 
 
 def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
-    """Return a log in a loop by its drive alone, rebuilt anew with gains and delay as identified.
-
-    A drive that was recorded stays.
-    """
+    """Return a log by its drive alone, if rebuilt anew, with gains and delay as found."""
     servo = log.servo
     if servo is None or not log.rebuilt:
         return log.opened

@@ -61,21 +61,16 @@ class SimulatedMotion(NamedTuple):
 class Simulation:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
 
-    It starts at rest, unless the log begins in motion (see `Log.initial_state`). The
-    step of the grid follows the resonance of the ``parameters`` (of the bare hand) and the log's
-    drive, but is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
+    It starts as the log does (see `Log.initial_state`). The step follows the resonance of the
+    ``parameters`` of the bare hand and the log's drive, but is at most ``longest`` s. Errors count
+    from the sample numbered ``first`` on.
 
-    Between two instants of the grid the input is the parabola that has the mean and the first and
-    second moment of the recorded one, so that no impulse is lost or gained where steps fall between
-    the instants.
+    Between two instants of the grid the input is the parabola that has the mean and the first two
+    moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
     """
 
     def __init__(
-        self,
-        log: Log,
-        parameters: LumpedParameters,
-        first: int = 0,
-        longest: float = LONGEST_STEP,
+        self, log: Log, parameters: LumpedParameters, first: int = 0, longest: float = LONGEST_STEP
     ) -> None:
         self.log = log
         self._command = log.goal if log.closed else log.command
@@ -96,30 +91,19 @@ class Simulation:
     def run(
         self, parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> SimulatedMotion:
-        """Simulate the log.
-
-        Its added mass is put on the ``parameters`` of the bare hand (78); ``zero`` is the encoder's
-        reading in rad where the model's angle is 0. A velocity to ``begin`` with takes the first
-        sample's angle as it is.
-        """
+        """Simulate the log, its added mass on the bare hand (78); ``zero`` is the encoder's."""
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs, loop = self._inputs(parameters), self.loop(parameters, zero)
         angle, speed = simulate(loaded, self.grid, inputs[0], *self.start(zero, begin), loop)
         return SimulatedMotion(((self.grid, zero + angle, speed),), self.log.integrated)
 
     def linearised(
-        self,
-        names: Sequence[str],
-        parameters: LumpedParameters,
-        zero: float,
-        begin: Begin = None,
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> tuple[Samples, Samples, Samples]:
-        """Return the errors, and what they change by with n parameters, zero or velocity.
+        """Return (m,) errors, and (m, k) and (k, n) factors of their derivatives by n parameters.
 
-        They are what is simulated less what was measured, angle in rad or velocity in rad/s,
-        averaged over the samples of each grid
-        interval: the average keeps what the samples tell at a fraction of their number. Returned
-        are (m,) errors, and (m, k) and (k, n) matrices whose product is the Jacobian.
+        They are simulated less measured, in rad or rad/s, averaged over the samples of each grid
+        interval: that keeps what they tell at a fraction of their number.
         """
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
@@ -196,11 +180,8 @@ class Simulation:
         return loop_on_grid(self.log, parameters, zero, self.grid, inputs, self._every)
 
     def _inputs(self, parameters: LumpedParameters, drives: int = 0) -> Samples:
-        """(2 or more, n - 1, 3) delivered input, and its derivatives; the latest are kept.
-
-        The first derivative is that by the delay (see `hold.parabolas`); those by the slow delay
-        and by the terms of the drive follow if so many ``drives`` are asked for.
-        """
+        """(2 or more, n - 1, 3) delivered input and its derivatives; the latest are kept."""
+        # by the delay (see `hold.parabolas`); by the slow delay and the drive's terms, if asked for
         looped = needs_loop(self.log)  # delivers by itself
         drive = IDEAL if looped else parameters.drive
         slow = (0.0, 0.0) if looped else (parameters.slow_delay, parameters.slow_interval)
@@ -231,11 +212,7 @@ class Simulation:
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:
-    """Return the longest step in s of a simulation's grid, for parameters of the bare hand.
-
-    It is no shorter than a hundredth of the log's own: no log shows a resonance that asks for more.
-    A speed that settles faster than that follows each sample of its input.
-    """
+    """Return the longest step in s of a grid; no log shows a resonance a hundred times its rate."""
     drive = log.excitation.omega if log.excitation else 0.0
     loaded = parameters.with_added_mass(log.added_mass)
     fastest = max(resonance_frequency(loaded), drive)

@@ -197,11 +197,7 @@ _LEFT_OUT = {
 
 
 def excluding_interval(log: Log, interval: slice) -> list[Log]:
-    """Return the pieces of a log before and after an interval of its samples.
-
-    That after it begins in motion (see `Log.piece`). A piece that is too short to be used is left
-    out.
-    """
+    """Return usable pieces of a log before and after an interval; the second is in motion."""
     first, last, _ = interval.indices(log.time.size)
     sides = {"before": (0, first), "after": (last, log.time.size)}
     pieces = []

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.levels import ROUNDING
 from butterfly.logs.log import Log
@@ -59,11 +60,8 @@ class Bumps:
         """(m,) samples at which they are centred."""
         return np.arange(self.margin, self.size - self.margin, self._stride)
 
-    def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
-        """(m,) integrals of an (n,) signal against the ``order``-th derivative of each.
-
-        Over the bump's area; in the signal's unit, over s to the power ``order``.
-        """
+    def means(self, signal: Samples, order: int = 0) -> Samples:
+        """(m,) integrals of an (n,) signal against a derivative of each, over its area."""
         weights = self._weights[order]
         stride, parts = weights.shape
         rows = self.centres.size + parts - 1
@@ -84,7 +82,7 @@ class Bumps:
         return math.ceil(self.half_width / self.step) - 1
 
     @cached_property
-    def _weights(self) -> NDArray[np.float64]:
+    def _weights(self) -> Samples:
         """(3, stride, parts) a bump and its derivatives over its area, cut where others begin."""
         s = np.arange(-self._reach, self._reach + 1) * self.step / self.half_width
         inside = 1 - s**2
@@ -114,13 +112,13 @@ class WeakSignals:
 
     # time, angle, velocity: (n,) instants in s, angle from the hanging position in rad, velocity in
     # rad/s
-    time: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    velocity: NDArray[np.float64]
+    time: Samples
+    angle: Samples
+    velocity: Samples
     # by parameter: (n,) averages over each test function of what it multiplies in the equation, the
     # motor's torque brought to the left: summed with the parameters' values they give 0
-    mean: dict[str, NDArray[np.float64]]
-    still: NDArray[np.float64]  # (n,) share of each test function in which the joint may stick
+    mean: dict[str, Samples]
+    still: Samples  # (n,) share of each test function in which the joint may stick
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -163,7 +161,7 @@ class Averaging:
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
         self._places: dict[int, _Place] = {}
 
-    def moving_so(self, measured: NDArray[np.float64]) -> Averaging:
+    def moving_so(self, measured: Samples) -> Averaging:
         """Return the same of another motion (see `Log.moving_so`), with the same test functions."""
         log, settings = self._log.moving_so(measured), self._settings
         found = Averaging(log, self._zero, self._half_width, settings, self._balance)
@@ -238,22 +236,16 @@ class Averaging:
 
 
 class _Place(NamedTuple):
-    """Test functions, the share of each that stands still, and means over them.
-
-    The means are kept by name; what the input enters by name, delay and drive. As many samples as
-    ``lead`` are mirrored before the first.
-    """
+    """Test functions, the share of each that stands still, and means over them."""
 
     bumps: Bumps
-    lead: int
-    still: NDArray[np.float64]
-    mean: dict[tuple[Hashable, ...], NDArray[np.float64]]
+    lead: int  # samples that are mirrored before the first
+    still: Samples
+    # by name; what the input enters by name, delay and drive
+    mean: dict[tuple[Hashable, ...], Samples]
 
-    def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
-        """(m,) means of an (n,) signal and its mirror image (see `Bumps.means`).
-
-        What is integrated by parts once is odd about its first value.
-        """
+    def means(self, signal: Samples, order: int = 0) -> Samples:
+        """(m,) means of an (n,) signal and its mirror image, odd if integrated by parts once."""
         mirror = signal[self.lead : 0 : -1]
         before = 2 * signal[0] - mirror if order % 2 else mirror
         return self.bumps.means(np.concatenate([before, signal]), order)
@@ -270,18 +262,14 @@ class ResidualTorque:
     label: str  # of the log
     # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
     # in rad/s, N m
-    time: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    torque: NDArray[np.float64]
+    time: Samples
+    angle: Samples
+    velocity: Samples
+    torque: Samples
 
     @classmethod
     def of(cls, log: Log, values: LumpedParameters, zero: float) -> ResidualTorque:
-        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5).
-
-        InputError if the log is shorter than a bump. The load on the bearing enters by its own
-        basis, so that T_c is the bare hand's.
-        """
+        """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5)."""
         loaded = values.with_added_mass(log.added_mass)
         omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
         width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
@@ -302,12 +290,12 @@ class ResidualTorque:
         )
 
 
-def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
+def _velocity(angle: Samples, half_width: float, step: float) -> Samples:
     reach = max(round(VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
     return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 
-def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+def _momentum(row: Term, motion: Motion) -> tuple[Samples, int]:
     """Return the (n,) signal that a parameter multiplies, and how often its bump is derived."""
     if row.derivative:
         return (-1) ** row.derivative * motion.angle, row.derivative
@@ -316,7 +304,7 @@ def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
     return row.basis(motion), 0
 
 
-def _energy(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+def _energy(row: Term, motion: Motion) -> tuple[Samples, int]:
     """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
     if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
         return -(motion.velocity**2) / 2, 1

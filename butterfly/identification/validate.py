@@ -132,18 +132,14 @@ class Structure:
 
 
 def select_terms(
-    data: DataSet,
-    estimator: Estimator,
-    candidates: Sequence[str],
-    *,
-    track: Track = untracked,
+    data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> list[Structure]:
     """Add terms greedily, each time the one that most improves the mean held-out FIT.
 
-    That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
-    raises it by a tenth of a per cent, and by more than that gain's own standard error over logs.
-    Returns the structures passed through, the last being the one selected; InputError if the
-    estimator does not offer such terms.
+    One added mass at a time is held out, or what `divide` finds to suit the logs. Stops when no
+    term raises it by a tenth of a per cent, and by more than that gain's own standard error over
+    logs. Returns the structures passed through; InputError if the estimator does not offer such
+    terms.
     """
     first = divide(data).split
     splits = [first]
@@ -225,11 +221,7 @@ class _Fits:
 
 
 class _NestedFits(_Fits):
-    """The same by output error, each fit begun where the equations of a larger one say.
-
-    Those of one with all the terms tell where one with some of them begins, and its own what the
-    rest of the logs lead to: about, for the score, and where their fit begins.
-    """
+    """The same by output error, each fit begun where the equations of a larger one say."""
 
     def __init__(self, data: DataSet, estimator: OutputError, terms: tuple[str, ...]) -> None:
         super().__init__(data, estimator)

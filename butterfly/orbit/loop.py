@@ -209,11 +209,7 @@ def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
 
 
 def swing(log: Log, zero: float, since: float) -> float:
-    """Measure the amplitude in rad that a log has come to, half the mean peak-to-peak swing.
-
-    Turning points count from the stamp ``since`` in s on. NaN if the hand turned over, 0 if it
-    stopped turning back and forth.
-    """
+    """Return half the mean peak-to-peak swing in rad, from ``since`` s on; NaN if it turned."""
     rows = log.time >= since
     time, angle = log.time[rows], log.angle[rows] - zero
     if np.abs(angle).max() > math.pi:
@@ -270,10 +266,7 @@ def study_orbit(
     description: str = "",
     track: Track = untracked,
 ) -> OrbitStudy:
-    """Calibrate, and compare free runs of the generic and the re-calibrated model.
-
-    At the orbits of the ``amplitudes`` in rad models are re-calibrated and used crosswise.
-    """
+    """Calibrate, compare free runs, and use models of orbits of ``amplitudes`` crosswise."""
     calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
     carried = schedule.added_masses[0]
     final = calibration.parameters

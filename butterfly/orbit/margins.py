@@ -173,11 +173,7 @@ class _Swings:
         )
 
     def carry(self, gamma: float, delay: float) -> bool:
-        """Say whether any of them gains energy.
-
-        Made up for late, a command has a part in phase with the angle, which slows the swing:
-        w^2 + w strength/p1 sin(w delay) = (2 pi/period)^2.
-        """
+        """Say whether any gains energy, at w^2 + w strength/p1 sin(w delay) = (2 pi/T)^2."""
         command = self.friction + self.p4 * gamma * self.missing[:, None] * self.velocity
         strength = np.mean(command * self.velocity, axis=1) / np.mean(self.velocity**2, axis=1)
         free = 2 * np.pi / self.periods

@@ -84,13 +84,9 @@ class RecalibrationOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recalibration:
-    """Parameters next to an orbit, and how far to trust them.
+    """Parameters next to an orbit, and how far to trust them."""
 
-    p1 is among them if they are absolute, otherwise all but a compression are divided by the p1 of
-    the hand with what it carried. Intervals are widened to hold the estimates that leave one run
-    out.
-    """
-
+    # if p1 is not in it, all but a compression is over that of the hand with what it carried
     estimate: Estimate
     rejected: tuple[str, ...]  # candidates that did not help
     carried: AddedMass | None  # the added mass, if all logs had the same one
@@ -127,11 +123,7 @@ def from_ratios(
 def recalibrate(
     logs: Sequence[Log], zero: float, options: RecalibrationOptions = RecalibrationOptions()
 ) -> Recalibration:
-    """Estimate p1..p4 and friction terms by constrained linear least squares.
-
-    The logs are of runs next to the orbit, none of them quite on it: there the control only makes
-    up for friction.
-    """
+    """Estimate p1..p4 and friction by bounded linear least squares, from runs next to the orbit."""
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
     loop = LoopEquations(logs, zero, options)
@@ -168,11 +160,7 @@ def estimate_of(
     method: str,
     scale: FindingKind,
 ) -> Estimate:
-    """Return the estimate that equations give, their errors independent between stretches of runs.
-
-    Their (m,) rows are of the given runs, without each of which is estimated again where enough are
-    left.
-    """
+    """Return the estimate of equations, and if there are enough runs those without each."""
     solved = CellEquations.of(regression, solution)
     left_out: dict[Hashable, Samples] = {}
     runs = np.unique(run)

@@ -7,11 +7,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError, listed
+from butterfly.identification.blocks import Condition
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.conditions import Condition
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text

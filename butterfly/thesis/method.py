@@ -144,10 +144,7 @@ def fit_resonances(
 
 
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
-    """Resonance of each added mass by (100), then p1, p2, p3 by (102); p4 is NaN.
-
-    Logs are as recorded, with repeated timestamps; every `decimation`-th sample is kept.
-    """
+    """Resonance of each mass by (100), then p1, p2, p3 by (102), of raw logs; p4 is NaN."""
     groups: dict[AddedMass, list[Log]] = {}
     for log in logs:
         groups.setdefault(log.added_mass, []).append(log)

@@ -12,12 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import NamedTuple
 
 from butterfly.files import json_text
 from butterfly.logs.log import InputKind
-from butterfly.model.prior import Known
 from butterfly.model.servo import LawStructure, Output
 from butterfly.plant.robot import Shape
 from butterfly.twin.forms import Options
@@ -29,7 +27,7 @@ from butterfly.twin.plain import (
     left_out,
     steps_text,
 )
-from butterfly.twin.twin import Twin, Written
+from butterfly.twin.twin import Twin, Written, told_of
 
 _OF_LOOP = ("law", "kp", "kd", "limit", "supply", "clock", "torque_constant")
 
@@ -140,13 +138,8 @@ def _notes(twin: Twin, options: Options) -> Iterator[str]:
     elif not servo.kp.value:
         yield f"No stiffness and damping: kp of the loop ({servo.law}) is unknown."
     else:
-        rest = [
-            f"{each.name} {value.value if isinstance(value, Known) else value}"
-            for each in fields(servo)
-            if each.name not in _OF_LOOP and (value := getattr(servo, each.name)) != each.default
-        ]
         yield f"Targets are the set-points of the servo's loop ({servo.law})."
-        if rest:
+        if rest := told_of(servo, _OF_LOOP):
             yield f"Not included from that loop: {', '.join(rest)}."
         yield "The error against our own simulation is not measured for this loop."
     if p.delay > 0:

@@ -15,18 +15,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import replace
 
 from butterfly.errors import InputError
 from butterfly.files import json_text
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.prior import NO_PRIOR, Known, Prior
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import GEAR
 from butterfly.twin.forms import Options
-from butterfly.twin.twin import Twin, Written, beyond, listed
+from butterfly.twin.twin import Twin, Written, beyond, listed, told_of
 
 _OF_LAWS = {"dynamixel-xl330": "xl330", "feetech-sts": "sts3215"}
 ACTUATORS = (*_OF_LAWS.values(), "mx64", "mx106", "xl320")
@@ -40,57 +39,26 @@ _HELD = {"p1", "p2", "p3", "p4", "coulomb", "back_emf", "stribeck", "stribeck_ve
 
 
 def as_bam(twin: Twin, options: Options) -> Written:
-    """Return a twin as BAM's parameter file."""
-    made = bam_model(
-        twin.parameters,
-        twin.kind,
-        twin.added,
-        actuator=options.actuator,
-        servo=twin.servo,
-        known=twin.known,
-        ratios=twin.ratios,
-    )
-    told = f"BAM's {made.content['model']} of {made.content['actuator']}"
-    return Written(text=json_text(made.content), about=told, left_out=made.left_out)
+    """Return a bare joint as BAM's file: the least of its models that holds all friction.
 
-
-@dataclass(frozen=True, kw_only=True)
-class BamModel:
-    """What the file holds, and in sentences what it does not, or otherwise."""
-
-    content: dict[str, Any]
-    left_out: tuple[str, ...]
-
-
-def bam_model(
-    parameters: LumpedParameters,
-    kind: InputKind,
-    added: AddedMass = NO_ADDED_MASS,
-    *,
-    actuator: str | None = None,
-    servo: ServoLoop | None = None,
-    known: Prior = NO_PRIOR,
-    ratios: bool = False,
-) -> BamModel:
-    """Return a bare joint as BAM has it: the least of its models that holds all friction.
-
-    BAM's logs say what is carried, here ``added`` tells only what its weight adds to T_c. The
-    ``actuator`` is that of the servo's law if none is given; ``ratios`` are parameters over p1.
+    BAM's logs say what is carried, here that tells only what its weight adds to T_c.
     """
-    parameters.require_gain("export")
+    servo, known, added = twin.servo, twin.known, twin.added
+    twin.parameters.require_gain("export")
     units = [name for name in ("p1", "p4") if known.fixed.get(name) == 1.0]
-    if ratios or units:
-        found = "ratios to p1" if ratios else f"relative to {units[0]} = 1"
+    if twin.ratios or units:
+        found = "ratios to p1" if twin.ratios else f"relative to {units[0]} = 1"
         expected = "N m; add a known mass or give a measured value (known: {p3: 0.3})"
         raise InputError("export", "parameters", found, expected)
-    if kind is not InputKind.VOLTAGE:
+    if twin.kind is not InputKind.VOLTAGE:
         expected = "voltage, or set-points of a servo with its supply (BAM's motors have kt and R)"
-        raise InputError("export", "input", kind, expected)
-    name = actuator or _OF_LAWS.get("" if servo is None else servo.law)
+        raise InputError("export", "input", twin.kind, expected)
+    name = options.actuator or _OF_LAWS.get("" if servo is None else servo.law)
     if name not in ACTUATORS:
         expected = f"BAM's name of the servo: {', '.join(ACTUATORS)}"
         raise InputError("export", "--actuator", name or "missing", expected)
-    p = replace(parameters, coulomb=parameters.coulomb + parameters.load * added.weight)
+    joint = twin.parameters
+    p = replace(joint, coulomb=joint.coulomb + joint.load * added.weight)
     model = _least(p)
     damping, source = _back_emf(p, known)
     content = {
@@ -109,7 +77,8 @@ def bam_model(
         content["max_velocity"] = servo.speed_limit if servo is not None and slowed else _FAST
         content["error_gain_ratio"] = p.loop_kp
     notes = (f"kt and R: {source}.", *_notes(p, model, added), *_of_loop(p, name, servo))
-    return BamModel(content=content | {"notes": notes}, left_out=notes)
+    text, about = json_text(content | {"notes": notes}), f"BAM's {model} of {name}"
+    return Written(text=text, about=about, left_out=notes)
 
 
 def _least(p: LumpedParameters) -> str:
@@ -124,10 +93,7 @@ def _least(p: LumpedParameters) -> str:
 
 
 def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
-    """Return kt^2/R in N m s/rad, which with p4 = kt/R tells both, and what told it.
-
-    It cannot be more than p2, of which the rest is viscous friction.
-    """
+    """Return kt^2/R in N m s/rad, at most p2, which with p4 = kt/R tells both; and its source."""
     told = {name: each.value for name, each in known.physical.items()}
     ratio = told.get("gear_ratio", 1.0)
     if p.back_emf:
@@ -215,10 +181,5 @@ def _of_loop(p: LumpedParameters, actuator: str, servo: ServoLoop | None) -> Ite
         yield f"BAM's {actuator} has its own control law; here {law}."
         return
     held = {*_OF_LOGS, "speed_limit"} if actuator == "sts3215" else {*_OF_LOGS}
-    rest = [
-        f"{each.name} {value.value if isinstance(value, Known) else value}"
-        for each in fields(ServoLoop)
-        if each.name not in held and (value := getattr(servo, each.name)) != each.default
-    ]
-    if rest:
+    if rest := told_of(servo, held):
         yield f"BAM's {actuator} has only a P gain; not included: {', '.join(rest)}."

@@ -97,10 +97,7 @@ def held_motion(  # noqa: PLR0917 - a joint, what drives it, where from, and in 
     step: float,
     substeps: int = 1,
 ) -> tuple[Samples, Samples]:
-    """Return (n + 1,) angles and velocities under (n,) delivered commands, each held for a step.
-
-    Those before are ``past``.
-    """
+    """Return (n + 1,) angles and velocities under (n,) commands held a step, after ``past``."""
     late = max(loaded.delay, 0.0) / step
     whole = int(late + _ROUNDING)
     first = late - whole if late - whole > _ROUNDING else 0.0

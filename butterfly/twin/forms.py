@@ -31,12 +31,9 @@ INTEGRATORS = ("RK4", "implicitfast")
 class Options:
     """What a user can ask of a form."""
 
-    timestep: float = 0.002
-    """Of the simulator, in s."""
-    integrator: Literal["RK4", "implicitfast"] = "RK4"
-    """Of MuJoCo."""
-    actuator: str | None = None
-    """Which of BAM's servos it is."""
+    timestep: float = 0.002  # of the simulator, in s
+    integrator: Literal["RK4", "implicitfast"] = "RK4"  # of MuJoCo
+    actuator: str | None = None  # which of BAM's servos it is
 
 
 DEFAULTS = Options()

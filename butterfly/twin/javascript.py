@@ -39,10 +39,7 @@ def added_numbers(added: AddedMass) -> dict[str, float]:
 
 
 def as_javascript(twin: Twin) -> str:
-    """Return ``joint``: its step, its drive, and its constants from parameters and added mass.
-
-    Terms that are 0 in the twin are left out. NotImplementedError says what cannot be translated.
-    """
+    """Return ``joint`` without terms that are 0; NotImplementedError if not translatable."""
     moved, drive = kernel_of(twin)
     bare = Fields(dict.fromkeys((each.name for each in fields(LumpedParameters)), NUMBER))
     added = Fields(dict.fromkeys(OF_ADDED_MASS, NUMBER))

@@ -89,7 +89,8 @@ class C:
         if not isinstance(kind, tuple):
             return "double " if kind == NUMBER or type(kind) is float else "int "
         types = [self.type_of(each).strip() for each in kind]
-        name = f"{self._prefix}_{'_'.join(map(str, map(_size, kind)))}"
+        sizes = (len(each) if isinstance(each, tuple) else 1 for each in kind)
+        name = f"{self._prefix}_{'_'.join(map(str, sizes))}"
         if set(types) == {"double"}:
             name = f"{self._prefix}_{len(kind)}"
         fields = "".join(f"{each} e{k}; " for k, each in enumerate(types))
@@ -308,7 +309,3 @@ def wrapped(line: str) -> list[str]:
     line = line.replace(" *c", "\0*c")  # belongs to its type
     parts = wrap(line, _WIDTH, subsequent_indent=begin, break_long_words=False)
     return [part.replace("\0", " ") for part in parts]
-
-
-def _size(kind: Kind) -> int:
-    return len(kind) if isinstance(kind, tuple) else 1

@@ -38,10 +38,10 @@ _NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
 class Form(NamedTuple):
     """One way to write a twin at a step."""
 
+    # time constant in steps with which dry friction stops the joint; None for MuJoCo's own
     grip: float | None = _GRIPS[0]
-    """Time constant in steps with which dry friction stops the joint; None for MuJoCo's own."""
+    # how a delay is written: none, in whole steps, between past commands, or half a step later
     delay: str = "whole"
-    """How a delay is written: none, in whole steps, between past commands, or half a step later."""
 
     def late(self, delay: float, step: float) -> float | None:
         """Return MuJoCo's delay of a command in s; None for none."""
@@ -195,10 +195,7 @@ def _left_out(twin: Twin, form: Form) -> Iterator[str]:
 def models(
     drawn: Iterable[LumpedParameters], twin: Twin, options: Options = DEFAULTS
 ) -> Iterator[str]:
-    """Yield the MJCF text of a twin with each set of parameters, for domain randomisation.
-
-    All have the form that suits the twin itself.
-    """
+    """Yield the MJCF of a twin with each set of parameters, all in the form that suits the twin."""
     form, step = _best(twin, options, Yardstick.of(twin, options.timestep)), options.timestep
     sets = list(drawn)
     remembered = 0
@@ -253,10 +250,7 @@ def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:
 
 
 def _polygon(knots: Samples) -> Samples:
-    """Return the (n,) values at knots of the polygon nearest to 1 - exp(-x^2), from 0 to 1.
-
-    One through points of the curve would brake too little throughout its first, convex part.
-    """
+    """(n,) values of the polygon nearest to 1 - exp(-x^2); through points it brakes too little."""
     points = np.linspace(0.0, knots[-1], _FINE)
     _, *inner, last = np.eye(knots.size)
     hats = np.array([np.interp(points, knots, hat) for hat in inner])

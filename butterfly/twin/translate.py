@@ -58,11 +58,7 @@ _OPERATORS: Mapping[type[ast.AST], tuple[str, Callable[[Any, Any], Any]]] = {
 
 
 class Translator:
-    """Reduces functions, each once for every kind of arguments.
-
-    ``instead`` has those that take the place of others whose first argument is a number and no
-    tuple.
-    """
+    """Reduces functions, each once for all kinds of arguments; ``instead`` replaces some."""
 
     def __init__(self, instead: Mapping[Any, Any]) -> None:
         self._instead = instead

@@ -23,7 +23,7 @@ from butterfly.model.parameters import (
     JointKind,
     LumpedParameters,
 )
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import TERMS, Term
 from butterfly.plant.robot import Robot, Shape
@@ -44,33 +44,22 @@ class Body(NamedTuple):
 class Twin:
     """A joint to export: its parameters, what it carries, and logs that show how it moves."""
 
-    name: str = "joint"
-    """Of the data set or experiment."""
-    parameters: LumpedParameters
-    """Of the bare joint, those of its command included."""
-    added: AddedMass = NO_ADDED_MASS
-    """What it carries."""
+    name: str = "joint"  # of the data set or experiment
+    parameters: LumpedParameters  # of the bare joint, those of its command included
+    added: AddedMass = NO_ADDED_MASS  # what it carries
     joint: JointKind = JointKind.HINGE
-    kind: InputKind = InputKind.VOLTAGE
-    """What the command means."""
-    limit: float = math.inf
-    """Saturation, in units of the command."""
-    resolution: float = 0.0
-    """Step to which a command is rounded; 0 for none."""
-    servo: ServoLoop | None = None
-    """The loop in which it was identified."""
-    known: Prior = NO_PRIOR
-    """What was known of it."""
-    ratios: bool = False
-    """Whether the parameters are ratios to p1."""
-    robot: Robot | None = None
-    """The robot of an experiment, whose shape is known; None where only its motion is."""
-    mass: float | None = None
-    """Of what swings in kg, on which the motion does not depend; a possible one if None."""
+    kind: InputKind = InputKind.VOLTAGE  # what the command means
+    limit: float = math.inf  # saturation, in units of the command
+    resolution: float = 0.0  # step to which a command is rounded; 0 for none
+    servo: ServoLoop | None = None  # the loop in which it was identified
+    known: Prior = NO_PRIOR  # what was known of it
+    ratios: bool = False  # whether the parameters are ratios to p1
+    robot: Robot | None = None  # that of an experiment, whose shape is known, not its motion alone
+    mass: float | None = None  # in kg, on which no motion depends; a possible one if None
+    # whether what swings across the ground's gravity is drawn as the Butterfly robot's hand
     is_butterfly: bool = False
-    """Whether what swings across the ground's gravity is drawn as the Butterfly robot's hand."""
+    # returns logs of its motion, and what each is simulated with
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
-    """Returns logs of its motion, and what each is simulated with."""
 
     @classmethod
     def identified(
@@ -81,10 +70,7 @@ class Twin:
         added: AddedMass = NO_ADDED_MASS,
         mass: float | None = None,
     ) -> Twin:
-        """Return the twin of an estimate, of data of an ``origin``, with a load and a mass in kg.
-
-        The logs, if they are still there, are its measure.
-        """
+        """Return the twin of an estimate of data of an ``origin``, with a load and a mass in kg."""
 
         def recorded() -> Sequence[tuple[Log, Setting]]:
             try:
@@ -191,16 +177,22 @@ def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
     return ", ".join(each.strip().replace("unit", unit) for each in said)
 
 
+def told_of(servo: ServoLoop, held: Collection[str]) -> list[str]:
+    """Return what else is told of a servo's loop than what a format holds."""
+    return [
+        f"{each.name} {value.value if isinstance(value, Known) else value}"
+        for each in fields(servo)
+        if each.name not in held and (value := getattr(servo, each.name)) != each.default
+    ]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
     """Error of a twin against our own simulation of the same inputs."""
 
-    errors: dict[str, float]
-    """Largest error in each log, in rad (m for a slide), by the log's name."""
-    unit: str
-    """Unit of the errors."""
-    besides: int = 0
-    """Number of logs not compared, for lack of time."""
+    errors: dict[str, float]  # largest error in each log, in rad (m for a slide), by the log's name
+    unit: str  # unit of the errors
+    besides: int = 0  # number of logs not compared, for lack of time
 
     @property
     def worst(self) -> float:
@@ -228,11 +220,9 @@ class Accuracy:
 class Written:
     """A twin in one format."""
 
-    text: str
-    """The file's text."""
-    about: str
-    """A short description."""
+    text: str  # the file's text
+    about: str  # a short description
+    # sentences on what the format cannot represent; the file contains them too
     left_out: tuple[str, ...] = ()
-    """Sentences on what the format cannot represent; the file contains them too."""
+    # error against our own simulation; None for a format without simulation
     accuracy: Accuracy | None = None
-    """Error against our own simulation; None for a format without simulation."""

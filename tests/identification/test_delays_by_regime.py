@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.inference.conditions import Condition
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.motor import CommandPath

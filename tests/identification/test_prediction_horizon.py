@@ -8,7 +8,7 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Suitable
-from butterfly.identification.prediction_horizon import GROWTH, horizon_of
+from butterfly.identification.segments import GROWTH, horizon_of
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import Prior

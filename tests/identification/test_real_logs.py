@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from butterfly.identification.blocks import Condition
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters

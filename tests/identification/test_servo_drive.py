@@ -13,9 +13,8 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.free_run_residuals import tried
-from butterfly.identification.estimators.multistart import starts
+from butterfly.identification.estimators.multistart import servo_start, starts
 from butterfly.identification.estimators.output_error import OutputError
-from butterfly.identification.estimators.servo_start import servo_start
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import simulated
 from butterfly.identification.segments import is_segmented

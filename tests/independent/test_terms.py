@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.identify import identify
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.conditions import Condition
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.report.agreement_texts import causes

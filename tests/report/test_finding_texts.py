@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.identification.blocks import Condition
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.conditions import Condition
 from butterfly.report.finding_texts import (
     estimate_notes,
     estimate_sentences,

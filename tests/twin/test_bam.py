@@ -15,7 +15,9 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import DRY, FrictionTerms, torque_of
-from butterfly.twin.bam import bam_model
+from butterfly.twin.bam import as_bam
+from butterfly.twin.forms import Options
+from butterfly.twin.twin import Twin
 
 JOINT = LumpedParameters(p1=0.004, p2=0.1, p3=0, p4=0.15, coulomb=0.02, back_emf=0.09)
 STRIBECK = {"stribeck": 0.03, "stribeck_velocity": 0.4}
@@ -59,7 +61,7 @@ _SIDES = ("external", "motor")
 @pytest.mark.parametrize("by", ["formulas", "BAM"])
 def test_the_least_model_that_holds_it_has_the_same_friction(model, by, bam):
     joint = replace(JOINT, **MODELS[model])
-    told = bam_model(joint, InputKind.VOLTAGE, servo=SERVO).content
+    told = _told(joint)
     assert (told["model"], told["actuator"]) == (model, "xl330")
     theirs = (lambda *at: _friction(told, *at)) if by == "formulas" else bam(told).compute_frictions
     for motor, load, velocity in np.random.default_rng(0).uniform(-1, 1, (50, 3)):
@@ -79,7 +81,7 @@ def bam(request):
 
 
 @pytest.mark.parametrize("model", ["m2", "m6"])
-def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam, tmp_path):
+def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam):
     joint = replace(JOINT, **MODELS[model])
     time = np.arange(0.0, 3.0, 1e-3)
     goal = 0.9 * np.sin(2 * time + time**2)
@@ -87,21 +89,20 @@ def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam, tmp_path):
     log = Log(time, input=goal, angle=0 * time, input_kind="setpoint", servo=SERVO,
               enabled=enabled, added_mass=CARRIED)  # fmt: skip
     ours = Simulation(driven(log), joint).run(joint, 0.0).at(time)
-    path = tmp_path / "m.json"
-    path.write_text(json.dumps(bam_model(joint, InputKind.VOLTAGE, servo=SERVO).content))
     entries = [
         {"goal_position": g, "position": 0.0, "torque_enable": bool(e)}
         for g, e in zip(goal, enabled, strict=True)
     ]
     their_log = {"mass": 0.4, "arm_mass": 0.0, "length": 0.1, "kp": 400, "vin": 7.4, "dt": 1e-3}
-    simulator = pytest.importorskip("bam.simulate").Simulator(bam(json.loads(path.read_text())))
+    simulator = pytest.importorskip("bam.simulate").Simulator(bam(_told(joint)))
     theirs, *_ = simulator.rollout_log(their_log | {"entries": entries}, simulate_control=True)
     assert np.ptp(ours) > 0.5
     np.testing.assert_allclose(theirs, ours, atol=0.01)
 
 
-def _told(joint=JOINT, kind=InputKind.VOLTAGE, **more):
-    return bam_model(joint, kind, **{"servo": SERVO} | more)
+def _told(joint=JOINT, actuator=None, **more):
+    twin = Twin(parameters=joint, **{"servo": SERVO} | more)
+    return json.loads(as_bam(twin, Options(actuator=actuator)).text)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +116,7 @@ def _told(joint=JOINT, kind=InputKind.VOLTAGE, **more):
     ],
 )
 def test_constant_and_resistance_are_those_known_and_move_it_alike(known, constant):
-    content = _told(replace(JOINT, back_emf=0.0), known=Prior.of(known)).content
+    content = _told(replace(JOINT, back_emf=0.0), known=Prior.of(known))
     assert content["kt"] == pytest.approx(constant)
     assert content["kt"] / content["R"] == pytest.approx(JOINT.p4)
     damping = content["kt"] ** 2 / content["R"] + content["friction_viscous"]
@@ -128,17 +129,17 @@ def test_constant_and_resistance_are_those_known_and_move_it_alike(known, consta
 def test_what_bam_has_no_place_for_is_said_in_the_file():
     joint = replace(JOINT, **MODELS["m6"], compression=0.1, delay=0.004, p3=0.2, loop_kp=0.5)
     servo = replace(SERVO, ki=Known(value=300.0), dead_band=0.01)
-    notes = " ".join(_told(joint, servo=servo, added=replace(CARRIED, gravity=1.6)).left_out)
+    notes = " ".join(_told(joint, servo=servo, added=replace(CARRIED, gravity=1.6))["notes"])
     missing = ("compression 0.1 1/V", "delay 0.004 s", "p3 = 0.2 N m", "ki 300", "dead_band 0.01")
     for each in (*missing, "1.6", "multiply kp"):
         assert each in notes
     other = _told(joint, servo=ServoLoop.of({"law": "dynamixel-x", "kp": 1}), actuator="mx64")
-    assert "here the law is dynamixel-x" in " ".join(other.left_out)
+    assert "here the law is dynamixel-x" in " ".join(other["notes"])
 
 
 def test_a_feetech_has_its_gain_and_its_slower_goal():
     servo = ServoLoop.of({"law": "feetech-sts", "kp": 16, "speed_limit": 5.0})
-    content = _told(replace(JOINT, loop_kp=0.5), servo=servo).content
+    content = _told(replace(JOINT, loop_kp=0.5), servo=servo)
     assert content["actuator"] == "sts3215"
     assert (content["error_gain_ratio"], content["max_velocity"]) == (0.5, 5.0)
 

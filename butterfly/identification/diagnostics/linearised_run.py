@@ -63,11 +63,7 @@ class Derivatives(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearisedRun:
-    """One log's free run, where its errors count, and what it changes by.
-
-    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
-    change of it moves the readings by 1 less what one of the zero does.
-    """
+    """One log's free run, where its errors count, and what it changes by."""
 
     run: FreeRun
     simulation: Simulation | Segments
@@ -108,7 +104,7 @@ class LinearisedRun:
         if isinstance(simulation, Segments):
             own = simulation.directions(parameters, setting.zero)
         else:
-            lifted = 1 - log.integrated - of["zero"]
+            lifted = 1 - log.integrated - of["zero"]  # by the true angle at the start
             own = (_orthonormal(np.column_stack([lifted, of["velocity"]])),)
         mine, n = {None, log.added_mass, log.name}, len(model.names)
         columns = [whole, *slopes[:, :n].T]
@@ -145,11 +141,7 @@ class LinearisedRun:
         return SHOWS * rms(angle - (time @ angle) / (time @ time) * time)
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
-        """Return the log's sensor, and (m, k) sets of its errors, none if they are white.
-
-        They are errors about the free run as changed parameters would have it, ``left`` being the
-        (m,) errors that stay; what the log's start explains is taken from them.
-        """
+        """Return the log's sensor, and (m, k) draws of its errors if (m,) stay; none if white."""
         log = self.run.log
         time, measured = log.time[self.counted], log.measured[self.counted]
         middles = self.simulation.middles()
@@ -164,10 +156,7 @@ class LinearisedRun:
 
 
 def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
-    """(n, d) changes of what the model has that move all errors by 1, each in its own way.
-
-    Each log counts as it does in output error, by the mean square of its errors over its motion.
-    """
+    """(n, d) changes of the model's values that move all logs' errors by 1, each its own way."""
     normal = np.sum([each.unit**2 * each.known.T @ each.known for each in logs], axis=0)
     scaled, size = unit_diagonal(normal)
     powers, axes = np.linalg.eigh(scaled)
@@ -178,10 +167,7 @@ def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
 def reduced(
     logs: Sequence[LinearisedRun], directions: Samples, errors: Sequence[Samples]
 ) -> list[Samples]:
-    """Take from each log's (m, k) errors what a change of what the model has explains, jointly.
-
-    A log may have none.
-    """
+    """Take from each log's (m, k) errors, if any, what a joint change of values explains."""
     pairs = list(zip(logs, errors, strict=True))
     pulls = [each.unit**2 * each.known.T @ own for each, own in pairs if own.size]
     if not pulls:

@@ -19,7 +19,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
-from butterfly.identification.blocks import CELLS, parts_of
+from butterfly.identification.blocks import CELLS
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
@@ -60,16 +60,12 @@ def _cells_of(each: Windows) -> Samples | None:
     angle, inputs = (rest - basis @ (basis.T @ rest) for rest in (spring, -drive))
     left = inputs - angle * (angle @ inputs) / (angle @ angle)
     variance = float(left @ left) / (left.size - len(names) + 1)
-    parts = parts_of(left.size, CELLS)
-    sums = [(angle[part] @ angle[part], angle[part] @ inputs[part]) for part in parts]
-    return np.array(sums) / variance
+    parts = zip(*(np.array_split(each, CELLS) for each in (angle, inputs)), strict=True)
+    return np.array([(own @ own, own @ theirs) for own, theirs in parts]) / variance
 
 
 def with_free_gain(data: DataSet, estimator: Estimator, before: Estimate) -> Estimate | None:
-    """Return the estimate with a P gain of another factor, if that leaves half the misfit at most.
-
-    It is only looked for where more than what matters is left of the motion.
-    """
+    """Return the estimate with another P gain, if that leaves half the misfit at most."""
     misfit = 1 - float(np.median(data.simulations.fits(before))) / 100
     if not isinstance(estimator, OutputError) or not any(log.closed for log in data.logs):
         return None

@@ -29,11 +29,7 @@ LEAST_RESISTANCE = 0.01
 
 
 def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
-    """Tell what no joint can have: no inertia, friction that drives, torque before its command.
-
-    A negative p4 is possible: the angle or the input may count the other way. One that was known
-    is no surprise. Stamps of input and angle are hardly better than 0.1 ms.
-    """
+    """Tell what no joint can have: no inertia, friction that drives, torque before its command."""
     found = estimate.parameters
     judged = []
     least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
@@ -48,6 +44,7 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
         judged.append(Finding(FindingKind.NEGATIVE, tuple(negative)))
     if any(n == "delay" and value < -max(e, _EARLY) for n, value, e in rows):
         judged.append(Finding(FindingKind.EARLY, ("delay",)))
+    # it may be: angle or input count the other way
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
         judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",)))
     return judged
@@ -70,12 +67,7 @@ def _drives(estimate: Estimate, mass: AddedMass) -> bool:
 
 
 def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
-    """Tell whether a voltage-fed motor could have the damping and gain that were found.
-
-    With one motor constant K for torque and back EMF, p4 = K/R and p2 >= K^2/R = p4^2 R (6): the
-    damping bounds the resistance. If the bound is below what any motor has, the input can hardly
-    be a voltage.
-    """
+    """Tell whether a motor fed by a voltage could have this damping: p2 >= K^2/R = p4^2 R (6)."""
     if kind is InputKind.NONE:
         return [Finding(FindingKind.UNDRIVEN, ("p4", "delay"))]
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
@@ -92,11 +84,7 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
 
 
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
-    """Tell what cannot all be true: p4 of two sources, friction or inertia that would be negative.
-
-    So p2 is at least the back EMF's share N^2 k_emf k_t/R, p1 at least the rotor's N^2 J_r, and
-    with the hand weighed at least that of its centre of mass besides.
-    """
+    """Tell what cannot all be true: p4 of two sources, negative friction or inertia."""
     carrier = data.logs[0].added_mass
     sources = apart(data.given, data.input_kind, carrier.joint)
     found = [

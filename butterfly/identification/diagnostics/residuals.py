@@ -2,11 +2,9 @@
 
 From the errors of the free runs is taken what a small change of the parameters, of zeros and of
 each log's start would take from them, to first order and jointly: a value that is off within its
-interval is no misfit of the model. What stays is compared with errors drawn as each log's own
-encoder and noise make them, averaged and reduced alike (a parametric bootstrap: Efron & Tibshirani,
-An Introduction to the Bootstrap, 1993, section 6.5). The terms of the table that the model lacks
-are offered to the one rule that chooses terms, on the same equations: those are missing that
-predict logs better that were left out.
+interval is no misfit. What stays is compared with errors drawn as each log's encoder and noise make
+them (a parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 1993, section
+6.5). Those terms are missing that predict logs better that were left out, by the same equations.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import cells_of, independent_cells_of
+from butterfly.identification.blocks import Condition, Conditions, cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.linearised_run import (
@@ -40,7 +38,6 @@ from butterfly.identification.inference.agreement import (
     differing_values,
     from_log_to_log,
 )
-from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.term_choice import choose_terms, submodels_of
 from butterfly.identification.levels import FEW, PRECISE, SPREADS
 from butterfly.logs.log import Log
@@ -185,10 +182,7 @@ class Residuals:
 
     @property
     def beyond_sensors(self) -> bool:
-        """Whether more logs are outside than chance explains in those of one robot and one clock.
-
-        One log in twenty is by chance; those of one robot are hardly independent of each other.
-        """
+        """Whether more logs are outside than chance explains in those of one robot and clock."""
         return self.outside > _BY_CHANCE * len(self.logs)
 
     @property
@@ -220,10 +214,7 @@ def residual_units(joint: JointKind, place: str = "residuals.") -> dict[str, str
 
 
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
-    """Compare what the free runs of an estimate leave with what sensors and missing terms explain.
-
-    The ``runs`` are those of all logs with the estimate, if they are simulated already.
-    """
+    """Compare what free runs of an estimate leave with what sensors and lacking terms explain."""
     model = Derivatives.of(data, estimate)
     every = [
         LinearisedRun.of(
@@ -290,15 +281,9 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
 
 
 def _contrasts(
-    estimate: Estimate,
-    logs: Sequence[LinearisedRun],
-    directions: Samples,
-    left: Sequence[Samples],
+    estimate: Estimate, logs: Sequence[LinearisedRun], directions: Samples, left: Sequence[Samples]
 ) -> tuple[tuple[Contrast, ...], Samples | None]:
-    """Return what follows a condition, or the log, in the (m, 1) errors that stay of each log.
-
-    Where the log comes first, the (n,) values that logs of their own leave as well.
-    """
+    """Return what follows a condition in (m, 1) errors; (n,) values if the log comes first."""
     names, known = estimate.names, logs[0].known.shape[1]
     cells = cells_of(len(logs), known)
     every = [

@@ -47,9 +47,7 @@ class SensorErrors:
     def of(cls, measured: Samples, angle: Samples) -> SensorErrors:
         """Tell step and noise from (n,) readings and the angles in rad that a model gives for them.
 
-        The step is the distance of neighbouring readings. The noise is what makes the second
-        differences of the errors as large as they are: what a model misses is smooth from sample to
-        sample and hardly enters them.
+        What a model misses is smooth, and hardly enters the second differences of the errors.
         """
         step, rough = encoder_step(measured), roughness(measured - angle)
         white = cls(step=step, noise=math.sqrt(max(rough / 6 - step**2 / 12, 0.0)))
@@ -69,16 +67,11 @@ class SensorErrors:
         return cls(step=step, noise=float(brentq(excess, 0.0, largest, xtol=1e-3 * step)))
 
     def draw(
-        self,
-        angle: Samples,
-        shifts: Samples,
-        counts: Places,
-        random: np.random.Generator,
+        self, angle: Samples, shifts: Samples, counts: Places, random: np.random.Generator
     ) -> Samples:
         """Return (m, k) means of errors in rad that readings of (n,) angles in rad may have.
 
-        Each is over so many of the angles, one after the other; for each of (k,) shifts in rad all
-        angles are off by it. A mean has the expectation and the variance that its errors give it.
+        Each is over ``counts`` of the angles in turn, all off by one of (k,) ``shifts`` in rad.
         """
         moved = np.rint(shifts / self.step * self.places).astype(np.int64)
         places = _places(angle, self.step)
@@ -151,12 +144,10 @@ class Curve:
 
     @classmethod
     def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
-        """Put a band about a curve.
+        """Put a band about a curve; both of a good log stay inside in a share of `CONFIDENCE`.
 
-        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors if these are not white;
-        the number of errors, of which white ones have correlations of variance 1/count; and by how
-        much a misfit too small to count may move the curve. The two curves of a log share its false
-        alarms: of logs without a misfit both stay inside in a share of `CONFIDENCE`.
+        ``curves``: (l, 1 + k) it, and those of a sensor's errors if these are not white; ``count``:
+        number of errors; ``allowance``: by how much a misfit too small to count may move the curve.
         """
         value, drawn, variance, centre = curves[:, 0], curves[:, 1:], 0.0, np.zeros(lag.size)
         if drawn.size:
@@ -168,10 +159,7 @@ class Curve:
 
 
 def correlations(errors: Samples, inputs: Samples, lags: int) -> tuple[Samples, Samples]:
-    """Return (lags, k) correlations of (m, k) errors with themselves, from lag 1 on, and others.
-
-    The others are (lags + 1, k), with (m,) inputs before them.
-    """
+    """Return (lags, k) correlations of (m, k) errors, (lags + 1, k) with inputs before them."""
     size = fft.next_fast_len(errors.shape[0] + lags, real=True)
     moving = inputs - inputs.mean()
     spectrum = fft.rfft(np.ascontiguousarray(errors.T), size)

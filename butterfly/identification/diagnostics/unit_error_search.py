@@ -18,6 +18,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.loop_errors import follows, with_free_gain
@@ -36,7 +37,6 @@ from butterfly.identification.equations import CellEquations, Solution, scaled_l
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.estimators.weak_regression import About, Windows
-from butterfly.identification.inference.conditions import Condition
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.test_functions import Averaging
@@ -68,10 +68,7 @@ _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
 
 def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
-    """Name the mistakes that explain what speaks against an estimate; cheap where nothing does.
-
-    The estimate has all other findings on it.
-    """
+    """Name the mistakes that explain what was found of an estimate; cheap where nothing was."""
     if of_omega := unit_errors_of_omega(data.logs, data.points):
         return of_omega
     misfits = 1 - data.simulations.fits(estimate) / 100
@@ -193,10 +190,7 @@ class _Fit:
 
 
 def _windows_of(data: DataSet) -> list[Windows]:
-    """Average logs over test functions; IdentifiabilityError if an angle stands still.
-
-    They are as wide as a third of a period of the motion, whatever the stamps' unit.
-    """
+    """Average logs over a third of a period of motion; IdentifiabilityError if one is still."""
     windows = []
     for log in data.logs:
         if np.ptp(log.angle) == 0:

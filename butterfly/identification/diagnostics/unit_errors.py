@@ -109,11 +109,7 @@ COUNTS = tuple(
 
 
 def unit_error(
-    error: UnitError,
-    factor: float,
-    *more: str,
-    logs: Iterable[Log] = (),
-    moves: bool = True,
+    error: UnitError, factor: float, *more: str, logs: Iterable[Log] = (), moves: bool = True
 ) -> Finding:
     """Return the finding that names a mistake, what undoes it, and whether that moves values."""
     kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED
@@ -225,10 +221,7 @@ def unit_errors_of_omega(
 
 
 def clock_error(points: Sequence[ResponsePoint]) -> float:
-    """Return by which share sines run faster than their omega; 0 if it is less than its error.
-
-    The share is the same in all logs; whether the clock or omega is wrong, no sine can say.
-    """
+    """Return by which share the sines of all logs run faster than omega; 0 within its error."""
     apart = np.array([point.detuning for point in points])
     if apart.size < 2:  # noqa: PLR2004 - which have a scatter
         return 0.0

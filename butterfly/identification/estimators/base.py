@@ -97,10 +97,7 @@ def usable(method: str, known: Prior) -> Prior:
 
 
 def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETERS) -> None:
-    """Raise InputError for knowledge that a method cannot make use of (see `usable`).
-
-    So does knowledge of all that is to be found, some names at least.
-    """
+    """Raise InputError for knowledge that a method cannot use, or knowledge of all ``names``."""
     if not known.open(names):
         expected = "at least one unknown parameter (to use known ones only: `predict`)"
         raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)

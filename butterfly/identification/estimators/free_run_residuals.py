@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.blocks import cells_of, independent_cells_of
+from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimators.gauss_newton import (
@@ -28,7 +28,6 @@ from butterfly.identification.estimators.local_parameters import (
     local_keys,
 )
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.term_choice import (
@@ -59,10 +58,7 @@ OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "laten
 
 
 def tried(logs: Iterable[Log]) -> tuple[str, ...]:
-    """Return the terms that are tried of some logs where none are told.
-
-    A drive that is told a current or a torque makes it against any back EMF.
-    """
+    """Return the terms that are tried where none are told; no back EMF of a torque drive."""
     kinds = {log.input_kind for log in logs if log.setpoint is not None}
     if not kinds:
         return TRIED
@@ -149,15 +145,19 @@ class FreeRunResiduals:
         )
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """(n,) names of the parameters."""
+        return tuple(name for name, _ in self.keys)
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """(n,) what the parameters are called, and of whom."""
         return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
     def equations(self, scaled: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
-        """Return errors relative to each log's rms motion; a log's squares sum to their mean.
+        """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
 
-        About (n,) values, or (k, n) of k logs. Logs whose costs sum up to more than ``most`` are
-        the last to be simulated; without ``slopes`` there are no derivatives.
+        A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
         """
         values = np.broadcast_to(scaled, (len(self.motion), len(self.keys))) * self.scale
         segmented = [each for each in self.simulations if isinstance(each, Segments)]
@@ -206,11 +206,8 @@ class FreeRunResiduals:
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent."""
-        absent = {
-            self.keys[k][0]: getattr(LumpedParameters, self.keys[k][0], 0.0)
-            for k in range(len(self.keys))
-            if k not in kept
-        }
+        lost = np.delete(self.names, kept).tolist()
+        absent = {name: getattr(LumpedParameters, name, 0.0) for name in lost}
         return replace(
             self,
             start=replace(self.start, **absent),
@@ -267,10 +264,10 @@ class FreeRunResiduals:
 
     def without(self, names: Container[str]) -> FreeRunResiduals:
         """Return the residuals without some terms, and what says nothing without them."""
-        lost = {name for name, _ in self.keys if name in names}
-        left = {name for name, _ in self.keys} - lost
+        lost = {name for name in self.names if name in names}
+        left = {*self.names} - lost
         lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
-        kept = np.flatnonzero([name not in lost for name, _ in self.keys])
+        kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
 
     def about(self, problem: FreeRunResiduals, point: Samples) -> tuple[Samples, Equations]:
@@ -280,7 +277,7 @@ class FreeRunResiduals:
 
     def values_of(self, problem: FreeRunResiduals, points: Samples) -> Samples:
         """Return (..., n) scaled values at those of fewer parameters."""
-        absent = np.array([getattr(LumpedParameters, name, 0.0) for name, _ in self.keys])
+        absent = np.array([getattr(LumpedParameters, name, 0.0) for name in self.names])
         values = np.broadcast_to(absent / self.scale, (*points.shape[:-1], absent.size)).copy()
         places = [self.keys.index(key) for key in problem.keys]
         values[..., places] = points * problem.scale / self.scale[places]
@@ -304,20 +301,19 @@ class FreeRunResiduals:
     def inseparable(self, at: Equations) -> tuple[str, ...]:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
         rows = np.concatenate(at.compressed(1)[0])
-        names = tuple(name for name, _ in self.keys)
         told = None if at.known is None else at.known[0].active
-        conditioning = Conditioning.of(rows, names, told)
+        conditioning = Conditioning.of(rows, self.names, told)
         doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:
             return ()
         last = doubtful[-1]
         together = {last, *TERMS[last].follows}
         together |= companions(together)
-        return tuple(name for name in names if name in together)
+        return tuple(name for name in self.names if name in together)
 
     def untold(self, end: Minimum) -> str | None:
         """Return what of the shape of a base's motion could as well be 0, or twice as large."""
-        names = [name for name, _ in self.keys]
+        names = self.names
         shape = [names.index(name) for name in sorted(companions({BASE})) if name in names]
         if not shape:
             return None
@@ -342,7 +338,7 @@ class FreeRunResiduals:
         prior = scaled.prior
         found = replace(
             scaled,
-            names=tuple(name for name, _ in self.keys),
+            names=self.names,
             values=end.point * scale,
             rows=scaled.rows / scale,
             lower=self.lower * scale,

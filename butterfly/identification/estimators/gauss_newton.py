@@ -226,17 +226,12 @@ def minimise(
 ) -> Minimum:
     """Descend from a point to a minimum.
 
-    Where the cost turns out to bend more along a step than its derivatives say, as it does where
-    much is left over, the next step is shorter by as much. Once steps do what they promise, and
-    each promises far less than the one before, the last one is taken on trust. A descent that ends
-    because its box has shrunk has converged only if no step out of the box promises anything
-    either.
-
-    ``expand``: from (n,) a point to the cost about it, and from the largest cost that is of use: of
-    more, infinity will do. Infinite or NaN costs are stepped back from;
-    ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
-    ``known``: the cost about the beginning, if it is known already, and what is known besides;
-    ``most``: how often the cost may be expanded.
+    Where the cost bends more along a step than its derivatives say, the next one is shorter by as
+    much. Once steps do what they promise, and promise far less each time, the last is taken on
+    trust. Where its box has shrunk, it has converged only if no step out of that promises anything.
+    ``expand``: from (n,) a point, and the largest cost that is of use, to the cost about it, which
+    may be infinite or NaN; ``initial``, ``lower``: (n,) of order 1; ``known``: the cost about the
+    beginning, and what is known besides; ``most``: how often the cost may be expanded.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point, np.inf), 1) if known is None else (known, 0)

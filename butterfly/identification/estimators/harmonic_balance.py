@@ -29,6 +29,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
@@ -43,8 +44,7 @@ from butterfly.identification.estimators.steady_response import (
     steady_sines,
 )
 from butterfly.identification.inference.agreement import contrasts_of
-from butterfly.identification.inference.conditions import Conditions
-from butterfly.identification.inference.identifiability import refuse_without_scale
+from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
@@ -57,7 +57,6 @@ from butterfly.identification.inference.term_choice import (
     scanned_terms,
 )
 from butterfly.identification.levels import FEW
-from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -176,10 +175,7 @@ class HarmonicBalance(Estimator):
     def _may_move(
         self, chosen: TermChoice, fit: HarmonicBalanceFit, conditions: Conditions
     ) -> bool:
-        """Whether a base that gives is worth trying: parameters follow what they should not.
-
-        So they did without a rarer term.
-        """
+        """Whether to try a base that gives: parameters follow what they should not."""
         if self.terms is not None or not candidates((BASE,), fit.phasors.masses, fit.phasors.known):
             return False
         rarer = not {*RARER}.isdisjoint(chosen.names)
@@ -236,11 +232,7 @@ class Linear(Estimator):
 
 
 def _begun(
-    points: Sequence[ResponsePoint],
-    known: Prior,
-    names: tuple[str, ...],
-    *,
-    small: bool = False,
+    points: Sequence[ResponsePoint], known: Prior, names: tuple[str, ...], *, small: bool = False
 ) -> tuple[ScaleParameter, HarmonicBalanceFit]:
     """Fit some parameters, and say on what their scale rests."""
     _refuse_too_few(points, known.fitted(names), known)

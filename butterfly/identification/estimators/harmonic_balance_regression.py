@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     BASE,
@@ -40,15 +41,12 @@ from butterfly.model.terms import (
 )
 from butterfly.signals.frequency_response import ResponsePoint
 
-Shape = Sequence[float] | NDArray[np.float64]
+Shape = Sequence[float] | Samples
 """Logarithms of a base's frequency in rad/s and damping ratio."""
 
 _ON_BASE = ("moment", "base")
-_NATURAL = (
-    1.0,
-    10.0,
-    7,
-)  # least and largest of a base over the fastest input's; how many are tried
+# least and largest of a base over the fastest input's; how many are tried
+_NATURAL = (1.0, 10.0, 7)
 _DAMPING = (0.02, 2.0, 5)  # the same of damping ratios
 _HALVES = 12  # of a stretch, by which the limit of what residuals allow is found
 _SWING_STEP = ROUNDING**0.5  # relative, of the differences in the swing
@@ -60,13 +58,13 @@ class Phasors:
     """The (n,) arrays that enter the balance of n responses."""
 
     # omega, angle, input: frequencies in rad/s, phasors of angle in rad and input in its unit
-    omega: NDArray[np.float64]
+    omega: Samples
     angle: NDArray[np.complex128]
     input: NDArray[np.complex128]
-    variance: NDArray[np.float64]  # of each component of the angle's phasor, in rad^2
+    variance: Samples  # of each component of the angle's phasor, in rad^2
     masses: tuple[AddedMass, ...]
     names: tuple[str, ...]  # the parameters that are estimated
-    swing: NDArray[np.float64]  # in rad, at which the describing functions are taken
+    swing: Samples  # in rad, at which the describing functions are taken
     # torque in N m that the motion of the model leaves over in the balance of its fundamentals:
     # what describing functions neglect, transients that still ring, stamps that are not regular
     remainder: NDArray[np.complex128]
@@ -108,10 +106,7 @@ class Phasors:
     def equations(
         self, about: LumpedParameters
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """(n, p) regressors of the parameters, and (n,) targets, ``about`` a delay and a drive.
-
-        For what p4 multiplies, the unknown is p4 times what is added to its value there.
-        """
+        """(n, p) regressors and (n,) targets; what p4 multiplies enters as p4 (value - about)."""
         late = self.input * np.exp(-1j * self.omega * about.delay)
         driven = {}
         if about.drive != IDEAL or not set(DRIVE).isdisjoint(self.names):
@@ -122,7 +117,7 @@ class Phasors:
         gain = self.known.fixed.get("p4", 0.0)
         return np.column_stack(columns), self._target - gain * driven["p4"]
 
-    def described(self, values: NDArray[np.float64]) -> LumpedParameters:
+    def described(self, values: Samples) -> LumpedParameters:
         """Return the model's parameters: (n,) values of the names, and what is known exactly."""
         found = dict(zip(self.names, values.tolist(), strict=True))
         told = self.base | self.known.fixed | {"stribeck_velocity": self.stribeck_velocity}
@@ -133,7 +128,7 @@ class Phasors:
         """Frequency and damping ratio of the bare base."""
         return {name: getattr(self.standing, name) for name in sorted(companions({BASE}))}
 
-    def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slope(self, values: Samples) -> Samples:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
         inertia = self._inertia + found.get("p1", 0.0)
@@ -147,12 +142,12 @@ class Phasors:
         return np.asarray(np.maximum(rms, least))
 
     @cached_property
-    def _inertia(self) -> NDArray[np.float64]:
+    def _inertia(self) -> Samples:
         """(n,) in kg m^2, of the added masses."""
         return np.array([mass.inertia for mass in self.masses])
 
     @cached_property
-    def _moment(self) -> NDArray[np.float64]:
+    def _moment(self) -> Samples:
         """(n,) gravity moments in N m of the added masses."""
         return np.array([mass.gravity_moment for mass in self.masses])
 
@@ -169,7 +164,7 @@ class Phasors:
         described = self._described(steps * self.swing)
         return {name: np.asarray(each * steps * self.swing) for name, each in described.items()}
 
-    def _described(self, swing: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
+    def _described(self, swing: Samples) -> dict[str, NDArray[np.complex128]]:
         """Return the describing functions of what acts, at (..., n) swings in rad."""
         weight = np.array([mass.weight for mass in self.masses])
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
@@ -201,7 +196,7 @@ class HarmonicBalanceFit:
     """A balance and its solution."""
 
     phasors: Phasors  # what was balanced
-    weights: NDArray[np.float64]  # (n,) of the n logs
+    weights: Samples  # (n,) of the n logs
     regression: Regression  # regression, solved: the equations about the solution, and the solution
     solved: CellEquations
 
@@ -277,10 +272,7 @@ class HarmonicBalanceFit:
         return submodels_of(equations, phasors.masses, negligible)
 
     def on_likeliest_base(self, more: Sequence[str] = ()) -> HarmonicBalanceFit:
-        """Return the fit, its phasors on the base that explains most of what is left.
-
-        That is the best of some frequencies and damping ratios, beside ``more`` terms.
-        """
+        """Return the fit, its phasors on the likeliest base beside ``more`` terms."""
         naturals, dampings = self._shapes
 
         def left(shape: Shape) -> float:
@@ -295,12 +287,8 @@ class HarmonicBalanceFit:
         return replace(self, phasors=replace(self.phasors, standing=standing))
 
     @property
-    def on_other_bases(self) -> tuple[NDArray[np.float64], ...]:
-        """(n,) values on bases of other frequency and damping, in eight directions.
-
-        Each is so far off that the residuals grow as by two standard errors of one parameter: the
-        mean of their squares is then what the two add to the variance.
-        """
+    def on_other_bases(self) -> tuple[Samples, ...]:
+        """(n,) values on bases in 8 directions, residuals grown as by two standard errors."""
         shape = np.log(list(self.phasors.base.values()))[::-1]
         limits = np.array([(each[0], each[-1]) for each in self._shapes])
         least, _ = self._on_base(shape)
@@ -316,7 +304,7 @@ class HarmonicBalanceFit:
         return tuple(found)
 
     @property
-    def _shapes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _shapes(self) -> tuple[Samples, Samples]:
         """Logarithms of the frequencies and damping ratios of bases that are tried."""
         naturals = self.phasors.omega.max() * np.geomspace(*_NATURAL)
         return np.log(naturals), np.log(np.geomspace(*_DAMPING))
@@ -326,7 +314,7 @@ class HarmonicBalanceFit:
         natural, damping = np.exp(shape).tolist()
         return replace(self.parameters, base_frequency=natural, base_damping=damping)
 
-    def _on_base(self, shape: Shape, more: Sequence[str] = ()) -> tuple[float, NDArray[np.float64]]:
+    def _on_base(self, shape: Shape, more: Sequence[str] = ()) -> tuple[float, Samples]:
         """Return the squared residuals, and the values, of the balance on a base of some shape."""
         names = tuple(dict.fromkeys((*self.phasors.names, BASE, *more)))
         on = replace(self.phasors, names=names, standing=self._standing(shape))
@@ -351,7 +339,7 @@ class HarmonicBalanceFit:
 def _regression(
     phasors: Phasors,
     balance: tuple[NDArray[np.complex128], NDArray[np.complex128]],
-    weights: NDArray[np.float64],
+    weights: Samples,
     about: LumpedParameters,
 ) -> Regression:
     """Weigh the equations of a balance about a delay and a drive."""
@@ -367,13 +355,11 @@ def _regression(
     )
 
 
-def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _real(values: NDArray[np.complex128]) -> Samples:
     return np.concatenate([values.real, values.imag])
 
 
-def _model_variance(
-    errors: NDArray[np.float64], variance: NDArray[np.float64], count: int
-) -> float:
+def _model_variance(errors: Samples, variance: Samples, count: int) -> float:
     """Relative variance per component, common to all logs, that ``variance`` does not explain."""
     freedom = 2 * errors.size - count
 

@@ -21,11 +21,7 @@ def local_keys(
     hangs: bool,
     anchored: Sequence[Log],
 ) -> list[Key]:
-    """Return what is fitted besides the parameters of the robot.
-
-    Zeros are not that are known exactly. Where one is known with an uncertainty, it is fitted of
-    all logs of which the same is known.
-    """
+    """Return what is fitted besides the robot's parameters: no zero that is known exactly."""
     open_ = [log for log in logs if not _is_exact(log)]
     concerned = {_ZERO: open_, "velocity": anchored}
     keys: list[Key] = [

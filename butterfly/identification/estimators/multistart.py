@@ -1,13 +1,17 @@
 """Where iterations start, where descents from there end, and the best of these ends.
 
-First guesses are closed forms' parameters, and rest angles of the encoder.
+First guesses are closed forms' parameters, and rest angles of the encoder; those of a servo in its
+loop come from short segments, driven by its drive alone: in the loop a joint's friction decides
+where it stops, and descents from far end at other stops.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
@@ -15,21 +19,26 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
-from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
+from butterfly.identification.estimators.free_run_residuals import OF_SERVO, FreeRunResiduals, tried
 from butterfly.identification.estimators.gauss_newton import Equations, Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.inference.term_choice import candidates
-from butterfly.identification.levels import MATTERS, SPREADS
+from butterfly.identification.levels import MATTERS, MOST, SPREADS
+from butterfly.identification.servo_drive import driven_alone
+from butterfly.logs.log import Log
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.prior import Prior
-from butterfly.model.terms import GROWING, offered
+from butterfly.model.prior import Known, Prior
+from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, offered
 from butterfly.progress import out_of_time
 
 _LEFT_OUT = ("drag", "load", "bias")
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
-_PASSES = 4  # passes after which a descent that is not lower than another is given up
+_PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
+_PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
+_GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +99,7 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    """Fit the weak form.
-
-    Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
-    about the rest angles corrects them, but for those that are told.
-    """
+    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told."""
     zeros = data.equilibria
     wanted, open_ = _known(WeakForm, terms), bool(data.unread)
     if open_ and wanted is not None and "p3_offset" not in wanted:
@@ -122,11 +127,7 @@ def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
 
 
 def _of_ratios(data: DataSet) -> Start | None:
-    """Return a guess of what the masses hardly tell: the scale of ratios found without them.
-
-    A small mass that is added to a large one changes the motion by less than noise does to a closed
-    form, not to a simulation. That finds the scale from anywhere, so the guess is any.
-    """
+    """Guess the scale, which small masses hardly tell, of ratios found without them."""
     bare = {mass: replace(mass, mass=0.0, arm=0.0) for mass in data.masses}
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
@@ -152,11 +153,7 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
 def lowest_end(
     problems: Iterable[FreeRunResiduals], *, enough: bool = False
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
-    """Descend from the first guess of each problem; return the best end, and what of the others.
-
-    The first descent is made to its end; the others are, only where they come lower, and none where
-    it is ``enough`` that that end leaves noise alone.
-    """
+    """Descend from each guess, until one is ``enough``; return the best end, and what of others."""
     ends: list[tuple[FreeRunResiduals, Minimum]] = []
     refusals = []
     for problem in problems:
@@ -185,11 +182,78 @@ def lowest_end(
 
 
 def _leaves_noise(at: Equations) -> bool:
-    """Whether errors are a small share of the motion and white: no simulation explains more.
-
-    Second differences of white errors are on average six times their squares; what a model misses
-    is smooth from step to step and hardly enters them.
-    """
+    """Whether errors are a small share of the motion, and white by their second differences."""
     noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
     small = 2 * at.cost <= len(at.logs) * MATTERS**2
     return small and at.cost <= _ELSEWHERE * noise
+
+
+ProblemOf = Callable[[Sequence[Log], Start, Prior], FreeRunResiduals]
+"""Makes the residuals of logs from a first guess and what is known."""
+
+
+def servo_start(
+    over: Callable[[Iterable[str], Iterable[str], float], ProblemOf],
+    asked: tuple[Sequence[str] | None, Sequence[str]],
+    logs: Sequence[Log],
+    guess: Start,
+    known: Prior,
+) -> tuple[Start, tuple[str, ...]]:
+    """Return a first guess of servos, whose friction decides where they stop, and their terms.
+
+    Over segments of one period, or a few time constants of the speed, driven by the rebuilt drive,
+    no stop is far off. ``over`` makes the problem with some terms, with what is fixed, over a
+    horizon in s; ``asked`` are the terms, None to choose them, and what is fixed.
+    """
+    told, fixed = asked
+    loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
+    fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
+    gear = {*GEAR} & {*(OF_SERVO if told is None else told)}
+    begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
+    start = replace(guess, parameters=replace(guess.parameters, **begun))
+    terms = told
+    if terms is None:
+        terms = candidates(tried(logs), [log.added_mass for log in logs], known)
+    horizon = 2 * math.pi / fastest if fastest > 0 else math.inf
+    problem_of = over(terms, {"delay", *fixed, *LOOP_TERMS}, horizon)
+    scanned = "delay" not in {*known.fixed, *fixed}
+    delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
+    known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
+    ends: list[tuple[float, float, FreeRunResiduals, Minimum]] = []
+
+    def attempt(delay: float) -> None:
+        late = replace(start.parameters, delay=delay)
+        begun = replace(start, parameters=replace(late, delay=0.0))
+        problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
+        if ends:
+            at = ends[0][2].scale * ends[0][3].point / problem.scale
+            end = problem.descend(at, most=_PASSES)
+        else:
+            end = problem.descend(problem.initial)
+        ends.append((end.at.cost, delay, problem, end))
+        ends.sort(key=lambda each: each[:2])
+
+    attempt(delay)
+    if scanned and any(log.rebuilt for log in logs):
+        step = float(np.median([log.mean_step for log in logs]))
+        while ends[0][1] == max(each[1] for each in ends) and len(ends) < MOST:
+            attempt(ends[0][1] + step)
+        if ends[0][1] == 0.0:
+            attempt(step / 2)
+        for _ in range(_PARABOLAS):
+            costs, delays = np.array([each[:2] for each in ends[:3]]).T / [[ends[0][0]], [step]]
+            bend, slope, _ = np.linalg.solve(np.vander(delays, 3), costs).tolist()
+            lowest = max(-slope / (2 * bend), 0.0) if bend > 0 else delays[0]
+            if np.abs(delays - lowest).min() < MATTERS:
+                break
+            attempt(lowest * step)
+    _, delay, problem, end = ends[0]
+    terms = told
+    if terms is None:
+        choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
+        problem, end, _ = problem.fitted(choice)
+        terms = (*choice.terms, "latency")
+    found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+    own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
+    zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
+    return Start(replace(problem.start, **own), zeros), tuple(terms)

@@ -25,15 +25,10 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.free_run_residuals import (
-    LOCAL,
-    FreeRunResiduals,
-    tried,
-)
+from butterfly.identification.estimators.free_run_residuals import LOCAL, FreeRunResiduals, tried
 from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import Key
-from butterfly.identification.estimators.multistart import Start, lowest_end, starts
-from butterfly.identification.estimators.servo_start import servo_start
+from butterfly.identification.estimators.multistart import Start, lowest_end, servo_start, starts
 from butterfly.identification.estimators.weighed_logs import (
     WeighedLogs,
     chosen_by_weight,
@@ -42,7 +37,11 @@ from butterfly.identification.estimators.weighed_logs import (
     weighed_from,
 )
 from butterfly.identification.inference.agreement import contrasts_of
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
+from butterfly.identification.inference.identifiability import (
+    ScaleParameter,
+    is_driven,
+    refuse_without_scale,
+)
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
@@ -52,8 +51,7 @@ from butterfly.identification.inference.term_choice import (
     requested_terms,
 )
 from butterfly.identification.levels import FEW, LOST, MATTERS
-from butterfly.identification.prediction_horizon import horizon_of
-from butterfly.identification.scale_parameter import ScaleParameter
+from butterfly.identification.segments import horizon_of
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -148,11 +146,7 @@ class OutputError(Estimator):
         return self.fit(logs, first, known).estimate
 
     def fit(self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR) -> JointFit:
-        """Fit as `of_logs` does; what is returned tells also of fits without some of the logs.
-
-        Where the terms are told, and no Stribeck velocity is sought, later guesses are made only if
-        the first does not lead to noise.
-        """
+        """Fit as `of_logs`; if terms are told, further guesses only if noise is exceeded."""
         if self.servo_loop == "open":
             logs = [log.opened for log in logs]
         guesses = iter(first)
@@ -205,7 +199,7 @@ class OutputError(Estimator):
             said = (*said, *more)
         while lost := problem.inseparable(end.at):
             said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
-            kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
+            kept = np.flatnonzero([name not in lost for name in problem.names])
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
             end = problem.descend(problem.initial)
@@ -314,7 +308,7 @@ class OutputError(Estimator):
     def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
-        fitted = {reference, *(name for name, _ in problem.keys)}
+        fitted = {reference, *problem.names}
         if "slow_delay" not in fitted and not start.slow_delay:
             fitted.add("slow_interval")
         return {
@@ -326,14 +320,11 @@ class OutputError(Estimator):
 
 
 class JointFit(NamedTuple):
-    """An estimate, the equations about it, and whose the last of their values are.
-
-    ``unweighted`` are those of the least squares, before logs were weighed by their scatter.
-    """
+    """An estimate, the equations about it, and whose the last of their values are."""
 
     estimate: Estimate
     equations: CellEquations
-    unweighted: CellEquations
+    unweighted: CellEquations  # of the least squares, before logs were weighed by their scatter
     owned: tuple[Key, ...]
 
     def without(self, logs: Iterable[int]) -> Estimate:
@@ -368,11 +359,7 @@ def _chosen(
     found: tuple[FreeRunResiduals, Minimum],
     always: tuple[str, ...],
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]]:
-    """Return the residuals in the terms that help, where they end, rivals, and what is not fitted.
-
-    From where some terms of the ``wide`` residuals were fitted; the ``rarer`` ones are tried where
-    one is lacking.
-    """
+    """Choose terms of ``wide`` residuals, ``rarer`` if lacking; return end, rivals, findings."""
     (problem, end), lacking = found, None
     rivals: tuple[Samples, ...] = ()
     said: tuple[Finding, ...] = ()
@@ -410,10 +397,7 @@ def _holding(
     rivals: tuple[Samples, ...],
     hidden: WeighedLogs | None,
 ) -> tuple[FreeRunResiduals, Minimum, WeighedLogs | None, tuple[Samples, ...], tuple[Finding, ...]]:
-    """Hold what hardly shows of a base's shape, by weighed logs where there are such.
-
-    The least squares are fitted again, but where terms are ``hidden`` from them.
-    """
+    """Hold what hardly shows of a base's shape; fit again, unless terms are ``hidden``."""
     said: tuple[Finding, ...] = ()
     while held := problem.untold(weighed.weighed_end if weighed else end):
         point = weighed.weighed_end.point if weighed else end.point
@@ -430,8 +414,8 @@ def _holding(
 def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
     """Return the residuals without the terms that are 0, and where they end."""
     optional = {*tried([each.log for each in problem.simulations]), *RARER}
-    pairs = zip(problem.keys, end.point.tolist(), strict=True)
-    none = {name for (name, _), value in pairs if not value}
+    pairs = zip(problem.names, end.point.tolist(), strict=True)
+    none = {name for name, value in pairs if not value}
     told = problem.without(none & optional).keys
     kept = np.flatnonzero([key in told for key in problem.keys])
     fewer = problem.keeping(kept, end.point[kept])
@@ -439,10 +423,7 @@ def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals,
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
-    """(n, n) covariance of what waits for firmware's looks leave open: nobody tells their phase.
-
-    A set-point waits from nothing to a period, of which the delay holds the mean.
-    """
+    """(n, n) covariance of what nobody tells: a set-point waits for firmware up to a period."""
     periods = [log.servo.period for log in logs if log.closed and log.servo is not None]
     if not periods or "delay" not in names:
         return None
@@ -450,11 +431,7 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
 
 
 def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:
-    """Return the values of a clock that is wrong instead, where masses' own inertia looks like it.
-
-    Stamps that are too short by a share make all inertia larger by twice that, that of the masses
-    among it, and damping by it; sines tell the two apart by their frequency.
-    """
+    """Return values of a clock wrong by a share instead: damping grows by it, inertia by twice."""
     own = dict(zip(solved.names, solved.values.tolist(), strict=True))
     share = own.get("mass_inertia", 0.0)
     if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):

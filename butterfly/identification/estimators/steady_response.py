@@ -98,7 +98,7 @@ class RestAngles:
         if self.bias is None:
             return self
         left = self.middles - simulated
-        zero, bias = _solved(self._rows, left)
+        zero, bias = np.linalg.lstsq(self._rows, left, rcond=None)[0]
         return replace(
             self,
             zeros=self.zeros + zero * ~self.told,
@@ -160,7 +160,7 @@ class RestAngles:
         """Return them with one zero and a bias, if that is asked for or predicts the middles."""
         rows = self._rows
         target = self.middles - self.zeros * self.told
-        values = _solved(rows, target)
+        values = np.asarray(np.linalg.lstsq(rows, target, rcond=None)[0], dtype=np.float64)
         count = self.zeros.size
         kept = [_NAMES.index(name) for name in self._names]
         equations = CellEquations(
@@ -182,28 +182,14 @@ class RestAngles:
         return replace(self, zeros=zeros, bias=float(values[1]), left=left)
 
 
-def _solved(rows: Samples, target: Samples) -> Samples:
-    return np.asarray(np.linalg.lstsq(rows, target, rcond=None)[0], dtype=np.float64)
-
-
 def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
-    """Return the numbers of the logs whose response to a sine is steady, and what of the others.
-
-    Where the hand turns over, swings too wide, or never settles, its motion has no phasor. One that
-    swings about a place a whole turn off does so as well as at home.
-    """
+    """Return the numbers of the logs whose response to a sine is steady, and what of the others."""
     sines = [k for k, point in enumerate(data.points) if point is not None]
     steady = [k for k in sines if _is_steady(data, k)]
     lost = [k for k in sines if k not in steady]
-    if not lost:
-        return steady, []
-    return steady, [
-        Finding(
-            FindingKind.LEFT_OUT,
-            number=len(sines),
-            logs=tuple(data.logs[k].name for k in lost),
-        )
-    ]
+    names = tuple(data.logs[k].name for k in lost)
+    left_out = Finding(FindingKind.LEFT_OUT, number=len(sines), logs=names)
+    return steady, [left_out] if lost else []
 
 
 def _is_steady(data: DataSet, number: int) -> bool:
@@ -223,20 +209,14 @@ def _is_steady(data: DataSet, number: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SteadyModel:
-    """What is simulated besides the parameters of a balance: sines, and the angles they go about.
-
-    The poles are those of the transients that were fitted to them.
-    """
+    """What is simulated besides a balance's parameters: sines, and the angles they go about."""
 
     simulations: Sequence[Simulation]
     rest: RestAngles
-    poles: Sequence[complex | None]
+    poles: Sequence[complex | None]  # of the transients that were fitted to them
 
     def corrected(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
-        """Return the fit with what the model's own motion leaves over in its balance.
-
-        That is nothing where the model, or its motion in a log, is too far from the robot's.
-        """
+        """Return the fit with what the model's own motion leaves over, if it is near."""
         parameters = replace(fit.parameters, bias=self.rest.bias or 0.0)
         masses = (each.log.added_mass for each in self.simulations)
         if not parameters.p1 + min(mass.inertia for mass in masses) > 0:

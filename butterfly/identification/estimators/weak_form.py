@@ -23,7 +23,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import require_number
-from butterfly.identification.blocks import cells_of
+from butterfly.identification.blocks import Conditions, cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
@@ -36,8 +36,11 @@ from butterfly.identification.estimators.weak_regression import (
     refined,
     seen,
 )
-from butterfly.identification.inference.conditions import Conditions
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
+from butterfly.identification.inference.identifiability import (
+    ScaleParameter,
+    is_driven,
+    refuse_without_scale,
+)
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
@@ -47,7 +50,6 @@ from butterfly.identification.inference.term_choice import (
     candidates,
     scanned_terms,
 )
-from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
@@ -58,10 +60,7 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 
 
 def fitted_terms(
-    logs: Sequence[Log],
-    windows: Sequence[Windows],
-    terms: tuple[str, ...] | None,
-    known: Prior,
+    logs: Sequence[Log], windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior
 ) -> tuple[WeakFit, TermChoice]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them."""
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)

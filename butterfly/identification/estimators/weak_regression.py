@@ -57,16 +57,9 @@ class Windows(NamedTuple):
         return self.averaging.signals((), delay=delay).moving
 
     def equations(
-        self,
-        names: tuple[str, ...],
-        about: About,
-        use: NDArray[np.bool_] | None = None,
+        self, names: tuple[str, ...], about: About, use: NDArray[np.bool_] | None = None
     ) -> tuple[Samples, Samples]:
-        """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
-
-        Of the test functions in which the joint moves, or of those that are to be used; what is
-        known exactly goes to the targets.
-        """
+        """(m, n) regressors and (m,) targets where it moves, rms inertial term 1/sqrt(m)."""
         known = about.known.fixed
         told = {name: known[name] for name in known if name not in _SETTINGS}
         every = (*names, *told, "p1", "p3")
@@ -148,10 +141,7 @@ class WeakFit:
     def of(
         cls, windows: Sequence[Windows], names: tuple[str, ...], slow: float, known: Prior
     ) -> WeakFit:
-        """Solve from two ends, what is uncertain being held or free; return the likelier fit.
-
-        Where the logs tell a delay badly, or not, equations about a free one end anywhere.
-        """
+        """Solve with what is uncertain held, and free, as delays may run away: the likelier fit."""
         exact = known.fixed
         about = About(
             names=names,
@@ -173,11 +163,7 @@ class WeakFit:
 
     @classmethod
     def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
-        """Solve, and again about what was found, until delay, drive and scatter no longer move.
-
-        The scatter of the rows tells how much what is uncertain weighs beside them; nothing, where
-        their variance is 0 from the first.
-        """
+        """Solve, and again about what was found, until delay, drive and scatter rest."""
         weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
         cells, settled = independent_cells_of(len(windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.arrays import Samples
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals, tried
@@ -26,7 +27,6 @@ from butterfly.identification.estimators.gauss_newton import (
     decrease,
 )
 from butterfly.identification.inference.agreement import lacking_term
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.term_choice import BASE, RARER
 from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PRECISE, ROUNDING, WEIGHED
@@ -54,10 +54,8 @@ class WeighedLogs:
     @cached_property
     def at(self) -> Equations:
         """The equations, whose errors are independent and of variance 1."""
-        pairs, identity = (
-            zip(*self._scatter.whitened(self.logs, self._spread), strict=True),
-            np.eye(self.point.size),
-        )
+        pairs = zip(*self._scatter.whitened(self.logs, self._spread), strict=True)
+        identity = np.eye(self.point.size)
         logs = (LogEquations(residuals=own, rows=rows, mixture=identity) for rows, own in pairs)
         prior = self.problem.prior(self.point)
         return Equations(logs=tuple(logs), known=None if prior is None else (prior, self.point))
@@ -69,13 +67,10 @@ class WeighedLogs:
 
     @cached_property
     def step(self) -> Samples:
-        """(n,) what they ask the values to move by.
-
-        What else shapes a term by half at most, and to ten times its first guess: a base that is
-        faster still shows no frequency, and costs the more steps.
-        """
+        """(n,) what they ask the values to move by."""
         size = np.abs(self.point)
-        shapes = [name in FOLLOWERS for name in self._names]
+        # a base that is faster still shows no frequency, and costs the more steps
+        shapes = [name in FOLLOWERS for name in self.problem.names]
         room = np.maximum(self.problem.initial / PRECISE - self.point, ROUNDING * size)
         highest = np.where(shapes, np.minimum(LOST * size, room), np.inf)
         lowest = np.minimum(self.problem.lower - self.point, 0.0)
@@ -127,10 +122,7 @@ class WeighedLogs:
         return replace(self.weighed_end, at=at)
 
     def next_in(self, problem: FreeRunResiduals, share: float = 1.0) -> WeighedLogs | None:
-        """Return what logs say a step away, or a share of it, of as many values or more.
-
-        Each log is simulated as it most likely is; None where a simulation diverges.
-        """
+        """Return what logs say a share of the step away; None where a simulation diverges."""
         step = share * self.step
         point = self.point + step
         own = self._scatter.apart(self.logs.moved(step), self._spread)
@@ -143,7 +135,7 @@ class WeighedLogs:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Which of the scatter is more than chance."""
-        return tuple(self._likelihood.findings(self._scatter, self._names))
+        return tuple(self._likelihood.findings(self._scatter, self.problem.names))
 
     @property
     def conditions(self) -> Conditions:
@@ -151,12 +143,8 @@ class WeighedLogs:
         return Conditions.of([each.log for each in self.problem.simulations], 1, steady=True)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(name for name, _ in self.problem.keys)
-
-    @property
     def _spread(self) -> Samples:
-        return spread_of(self._names, self.point)
+        return spread_of(self.problem.names, self.point)
 
     @cached_property
     def _likelihood(self) -> Likelihood:
@@ -168,11 +156,8 @@ class WeighedLogs:
 
 
 def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> WeighedLogs | None:
-    """Return what logs say, once they are weighed, from equations about any values on.
-
-    None where few logs do not tell, robust losses have weights of their own, or a log is not
-    followed.
-    """
+    """Weigh logs, from equations about any values; None where that says nothing."""
+    # a robust loss has weights of its own
     few = len(at.logs) <= FEW or at.loss is not Loss.LINEAR
     if few or out_of_time("weighting the logs by their scatter"):
         return None
@@ -182,11 +167,7 @@ def weighed_from(problem: FreeRunResiduals, at: Equations, point: Samples) -> We
 def weighed_end(
     found: WeighedLogs | None, end: Minimum
 ) -> tuple[Minimum, tuple[Finding, ...]] | None:
-    """Return the end with logs weighed by their scatter, and what is found of it.
-
-    Beside that of the least squares. None where logs cannot be weighed, no longer tell the
-    parameters apart, or are not followed there as their derivatives said.
-    """
+    """Return the end with logs weighed, and findings; None where they cannot be followed."""
     if found is None or found.problem.inseparable(found.at):
         return None
     weighed = replace(found.weighed_end, converged=end.converged)
@@ -199,11 +180,7 @@ def weighed_end(
 def chosen_by_weight(
     wide: FreeRunResiduals, found: WeighedLogs | None, end: Minimum
 ) -> WeighedLogs | None:
-    """Return what logs say, once they are weighed, with the rarer terms that they lack otherwise.
-
-    Scatter hides these from the least squares. None where friction and gain do not differ from log
-    to log by more than chance, or nothing is lacking.
-    """
+    """Return weighed logs with the rarer terms that scatter hid from the least squares."""
     chosen: WeighedLogs | None = None
     while found and found.findings and not out_of_time("the selection of terms"):
         every = wide.without(not_tried(found.problem))
@@ -225,7 +202,7 @@ def chosen_by_weight(
 
 def not_tried(problem: FreeRunResiduals) -> set[str]:
     """Return the terms that nobody looks for beside those that are fitted."""
-    fitted = {name for name, _ in problem.keys}
+    fitted = {*problem.names}
     idle = {*tried([each.log for each in problem.simulations])} - fitted
     if BASE in fitted:  # on which friction of gears is not simulated
         return idle | {*GEAR}

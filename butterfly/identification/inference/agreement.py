@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
+from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.model.terms import PARAMETERS
@@ -37,11 +37,7 @@ _SHARE = 0.05  # of the squared errors, that a contrast explains which is named
 # integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
 _LEAST_TORQUE = 1e-4
 
-
-_LIMITS: dict[Condition, tuple[float, ...]] = {
-    Condition.DIRECTION: (-1.0, 1.0),
-    Condition.WEIGHED: (),
-}
+_LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 """Where conditions would disturb no more, if that is not at 0."""
 
 _SCATTERS = ("coulomb", "p2", "p4")
@@ -95,12 +91,8 @@ class _Tried(NamedTuple):
         return moved
 
 
-class _Accepted(NamedTuple):
-    """A contrast that is no chance and matters."""
-
-    contrast: Contrast
-    tried: _Tried
-    ends: list[tuple[float, Samples]]  # where the condition would disturb no more, (n,) values
+# a contrast that is no chance and matters, and (n,) values where the condition disturbs no more
+_Accepted = tuple[Contrast, _Tried, list[tuple[float, Samples]]]
 
 
 class Rival(NamedTuple):
@@ -113,10 +105,7 @@ class Rival(NamedTuple):
 def disagreements_of(
     equations: CellEquations, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
-    """Return the contrasts that are no chance and matter, the best first, and their rivals.
-
-    Of masses that are weighed wrong, none is the wrong one for certain (see `weighed_within`).
-    """
+    """Return the contrasts that are no chance and matter, the best first, and their rivals."""
     accepted = _accepted(equations, conditions)
     rivals = (
         Rival(end, _reach(equations, each, limit, end))
@@ -143,7 +132,7 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, conditions, each))]
     tried.sort(key=lambda each: each.chance)
-    accepted = []
+    accepted: list[_Accepted] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
         if not chance < 1 - CONFIDENCE:
@@ -154,8 +143,8 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
         if _matters(equations, each, ends or [each.at_mean], conditions, of):
             pairs = list(zip(limits, ends, strict=True))
-            accepted.append(_Accepted(_contrast(each, place, chance), each, pairs))
-    return sorted(accepted, key=lambda each: -each.contrast.share)
+            accepted.append((_contrast(each, place, chance), each, pairs))
+    return sorted(accepted, key=lambda each: -each[0].share)
 
 
 def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
@@ -167,10 +156,7 @@ def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool
 def lacking_term(
     equations: CellEquations, names: Sequence[str], conditions: Conditions
 ) -> str | None:
-    """Return which of some terms a model lacks, by the rule of contrasts: the likeliest, if any.
-
-    The terms are in the equations, at what is none of them; each may move in all cells alike.
-    """
+    """Return the likeliest of some terms, each at nothing here, that a model lacks, if any."""
     absent = np.isin(equations.names, names)
     about = replace(equations, on_bound=equations.on_bound | absent)
     every = np.ones(equations.log.size)
@@ -190,10 +176,7 @@ def lacking_term(
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
-    """Return within which share masses are weighed, as they tell of each other; 0 if they agree.
-
-    The least change of one of them that makes them agree.
-    """
+    """Return within which share masses are weighed: the least change to agree, or 0."""
     wrong = [each for each in contrasts if each.condition is Condition.WEIGHED]
     return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
 
@@ -258,10 +241,7 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
 
 
 def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
-    """(n,) half-widths of (n,) values that hold at the limit of a condition, with its slope.
-
-    The slope is a value more, about that limit.
-    """
+    """(n,) half-widths of (n,) values at the limit of a condition, the slope being a value more."""
     unit = np.array([name == each.parameter for name in equations.names])
     slope = np.einsum("kmn,kn->km", equations.rows, np.outer(each.x - limit, unit))
     left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
@@ -280,10 +260,7 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
 
 
 def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
-    """Return the friction or gain that differs from log to log (F test), the best first.
-
-    One log more is one value more, which explains by chance what the share is adjusted for.
-    """
+    """Return friction or gain that differs from log to log (adjusted F test), the best first."""
     found = _from_log_to_log(equations.of_logs)
     return tuple(sorted(found, key=lambda each: -each.share))
 
@@ -321,10 +298,8 @@ def differing_values(equations: CellEquations, name: str) -> Samples:
     """(n,) values if one of them were another in every log; of that one, the mean."""
     equations, place = equations.of_logs, equations.names.index(name)
     curvature, _ = equations.total
-    size = np.sqrt(np.diag(curvature))
-    size = np.where(size > 0, size, 1.0)
-    units = np.outer(size, size)
-    inverse = np.linalg.pinv(curvature / units, hermitian=True) / units
+    scaled, size = unit_diagonal(curvature)
+    inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
     pulls = equations.curvature[:, :, place]
     own = np.diag(pulls[:, place]) - pulls @ inverse @ pulls.T
     change = -np.linalg.pinv(own, rcond=ROUNDING, hermitian=True) @ equations.gradient[:, place]

@@ -119,12 +119,10 @@ def disagreements(
 
 
 def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]) -> list[Finding]:
-    """Tell whether the added masses contradict parameters that are known exactly.
+    """Tell whether added masses contradict parameters that are known exactly.
 
-    Residuals do not change if all torques grow alike, those of the masses among them; so their
-    derivative by the known ones' common factor is that of all others, with the sign turned. One
-    parameter more, and its step to where the logs would have it, by the equations
-    of k cells that carried these masses.
+    Residuals do not change if all torques grow alike, so their derivative by the known ones' common
+    factor is that of all others, turned. Its step is where the logs of k cells would have it.
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
     masses, names = list(carried), list(cells.names)

@@ -97,10 +97,7 @@ def widened(
     left_out: Sequence[Samples],
     rivals: Sequence[Samples] = (),
 ) -> Samples:
-    """(n, n) covariance, wider along the ways that estimates of partial data and rivals went.
-
-    Each of the first counts as if it were a limit of its interval (see `honest_limits`).
-    """
+    """(n, n) covariance, wider along partial estimates, as if limits, and along rivals."""
     if left_out:
         apart = np.array(left_out) - values
         covariance = covariance + apart.T @ apart / SPREADS**2
@@ -124,11 +121,10 @@ def honest_limits(
     left_out: Iterable[Samples],
     rivals: Iterable[Samples] = (),
 ) -> tuple[Samples, Samples]:
-    """Return Student's limits at `CONFIDENCE`, widened to hold the estimates of partial data.
+    """Return (n,) Student's limits at `CONFIDENCE`, widened to hold the estimates of partial data.
 
-    (n,) values, their (n, n) covariance and (n,) degrees of freedom. More logs do not help where
-    the model is wrong in a way that depends on what was left out. Of rivals, fits that predict as
-    well, any may be the right one, so that the limits hold what is as far from each.
+    Those tell where the model is wrong, which more logs do not mend. Of rivals, fits that predict
+    as well, any may be right: the limits hold what is as far from each.
     """
     reach = half_widths(covariance, freedom)
     likely, partial = np.array([values, *rivals]), np.array([values, *left_out])

@@ -9,11 +9,11 @@ import numpy as np
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import disagreements_of, weighed_within
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.consistency import (
     disagreements,
     moved_by_givens,
@@ -82,7 +82,11 @@ def infer(
     )
     shift = equations.values - about.values
     share = weighed_within(contrasts)
-    carried = [_weighed(masses[number], share) for number in cells.log] if masses else []
+    weighed = [  # none better than the masses tell of each other
+        replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
+        for each in masses
+    ]
+    carried = [weighed[number] for number in cells.log] if masses else []
     considered = moved_by_givens(cells, carried, known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if equations.bread is not None:
@@ -145,24 +149,10 @@ def infer(
     )
 
 
-def _weighed(mass: AddedMass, share: float) -> AddedMass:
-    """Return a mass that is weighed within a share of it, if no better."""
-    return replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
-
-
 def without_each_mass(
-    equations: CellEquations,
-    masses: Sequence[AddedMass],
-    known: Prior,
-    *,
-    driven: bool,
+    equations: CellEquations, masses: Sequence[AddedMass], known: Prior, *, driven: bool
 ) -> tuple[dict[Hashable, Samples], list[Finding]]:
-    """Estimate again without each added mass, but where the rest cannot determine the parameters.
-
-    If what is known of the robot is exact, even one mass may be enough; a scale that rests on what
-    is uncertain would tell of that alone. Returns the estimates, to first order, and what is to be
-    said if there are none.
-    """
+    """Estimate to first order without each mass, if the rest tells the scale; else say so."""
     different = sorted({masses[number] for number in np.unique(equations.log)}) if masses else []
     left_out: dict[Hashable, Samples] = {}
     sure = known.within(known.fixed)
@@ -210,10 +200,7 @@ def misfit_over_value(equations: CellEquations) -> Samples:
 def outweighed(
     misfit: Samples, values: Samples, limits: tuple[Samples, Samples], names: Sequence[str]
 ) -> tuple[Samples, Samples]:
-    """Return (n,) limits that hold what a misfit may have made of the scale, or of precise values.
-
-    The misfit of friction alone often outweighs a small share of it.
-    """
+    """Return (n,) limits that hold what a misfit may have made of scale, or precise values."""
     claims = precision(values, *limits)
     doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
     reach = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)

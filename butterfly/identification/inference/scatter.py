@@ -226,11 +226,7 @@ def _coordinates(
 
 
 def _coloured(basis: Samples, residuals: Samples) -> Samples:
-    """(q, q) variance that errors have along (m, q) columns, were they as (m,) residuals are.
-
-    The autocovariance is tapered by a triangle, whose spectrum is nowhere negative, down to 0 at
-    the length of a cell.
-    """
+    """(q, q) variance of errors like (m,) residuals along columns, tapered within a cell."""
     count = residuals.size
     lags = max(count // CELLS, 1)
     length = next_fast_len(count + lags, real=True)

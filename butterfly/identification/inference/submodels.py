@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.levels import ROUNDING
 from butterfly.model.terms import FOLLOWERS
 
@@ -43,18 +43,11 @@ class Submodels:
         return self.equations.names
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
-        """Return the (t, n) values of t fits with the parameters in (t, n) ``kept``, all at once.
-
-        They are nan where the data do not determine what a fit has.
-        """
+        """Return (t, n) values of t fits with the parameters ``kept``; nan if undetermined."""
         return self._fitted(*self.equations.total, kept)
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples:
-        """(t, k) squared errors of each cell, as fits to the other parts predict it.
-
-        They are nan where the rest does not determine the parameters, or there are no two parts
-        (see `fitted`), and infinite where simulations ran away.
-        """
+        """(t, k) squared errors of cells by fits to the other parts; nan if not determined."""
         parts, own = np.unique(self.folds), self.equations
         errors = np.empty((len(kept), self.folds.size))
         lost = np.full(len(kept), parts.size == 1)
@@ -102,28 +95,17 @@ class Submodels:
 
 
 def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
-    """Return the (n,) values that all logs but some lead to, to first order; nan if they do not.
-
-    The linear jackknife: equations about the optimum of all logs, less those of some. What only
-    these move, as a gain if they alone are driven, stays.
-    """
+    """Return (n,) values without some logs, to first order (the linear jackknife), or nan."""
     rest = equations.without(logs)
     own, all_ = (np.einsum("kii->i", each.curvature) for each in (rest, equations))
-    moved = (own > ROUNDING**2 * all_) | (all_ == 0)
+    moved = (own > ROUNDING**2 * all_) | (all_ == 0)  # what only these move stays
     return np.asarray(_bounded(equations, rest.total, moved[np.newaxis], equations.values)[0])
 
 
 def _bounded(
-    about: CellEquations,
-    total: tuple[Samples, Samples],
-    kept: NDArray[np.bool_],
-    absent: Samples,
+    about: CellEquations, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
 ) -> Samples:
-    """(t, n) values that solve total equations about others for what is kept, within bounds.
-
-    All have the same (n, n) and (n,) equations, or each of the t its own. What the data do not
-    determine is nan, but on a bound, where it stays if nothing moves it.
-    """
+    """(t, n) values that solve equations for what is kept, within bounds; nan if untold."""
     (curvature, gradient), at, lower = total, about.values, about.lower
     held, (count, size) = np.maximum(at, lower), kept.shape
     curvature = np.broadcast_to(curvature, (count, size, size))
@@ -144,11 +126,7 @@ def _bounded(
 
 
 def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Samples:
-    """Solve (t, n, n) normal equations for (t, n) targets, whatever the units.
-
-    Each of the t solutions has only the unknowns that are ``free`` in it, the others being 0; it is
-    nan where they are not determined.
-    """
+    """Solve (t, n, n) normal equations for those ``free``, others being 0; nan if untold."""
     lost = np.asarray((free & ~(np.einsum("tnn->tn", matrix) > 0)).any(axis=1))
     scaled, scale = unit_diagonal(matrix)
     asked = free & ~lost[:, np.newaxis]

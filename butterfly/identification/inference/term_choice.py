@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.agreement import friction_disagrees
-from butterfly.identification.inference.conditions import Conditions
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import CLEARLY, FEW
@@ -96,11 +96,8 @@ class TermChoice:
 def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
-    What grows with the added mass shows with three of them: by two the scale of all is set. What
-    is known is not tried, nor what comes with it, nor masses' own inertia where it is given, or
-    sets the scale, nor gravity beside its line where there is none,
-    or where p3 is known and no second mass tells it from a turn of the encoder. Without gravity a
-    gear carries what accelerates the joint alone: friction with it may as well be uneven friction.
+    What grows with the added mass shows with three of them: by two the scale of all is set. Without
+    gravity friction with a gear may as well be uneven friction: it carries what accelerates alone.
     """
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
@@ -122,10 +119,7 @@ def requested_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, 
 
 
 def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
-    """Return Stribeck velocities in rad/s to try, for logs of a largest speed.
-
-    There are none where its friction is known, and one where the velocity is.
-    """
+    """Return Stribeck velocities in rad/s to try: none if its friction is known, one if it is."""
     if "stribeck" in known.parameters:
         return []
     if "stribeck_velocity" in known.fixed:
@@ -139,21 +133,13 @@ def submodels_of(
     negligible: float = NEGLIGIBLE,
     conditions: Conditions | None = None,
 ) -> Submodels:
-    """Return the fits with fewer terms, which predict one part of the data after the other.
-
-    ``parts``: of each log. Where there are too few parts each log is one, and where there are too
-    few logs each stretch of time.
-    """
+    """Return fits with fewer terms, which predict one of ``parts``, logs or stretches in turn."""
     cells = equations.independent
     few = cells.log.size > np.unique(cells.log).size
     folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
     slack = CLEARLY if few else 1.0
     return Submodels(
-        equations=cells,
-        folds=folds,
-        negligible=negligible,
-        slack=slack,
-        conditions=conditions,
+        equations=cells, folds=folds, negligible=negligible, slack=slack, conditions=conditions
     )
 
 
@@ -233,10 +219,7 @@ class _Trial(NamedTuple):
 
 
 def _all_trials(
-    fits: Sequence[Submodels],
-    always: tuple[str, ...],
-    demanded: tuple[str, ...],
-    most: int | None,
+    fits: Sequence[Submodels], always: tuple[str, ...], demanded: tuple[str, ...], most: int | None
 ) -> list[_Trial]:
     """Try all that can be tried: of the parts of the data, or else of single logs."""
     by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
@@ -324,11 +307,10 @@ def scanned_terms(
     known: Prior,
     fastest: float,
 ) -> TermChoice:
-    """Choose from what is offered and Stribeck friction, or fit the ``terms`` that are asked for.
+    """Choose from what is offered and Stribeck friction; of ``terms`` asked for only its velocity.
 
-    Of the latter only the Stribeck velocity is chosen. ``with_terms`` gives the equations with
-    terms besides what is always fitted, and a Stribeck velocity in rad/s, None where none needs it;
-    ``fastest``: the largest speed of the logs in rad/s.
+    ``with_terms`` gives the equations with further terms, and a Stribeck velocity in rad/s, None
+    where none needs it; ``fastest``: the largest speed of the logs in rad/s.
     """
     wanted = None if terms is None else requested_terms(terms, known.parameters)
     names = candidates(offers, masses, known) if wanted is None else wanted

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.equations import compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.agreement import (
@@ -12,7 +13,6 @@ from butterfly.identification.inference.agreement import (
     disagreements_of,
     weighed_within,
 )
-from butterfly.identification.inference.conditions import Condition, Conditions
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import choose_terms
