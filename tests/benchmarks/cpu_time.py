@@ -10,7 +10,7 @@ import time
 from tests.benchmarks.bars import SHORT
 
 
-def least_seconds(*functions, repeats=3 if SHORT else 7, clock=time.process_time):
+def least_seconds(*functions, repeats=2 if SHORT else 7, clock=time.process_time):
     """Return the least time in s of each function, called in turn; of CPUs, unless said otherwise.
 
     Threads of this process count together.
@@ -24,7 +24,7 @@ def least_seconds(*functions, repeats=3 if SHORT else 7, clock=time.process_time
     return _shown(least)
 
 
-def least_seconds_of_processes(*programs, repeats=5 if SHORT else 20):
+def least_seconds_of_processes(*programs, repeats=3 if SHORT else 20):
     """Return the least CPU time in s of each program of Python, started in turn."""
     least = [float("inf")] * len(programs)
     silence = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]

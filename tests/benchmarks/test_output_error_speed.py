@@ -7,7 +7,7 @@ import numpy as np
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.validate import select_terms
-from tests.benchmarks.bars import at_most, measured
+from tests.benchmarks.bars import SHORT, at_most, measured
 from tests.benchmarks.cpu_time import least_seconds
 
 _STEP = 1e-5
@@ -27,7 +27,9 @@ def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation):
     data = real.data
     start = Start(real.estimate.parameters, data.equilibria)
     estimator = OutputError(terms=_GIVEN, fixed=("stribeck_velocity",), workers=1)
-    once, fit = least_seconds(simulation, lambda: estimator.of_logs(data.logs, [start]), repeats=5)
+    once, fit = least_seconds(
+        simulation, lambda: estimator.of_logs(data.logs, [start]), repeats=2 if SHORT else 5
+    )
     measured("output error: fit of 12 parameters", fit / once)
 
 

@@ -17,7 +17,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
 from butterfly.signals import hold
-from tests.benchmarks.bars import measured
+from tests.benchmarks.bars import SHORT, measured
 from tests.benchmarks.cpu_time import least_seconds
 
 _START = 0.1  # rad
@@ -82,7 +82,7 @@ def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
             lambda: [_by_kernel(loaded, log, grid) for _ in range(_AGAIN)],
             lambda: _by_scipy(loaded, log, grid, tolerance),
             lambda: pool.rollout(model, [data], state, held),
-            repeats=3,
+            repeats=1 if SHORT else 3,
         )
     kernel /= _AGAIN
     measured("scipy's solve_ivp at the kernel's accuracy", scipy / kernel)

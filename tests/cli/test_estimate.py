@@ -257,15 +257,21 @@ def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(ans
     assert said.startswith("Do not use: The model does not follow the logs")
 
 
+@pytest.fixture(scope="module")
+def by_weak_form(answer, quick_data, tmp_path_factory):
+    """A saved identification whose errors have degrees of freedom of their own."""
+    file = tmp_path_factory.mktemp("weak-form") / "saved.json"
+    answer("identify", quick_data, "--method", "weak-form", "--save", file)
+    return file
+
+
 @pytest.mark.parametrize(
     "damage", ["short", "missing", "none", "lopsided", "nameless", "foreign", "numberless"]
 )
 def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
-    butterfly, quick_data, tmp_path, damage
+    butterfly, by_weak_form, tmp_path, damage
 ):
-    file = tmp_path / "saved.json"
-    butterfly("identify", quick_data, "--method", "weak-form", "--save", file)
-    content = json.loads(file.read_text())
+    content = json.loads(by_weak_form.read_text())
     freedom = content["freedom"]
     damaged = {"short": freedom[1:], "missing": [None, *freedom[1:]], "none": [0, *freedom[1:]]}
     content["freedom"] = damaged.get(damage, freedom)
@@ -278,4 +284,5 @@ def test_a_saved_result_with_errors_unlike_its_parameters_is_one_line(
         content["findings"].append({"kind": "few-logs", "parameters": []})
     other = tmp_path / "other.json"
     other.write_text(json.dumps(content))
-    assert_one_line_error(butterfly("compare", file, other), "other.json" * (damage != "missing"))
+    result = butterfly("compare", by_weak_form, other)
+    assert_one_line_error(result, "other.json" * (damage != "missing"))

@@ -124,12 +124,12 @@ def test_data_have_no_run_to_be_watched(answer, saved):
     assert_one_line_error(answer("show", saved), "--out")
 
 
-def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
+def test_the_robot_of_an_experiment_is_told_and_exported(answer, quick, tmp_path):
     out = done(answer("inspect", "quickstart", "--added-mass", 0.05))
     assert "5.1306 rad/s" in out
     assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
     assert re.search(r"p4 +0\.025 N m/V", out)
-    out = done(answer("export", "quickstart", "--out", tmp_path / "q.xml"))
+    out = done(answer("export", quick, "--out", tmp_path / "q.xml"))
     assert f"Twin: {tmp_path / 'q.xml'}, the butterfly's hand in steps of 2 ms by RK4." in out
     assert "Largest error against our own simulation: " in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))

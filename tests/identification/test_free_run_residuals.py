@@ -68,16 +68,17 @@ def _jacobian(equations):
 
 
 def test_every_column_is_the_central_difference(problem, equations):
-    for k, (name, whose) in enumerate(problem.keys):
-        column, unit = _jacobian(equations)[:, k], np.eye(len(problem.keys))[k]
+    units, columns = np.eye(len(problem.keys)), _jacobian(equations).T
+    for (name, whose), unit, column in zip(problem.keys, units, columns, strict=True):
         differences = (
             (_residuals(problem, step * unit) - _residuals(problem, -step * unit)) / (2 * step)
-            for step in (1e-4, 1e-5, 1e-6)
+            for step in (1e-5, 1e-6, 1e-4)
         )
-        error = min(np.linalg.norm(column - each) for each in differences)
+        errors = (np.linalg.norm(column - each) for each in differences)
         # The drive has kinks where a stamp passes an edge, by which the delay is felt.
         tolerance = {"delay": 1e-3, "slow_delay": 2e-3}.get(name, 1e-5)
-        assert error < tolerance * np.linalg.norm(column), (name, whose)
+        most = tolerance * np.linalg.norm(column)
+        assert any(error < most for error in errors), (name, whose)
 
 
 def test_what_belongs_to_one_log_or_mass_moves_no_other(problem, equations):
