@@ -17,11 +17,11 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 211,
-    "lines of the package": 41_989,
-    "lines of tests": 33_152,
+    "files of the package": 212,
+    "lines of the package": 42_520,
+    "lines of tests": 33_760,
     "names of classes that exist twice": 0,
-    "modules in import circles": 6,
+    "modules in import circles": 4,
     "tuned numbers of identification": 66,
 }
 
