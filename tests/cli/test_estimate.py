@@ -15,17 +15,16 @@ from tests.cli.one_line import assert_one_line_error, done
 
 GIVEN = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
 
-LEFT_OUT = ("12 of 12", r"^ +p1 .*kg m²$", "bootstrap over logs")
 SAYS = {
     "identify {data} -m harmonic-balance": ("harmonic",),
     "identify {data} -m output-error --loss soft_l1": ("output",),
     "identify {data} -m weak-form": ("weak",),
     "identify {data} -m linear": ("linear",),
-    "validate {data} --split mass --bootstrap 20": ("Held out by mass: as requested", *LEFT_OUT),
-    "validate {data} --split frequency --bootstrap 20": (
-        "out by frequency: as requested",
-        *LEFT_OUT,
+    "validate {data} --split mass --bootstrap 20": (
+        *("Held out by mass: as requested", "12 of 12"),
+        *(r"^ +p1 .*kg m²$", "bootstrap over logs"),
     ),
+    "validate {data} --split frequency": ("out by frequency: as requested", "12 of 12"),
     "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
     "residual {data}": ("of 12 logs",),
     "design {data} --limit 3": (r"^ +3  ",),

@@ -29,7 +29,7 @@ ZERO = 0.4
 @pytest.fixture(scope="module")
 def data():
     logs = [log for log in steady(ROBOT, SWINGS) if log.excitation.omega != 3.0]
-    briefly = [log.take(log.time < 40) for log in logs]
+    briefly = [log.take(log.time < 25) for log in logs]
     return DataSet.of([replace(log, angle=log.angle + ZERO) for log in briefly])
 
 

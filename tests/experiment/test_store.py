@@ -177,7 +177,7 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
     assert (first["plant.encoder.noise"], first["duration"]) == (1e-4, 20.0)
 
 
-WRITES = 1_000
+WRITES = 300
 
 
 def _written(function, folder, names):

@@ -64,11 +64,6 @@ def test_workers_that_cannot_be_started_are_one_error(tmp_path):
         list(LocalEngine(1).run(work, [Job("a", tmp_path)], {"x": EndsWorker()}))
 
 
-def test_any_number_of_workers_gives_the_same_tables(folder, undisturbed):
-    run_sweep(small_plan(folder), folder / "two", LocalEngine(2))
-    assert tables_of(folder / "two") == undisturbed
-
-
 @pytest.mark.slow
 def test_a_task_whose_worker_dies_is_given_up_after_three_attempts_and_tried_again_next_time(
     folder, monkeypatch, undisturbed

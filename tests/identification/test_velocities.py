@@ -40,6 +40,7 @@ def wheel():
     return _logs()[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_joints_of_which_a_tachometer_saw_the_velocity_are_covered(method):
     scores = [score("tachometer", number, method, 7) for number in range(9)]

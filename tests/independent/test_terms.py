@@ -113,12 +113,11 @@ def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bi
     inertia, gravity, forwards, backwards, step = 3e-3, 0.04, 1.2e-2, 4e-3, 1e-5
     time = np.arange(0.0, 6.0, step)
     torque = 0.03 * np.sin(2.0 * time) * np.exp(-time / 2.0)
-    most, least = step * forwards / inertia, -step * backwards / inertia
     angle, velocity, x, v = np.empty(time.size), np.empty(time.size), 0.3, 0.0
     for k, pull in enumerate(torque.tolist()):
         angle[k], velocity[k] = x, v
         free = v + step * (pull - gravity * math.sin(x)) / inertia
-        v = free - min(max(free, least), most)
+        v = free - min(max(free, -step * backwards / inertia), step * forwards / inertia)
         x += step * v
     same = LumpedParameters(
         p1=inertia,

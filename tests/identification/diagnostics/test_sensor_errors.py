@@ -116,6 +116,7 @@ def test_correlations_are_their_sums():
             assert crossed[lag, series] == pytest.approx(e[lag:] @ moving[: 200 - lag] / size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pole", [0.0, 0.7])
 def test_of_good_logs_one_curve_in_forty_leaves_its_band(pole):
     """5 % of logs, half of them by the autocorrelation; white errors and lasting ones."""
