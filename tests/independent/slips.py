@@ -142,7 +142,7 @@ def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
         if (a.added_mass, a.excitation) != (b.added_mass, b.excitation) or a.input is not b.input
     ]
     if name == "one mass":
-        return f"if {slipped[differ[0]].added_mass} was" in text
+        return f"if {slipped[differ[0]].added_mass} is really" in text
     if before := {"mass of a log": "in", "omega": "for", "late": "In"}.get(name):
         return f"{before} {with_unique_names(slipped)[differ[0]].name}" in text
     return all(word in text for word in CASES[name].words)
