@@ -76,7 +76,7 @@ def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draw
         held.append((found.estimate.lower <= true) & (true <= found.estimate.upper))
     assert np.mean(held) > 0.85
     assert found.estimate.ratios
-    assert any("Ratios" in sentence for sentence in estimate_sentences(found.estimate))
+    assert any("ratios to p1" in sentence for sentence in estimate_sentences(found.estimate))
 
 
 def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():

@@ -16,7 +16,7 @@ ELSEWHERE = {
     "docs/hardware.md": "tests/plant/test_bench.py, with a drive on loopback",
     "docs/others-logs.md": "tests/examples/test_others_logs_page.py, where the logs are",
     "docs/servo.md": "tests/examples/test_servo_page.py, where the logs are",
-    "docs/start.md": "below, word by word",
+    "docs/start.md": "below",
     "docs/torque-joint.md": "tests/examples/test_torque_joint_page.py; to record takes minutes",
 }
 """Pages whose code is run by tests of their own."""
@@ -67,7 +67,6 @@ class _Reader:
         self._butterfly = butterfly
         self._quickstart = str(quickstart)
         self.names = {}
-        self.said = ""
 
     def follow(self, page):
         for block, shown in _with_answers(page):
@@ -86,9 +85,8 @@ class _Reader:
         words = shlex.split(command.partition(" | ")[0])[1:]  # not what other programs make of it
         known = {"quickstart": self._quickstart, "FOLDER": "my-robot"}
         words = [known.get(word, word) for word in words]
-        code, out, err = self._butterfly(*words)
+        code, _, err = self._butterfly(*words)
         assert code == wanted, f"{command}: {err}"
-        self.said += out
 
 
 @pytest.mark.parametrize(
@@ -107,34 +105,13 @@ def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, quick, quick_dat
 
 
 @pytest.mark.slow
-def test_start_says_what_the_program_says(butterfly, tmp_path, monkeypatch):
-    """Word by word; of numbers that there are some, as digits differ from machine to machine."""
+def test_start_runs_from_top_to_bottom(butterfly, tmp_path, monkeypatch):
+    """With a quick start of its own; test_outputs compares what is printed."""
     monkeypatch.chdir(tmp_path)
     text = shipped("experiments/quickstart.yaml").read_text(encoding="utf-8")
     quickstart = tmp_path / "quickstart.yaml"
     quickstart.write_text(text.replace("plant:", "plant:\n  simulator: grey-box", 1))
-    reader = _Reader(butterfly, quickstart)
-    page = "docs/start.md"
-    reader.follow(page)
-    said = {_without_numbers(line) for line in reader.said.splitlines()}
-    shown = [
-        line
-        for block, quoted in _with_answers(page)
-        for lines in (*(lines for _, lines in block.answered), quoted, _table(block))
-        for line in lines
-    ]
-    assert any(line.startswith("Good:") for line in shown)
-    for line in shown:
-        assert _without_numbers(line) in said, line
-
-
-def _table(block):
-    """Return the lines of a block that is nothing but the program's table."""
-    return [] if block.commands or "─" not in block.text else block.text.splitlines()
-
-
-def _without_numbers(line):
-    return " ".join(re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", line).replace("─", "").split())
+    _Reader(butterfly, quickstart).follow("docs/start.md")
 
 
 def _options_of(words):
