@@ -77,7 +77,7 @@ def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation
 def test_a_viewer_gets_a_model_with_light_and_camera_that_shows_the_hand_turned(simulator):
     rig = replace(ROUGH, simulator=simulator)
     run = LiveRun(rig, ADDED, FreeDecay(angle=0.5), 1.0, SEED)
-    assert run.model.nlight > 0
+    assert run.model.nlight == 7
     assert run.model.camera("bench").id == 0
     for _ in range(100):
         run.advance()
