@@ -256,11 +256,15 @@ class Estimate:
         return Level.GOOD if near and not stopped else Level.CARE
 
     @property
+    def farther(self) -> Samples:
+        """(n,) distances of each value from the farther limit of its interval."""
+        return np.maximum(self.upper - self.values, self.values - self.lower)
+
+    @property
     def reach(self) -> dict[str, float]:
         """How far the farther limit is from each value, over the value; infinite if unknown."""
-        farther = np.maximum(self.upper - self.values, self.values - self.lower)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.nan_to_num(farther / np.abs(self.values), nan=np.inf)
+            shares = np.nan_to_num(self.farther / np.abs(self.values), nan=np.inf)
         return dict(zip(self.names, shares.tolist(), strict=True))
 
     @property

@@ -42,6 +42,13 @@ class Parameter:
     claim: str = ""  # how well it is known: precise, rough, not-from-zero, known
 
     @property
+    def farther(self) -> float | None:
+        """How far the farther limit of its interval is from the value."""
+        if self.lower is None or self.upper is None:
+            return None
+        return max(self.upper - self.value, self.value - self.lower)
+
+    @property
     def deviation(self) -> float | None:
         """Relative deviation from the truth, where that is known and not 0."""
         return self.value / self.true - 1 if self.true else None

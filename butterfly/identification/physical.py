@@ -190,8 +190,7 @@ def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
 
 def _of_intervals(estimate: Estimate) -> Samples:
     """Return (n,) standard errors of which the intervals are the normal ones."""
-    reach = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
-    return np.maximum(reach / SPREADS, estimate.standard_errors)
+    return np.maximum(estimate.farther / SPREADS, estimate.standard_errors)
 
 
 def _unseparated(

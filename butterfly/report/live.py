@@ -58,16 +58,14 @@ class Slider:
     @classmethod
     def of(cls, row: Parameter) -> Slider:
         """Make it of a row of the estimate's table."""
-        value, half = row.value, 0.0
-        if row.lower is not None and row.upper is not None:
-            half = max(row.upper - value, value - row.lower)
+        value = row.value
         least = _LEAST * value if row.name in _POSITIVE else TERMS[row.name].lower
         return cls(
             name=row.name,
             meaning=row.meaning,
             unit=row.unit,
             value=value,
-            half=half or _WITHOUT * abs(value) or _WITHOUT,
+            half=row.farther or _WITHOUT * abs(value) or _WITHOUT,
             least=None if least == -math.inf else min(least, value),
         )
 

@@ -27,12 +27,10 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         if row.standard_error is not None:
             error = f"{row.standard_error:#.2g}"
         limits = interval(or_nan(row.lower), or_nan(row.upper))
-        if row.lower is not None and row.upper is not None:
-            if row.lower <= 0 <= row.upper:
-                width = "may be 0"
-            elif row.value:
-                farther = max(row.upper - row.value, row.value - row.lower)
-                width = f"± {upwards(farther / abs(row.value))}"
+        if row.lower is not None and row.upper is not None and row.lower <= 0 <= row.upper:
+            width = "may be 0"
+        elif row.value and row.farther is not None:
+            width = f"± {upwards(row.farther / abs(row.value))}"
     left_out = ""
     if row.least_left_out is not None and row.largest_left_out is not None:
         left_out = interval(row.least_left_out, row.largest_left_out)

@@ -43,7 +43,6 @@ class Painter:
         model = compile_model(robot, added, scene=True)
         self._finer = _FINER if size <= _LARGE else 1
         drawn = self._finer * size
-        self._ghost = mujoco.MjData(model)
         model.vis.global_.offwidth = model.vis.global_.offheight = drawn
         model.vis.quality.offsamples = 4 if self._finer == 1 else 0
         self._model, self._data = model, mujoco.MjData(model)
@@ -62,24 +61,24 @@ class Painter:
 
     def frame(self, angle: float, ghost: float | None = None) -> Image.Image:
         """Return the picture of the robot at ``angle`` rad (m for a slide), and of its ghost."""
-        self._turn(self._data, angle)
+        self._turn(angle)
         self._renderer.update_scene(self._data, CAMERA)
         if ghost is not None:
             self._add_ghost(ghost)
         return Image.fromarray(self._renderer.render()).reduce(self._finer)
 
-    def _turn(self, data: mujoco.MjData, angle: float) -> None:
-        data.joint("hinge").qpos[0] = angle
-        mujoco.mj_forward(self._model, data)
+    def _turn(self, angle: float) -> None:
+        self._data.joint("hinge").qpos[0] = angle
+        mujoco.mj_forward(self._model, self._data)
 
     def _add_ghost(self, angle: float) -> None:
         """Add the moving parts again to the scene, translucent, at another angle."""
-        self._turn(self._ghost, angle)
+        self._turn(angle)
         scene = self._renderer.scene
         solid = scene.ngeom
         mujoco.mjv_addGeoms(
             self._model,
-            self._ghost,
+            self._data,
             mujoco.MjvOption(),
             mujoco.MjvPerturb(),
             mujoco.mjtCatBit.mjCAT_DYNAMIC.value,
