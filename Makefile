@@ -12,7 +12,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -23,6 +23,12 @@ test: $(VENV)/.development
 # Repeated experiments, killed workers, reproductions, browsers: as long again.
 test-slow: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/pytest -n auto --ignore=tests/benchmarks -m slow
+
+# Where the CPU time of `make test` goes: tests over 1 s, folders, compilation. PROFILED=slow for the slow.
+PROFILED ?= not slow
+profile: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/pytest -q -n auto --dist loadfile --ignore=tests/benchmarks -m '$(PROFILED)' \
+		-p tests.cpu_profile --profile-to build/profile.json
 
 # The documentation as a site in build/site, which opens from its folder; a broken link fails it.
 docs: $(VENV)/.development
