@@ -3,8 +3,9 @@
 python -m tests.planted --errors 40 --seed 1            # this checkout
 python -m tests.planted --errors 40 --seed 1 --tree DIR  # another one
 
-First the tests run once, to learn which of them reach which line; then each error is planted and
-the tests that reach its line run, the most particular first, until one fails. Needs pytest-cov.
+First the tests run once, to learn which of them reach which line (the report on branches that this
+gives is printed, too); then each error is planted and the tests that reach its line run, the most
+particular first, until one fails, in as many copies as there are cores. Needs pytest-cov.
 """
 
 import argparse
@@ -16,10 +17,10 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-
-from coverage.numbits import numbits_to_nums
+from queue import Queue
 
 SWAPPED = {
     ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==",
@@ -54,24 +55,44 @@ def main(arguments=None):
     parser.add_argument("--contexts", type=Path, help="where the reached lines are kept (SQLite)")
     asked = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder, "tree")
-        ignored = shutil.ignore_patterns(".venv", ".git", "build", "results", ".*_cache")
-        shutil.copytree(asked.tree, copy, ignore=ignored, symlinks=True)
-        if (asked.tree.parent / "shared").exists():
-            Path(folder, "shared").symlink_to((asked.tree.parent / "shared").resolve())
+        copies = [_copied(asked.tree, Path(folder, str(k))) for k in range(os.cpu_count() or 1)]
         contexts = asked.contexts or Path(folder, "contexts")
         if not contexts.exists():
-            reach = ("-n", "auto", "--cov=butterfly", "--cov-context=test", "--cov-report=")
-            _pytest(copy, *reach, "-m", "not slow", "--ignore=tests/benchmarks")
-            shutil.move(copy / ".coverage", contexts)
-        unseen = [
-            each
-            for each in drawn(copy, asked.errors, asked.seed)
-            if not _seen(copy, each, _reaching(contexts, each))
-        ]
+            reach = ("-n", "auto", "--cov=butterfly", "--cov-branch", "--cov-context=test")
+            _pytest(copies[0], *reach, "-m", "not slow", "--ignore=tests/benchmarks", shown=True)
+            shutil.move(copies[0] / ".coverage", contexts)
+        errors = drawn(copies[0], asked.errors, asked.seed)
+        unseen = not_seen(errors, copies, contexts)
     print(f"{len(unseen)} of {asked.errors} planted errors were not seen (seed {asked.seed}):")
     for each in unseen:
         print(f"  {each.file}:{each.line}: {each.text}")
+
+
+def not_seen(errors: list[Planted], copies: list[Path], contexts: Path) -> list[Planted]:
+    """Return the errors that no test sees, planted one by one into each of the copies."""
+    free = Queue()
+    for copy in copies:
+        free.put(copy)
+
+    def seen(error):
+        copy = free.get()
+        try:
+            return _seen(copy, error, _reaching(contexts, error))
+        finally:
+            free.put(copy)
+
+    with ThreadPoolExecutor(len(copies)) as pool:
+        found = list(pool.map(seen, errors))
+    return [error for error, was_seen in zip(errors, found, strict=True) if not was_seen]
+
+
+def _copied(tree: Path, folder: Path) -> Path:
+    """Return a copy of a checkout, with the shared data beside it."""
+    ignored = shutil.ignore_patterns(".venv", ".git", "build", "results", ".*_cache")
+    shutil.copytree(tree, folder / "tree", ignore=ignored, symlinks=True)
+    if (tree.parent / "shared").exists():
+        (folder / "shared").symlink_to((tree.parent / "shared").resolve())
+    return folder / "tree"
 
 
 def drawn(tree: Path, count: int, seed: int) -> list[Planted]:
@@ -125,22 +146,18 @@ def _between(left, right, operator, lines):
 def _reaching(contexts: Path, planted: Planted) -> list[str]:
     """Return the tests that reach a line, those that reach fewest lines first."""
     with sqlite3.connect(contexts) as kept:
-        rows = kept.execute(
-            "select context.context, numbits from line_bits join file on file.id = file_id "
-            "join context on context.id = context_id where file.path like ?",
-            (f"%/{planted.file}",),
+        reached = kept.execute(
+            "select distinct context from arc join file on file.id = file_id "
+            "join context on context.id = context_id where file.path like ? and tono = ?",
+            (f"%/{planted.file}", planted.line),
         ).fetchall()
         sizes = dict(
             kept.execute(
-                "select context, sum(length(numbits)) from line_bits "
-                "join context on context.id = context_id group by context"
+                "select context, count(*) from arc join context on context.id = context_id "
+                "group by context"
             )
         )
-    tests = {
-        context.partition("|")[0]: sizes[context]
-        for context, bits in rows
-        if context and planted.line in numbits_to_nums(bits)
-    }
+    tests = {context.partition("|")[0]: sizes[context] for (context,) in reached if context}
     return sorted(tests, key=lambda test: tests[test])[:MOST_TESTS]
 
 
@@ -161,13 +178,13 @@ def _seen(tree: Path, planted: Planted, tests: list[str]) -> bool:
         path.write_text(whole, encoding="utf-8")
 
 
-def _pytest(tree: Path, *arguments: str) -> int:
+def _pytest(tree: Path, *arguments: str, shown: bool = False) -> int:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
     return subprocess.run(  # noqa: S603 - our own tests
         command,
         cwd=tree,
         env=os.environ | {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"},
-        stdout=subprocess.DEVNULL,
+        stdout=None if shown else subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         timeout=1800,
         check=False,
