@@ -20,8 +20,8 @@ from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.twin.stand_alone import stand_alone
 from butterfly.twin.twin import Twin
-from tests.benchmarks.bars import at_most, measured
-from tests.benchmarks.cpu_time import least_seconds
+from tests.benchmarks.bars import SHORT, at_most
+from tests.benchmarks.cpu_time import compare, least_seconds
 from tests.plant.setting import MOTOR, robot
 
 ROBOT = robot(replace(MOTOR, back_emf_constant=0.05), coulomb=3e-4)
@@ -44,8 +44,7 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
     def driven():
         Rig(robot=ROBOT).play(AddedMass(), sine, steps * 1e-3, rng)
 
-    least, own = least_seconds(bare, driven)
-    measured("motor wrapper", own / least)
+    compare(bare, {"motor wrapper": driven})
 
 
 def test_a_run_on_a_jittered_clock_costs_little_more_than_its_steps_in_mujoco():
@@ -56,16 +55,15 @@ def test_a_run_on_a_jittered_clock_costs_little_more_than_its_steps_in_mujoco():
     data = mujoco.MjData(model)
     data.ctrl[0] = 0.2
     run, seed = (AddedMass(), Sine(omega=4, amplitude=0.2)), np.random.SeedSequence(0)
-    least, own = least_seconds(
-        lambda: mujoco.mj_step(model, data, steps),
-        lambda: list(simulate_runs(rig, [run], 20.0, [seed])),
-    )
-    measured("a run in MuJoCo on a jittered clock", own / least)
+    own = {
+        "a run in MuJoCo on a jittered clock": lambda: list(simulate_runs(rig, [run], 20.0, [seed]))
+    }
+    compare(lambda: mujoco.mj_step(model, data, steps), own)
 
 
 def test_a_sweep_costs_little_more_than_a_bare_rollout():
     runs = [(AddedMass(), Sine(omega=2 + 0.2 * k, amplitude=0.2)) for k in range(39)]
-    duration, threads = 10.0, 2
+    duration, threads = 1.0 if SHORT else 10.0, 2
     model = compile_model(ROBOT)
     workers = [mujoco.MjData(model) for _ in range(threads)]
     start = np.zeros((39, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
@@ -80,10 +78,9 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
         seeds = np.random.SeedSequence(0).spawn(39)
         list(simulate_runs(Rig(robot=ROBOT), runs, duration, seeds, threads=threads))
 
-    least, own = least_seconds(bare, swept, repeats=2)
+    compare(bare, {"39 runs in MuJoCo": swept}, repeats=2)
     soonest, took = least_seconds(bare, swept, repeats=2, clock=time.perf_counter)
-    ratio, wait = own / least, took / soonest
-    measured("39 runs in MuJoCo", ratio)
+    wait = took / soonest
     at_most(wait, 1.4, "39 runs in MuJoCo over a bare rollout, by the wall clock", time=True)
 
 
@@ -94,11 +91,10 @@ def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
     readings = [Reading(1e-3 * k, 0.5 * np.sin(4e-3 * k).item(), 0.0) for k in range(20_000)]
     model = compile_model(ROBOT)
     data = mujoco.MjData(model)
-    deciding, stepping = least_seconds(
-        lambda: [law(reading) for reading in readings],
-        lambda: [mujoco.mj_step(model, data) for _ in readings],
-    )
-    measured("a step of the energy-shaping controller", deciding / stepping)
+    deciding = {
+        "a step of the energy-shaping controller": lambda: [law(reading) for reading in readings]
+    }
+    compare(lambda: [mujoco.mj_step(model, data) for _ in readings], deciding)
 
 
 HINGE = """<mujoco><option integrator="RK4" timestep="0.002"/><worldbody><body>
@@ -119,5 +115,5 @@ def test_an_exported_twin_costs_little_more_than_a_hinge_with_friction():
         data.qpos[0], data.ctrl[0] = 0.5, 0.01
         mujoco.mj_step(model, data, 10_000)
 
-    hinge, own = least_seconds(*(partial(stepped, model) for model in models))
-    measured("the exported twin with Stribeck friction, 2 ms", own / hinge)
+    hinge, own = (partial(stepped, model) for model in models)
+    compare(hinge, {"the exported twin with Stribeck friction, 2 ms": own})
