@@ -117,13 +117,3 @@ def measured(found):
 def count_missing(what, why):
     """Put a measurement that cannot be made here into the table."""
     ROWS[what] = (what, "missing", str(BARS[what]), BARS[what].of, why)
-
-
-def at_most(found, bar, what, *, time=False):
-    """Fail unless what was found, which the page does not tell, is at most a bar."""
-    assert found <= bar * (2.0 if SHORT and time else 1.0), f"{what}: {found:.4g}, ≤ {bar:g} wanted"
-
-
-def at_least(found, bar, what):
-    """Fail unless what was found, which the page does not tell, is at least a bar."""
-    assert found >= bar, f"{what}: {found:.4g}, ≥ {bar:g} wanted"

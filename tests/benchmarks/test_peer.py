@@ -21,7 +21,7 @@ from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
-from tests.benchmarks.bars import at_most, count_missing, measured
+from tests.benchmarks.bars import count_missing, measured
 from tests.benchmarks.cpu_time import least_seconds
 from tests.benchmarks.plain_loop import swing
 from tests.plant.setting import mjcf
@@ -108,7 +108,7 @@ def test_output_error_takes_no_longer_than_a_script_of_twenty_lines(logs):
     for each in (from_logs, by_scipy):  # compiles
         each()
     ours, *theirs = least_seconds(from_logs, *fits.values())
-    at_most(max(map(_error, found.values())), 1e-3, "error of a fit")
+    assert max(map(_error, found.values())) < 1e-3
     measured({what: ours / each for what, each in zip(fits, theirs, strict=True)})
 
 
