@@ -25,7 +25,7 @@ from butterfly.plant.sensors import Clock
 from butterfly.signals import hold
 from butterfly.twin.stand_alone import stand_alone
 from butterfly.twin.twin import Twin
-from tests.benchmarks.bars import SHORT, at_most
+from tests.benchmarks.bars import SHORT
 from tests.benchmarks.cpu_time import compare, least_seconds
 from tests.benchmarks.plain_loop import swing
 from tests.plant.setting import MOTOR, robot
@@ -86,8 +86,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
 
     compare(bare, {"39 runs in MuJoCo": swept}, repeats=2)
     soonest, took = least_seconds(bare, swept, repeats=2, clock=time.perf_counter)
-    wait = took / soonest
-    at_most(wait, 1.4, "39 runs in MuJoCo over a bare rollout, by the wall clock", time=True)
+    assert took <= (2.8 if SHORT else 1.4) * soonest, "by the wall clock"
 
 
 def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
