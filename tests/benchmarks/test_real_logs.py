@@ -37,10 +37,10 @@ def data(real):
 
 
 @pytest.fixture(scope="module")
-def fitted(real, data):
-    """The default output error, without leaving a mass out."""
-    start = Start(real.estimate.parameters, data.equilibria)
-    return OutputError(workers=1).of_logs(data.logs, [start])
+def fitted(real):
+    """The default output error of all logs, without leaving a mass out."""
+    start = Start(real.estimate.parameters, real.data.equilibria)
+    return OutputError(workers=1).of_logs(real.data.logs, [start])
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +113,7 @@ def test_a_fit_of_twelve_parameters_costs_few_simulations(real, data, simulation
     compare(simulation, fit, repeats=2 if SHORT else 5)
 
 
+@pytest.mark.skipif(SHORT, reason="takes half a minute")
 def test_choosing_terms_costs_few_fits(data):
     estimator = OutputError(workers=1)
     choice = {"select by output error, 5 terms": lambda: select_terms(data, estimator, _GIVEN)}
