@@ -15,26 +15,15 @@ pytestmark = pytest.mark.skipif(
 
 BARE = """
 from cyclopts import App
-
 app = App(name="bare", version="bare 1.0")
-
-
-@app.command
-def nothing() -> None:
-    "Do nothing."
-
-
+app.command(lambda: None, name="nothing")
 app()
 """
 
 NEEDED = """
-import numba
-import numpy
-import cyclopts
+import cyclopts, numba, numpy
 from pydantic import BaseModel
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
+from rich import console, progress, table
 from ruamel.yaml import YAML
 from scipy.io import loadmat
 from scipy.optimize import least_squares
