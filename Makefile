@@ -57,7 +57,7 @@ bench: $(VENV)/.development
 	$(INSTALL) --editable '.[bench]'
 	BUTTERFLY_BENCH_WRITE=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
-# On less data, fewer times, the bars of time doubled: for machines that others share.
+# Less of it, fewer times, the bars of time doubled: for machines that others share.
 bench-short: $(VENV)/.development
 	BUTTERFLY_BENCH_SHORT=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 

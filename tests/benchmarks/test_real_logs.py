@@ -1,7 +1,4 @@
-"""The 41 real logs; a 'simulation' is the bare integration of them all.
-
-Where that costs too much, the short bench takes a third of them.
-"""
+"""The 41 real logs; a 'simulation' is the bare integration of them all."""
 
 import math
 from dataclasses import replace
@@ -32,15 +29,14 @@ _GIVEN = ("drag", "load", "bias", "p3_offset", "stribeck")
 
 @pytest.fixture(scope="module")
 def data(real):
-    """The logs; a third of them in the short bench."""
-    return real.data.take(range(2, 41, 3)) if SHORT else real.data
+    return real.data
 
 
 @pytest.fixture(scope="module")
-def fitted(real):
-    """The default output error of all logs, without leaving a mass out."""
-    start = Start(real.estimate.parameters, real.data.equilibria)
-    return OutputError(workers=1).of_logs(real.data.logs, [start])
+def fitted(real, data):
+    """The default output error, without leaving a mass out."""
+    start = Start(real.estimate.parameters, data.equilibria)
+    return OutputError(workers=1).of_logs(data.logs, [start])
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +81,7 @@ def test_the_fit_of_all_logs_costs_little_more_than_a_simulation(data, fitted, s
 def test_the_best_gain_costs_at_most_100_simulations(data, fitted, simulation):
     parameters, every = replace(fitted.parameters, p4=math.nan), range(len(data.logs))
     seeking = {"best p4 for given parameters": lambda: best_gain(parameters, data.take(every))}
-    compare(simulation, seeking, repeats=2 if SHORT else 3)
+    compare(simulation, seeking, repeats=1 if SHORT else 3)
 
 
 def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
