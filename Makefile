@@ -12,7 +12,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow lint types bench bench-short memory coverage kinds fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow lint types bench bench-short coverage kinds fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -52,16 +52,12 @@ lint: $(VENV)/.development
 types: $(VENV)/.development
 	$(BIN)/mypy
 
-# Writes the table of docs/performance.md, mujoco.sysid beside it.
+# Writes docs/performance.md, whole: on an idle machine, with the real logs.
 bench: $(VENV)/.development
-	$(INSTALL) --editable '.[sysid]'
+	$(INSTALL) --editable '.[bench]'
 	BUTTERFLY_BENCH_WRITE=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
-# Peak memory of each command on the real logs, into docs/performance.md.
-memory: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.memory
-
-# A part of it, the bars of time doubled, for machines that others share.
+# Less of it, fewer times, the bars of time doubled: for machines that others share.
 bench-short: $(VENV)/.development
 	BUTTERFLY_BENCH_SHORT=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
@@ -154,5 +150,5 @@ $(VENV)/.development: pyproject.toml constraints.txt | $(UV)
 
 # The versions that make installs, with their hashes, resolved anew: for all systems and Pythons.
 constraints: | $(UV)
-	$(UV) pip compile pyproject.toml --extra dev --group install --universal --generate-hashes --upgrade --quiet \
+	$(UV) pip compile pyproject.toml --extra bench --extra dev --group install --universal --generate-hashes --upgrade --quiet \
 		--no-annotate --no-header --no-emit-index-url --no-emit-find-links --output-file constraints.txt

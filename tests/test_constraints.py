@@ -14,8 +14,8 @@ def _name(requirement):
 def test_all_that_make_installs_has_a_version_and_hashes():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     extras = project["project"]["optional-dependencies"]
-    groups = [extras[each] for each in extras if each != "sysid"]
-    groups += [project["project"]["dependencies"], *project["dependency-groups"].values()]
+    groups = [*extras.values(), *project["dependency-groups"].values()]
+    groups.append(project["project"]["dependencies"])
     declared = {_name(each) for group in groups for each in group} - {project["project"]["name"]}
     assert declared <= {name for name, _, _ in BLOCKS}
     assert all(re.search(r"--hash=sha256:[0-9a-f]{64}", hashes) for _, _, hashes in BLOCKS)

@@ -1,6 +1,6 @@
-"""Against mujoco.sysid, on the same simulated logs in the same run, on one core (extra ``sysid``).
+"""Against others' fits of the same simulated logs, in the same run on one core (extra ``bench``).
 
-Both have the logs in memory; mujoco.sysid its models and sequences too, which it is given ready.
+All have the logs in memory; mujoco.sysid its models and sequences too, which it is given ready.
 """
 
 from dataclasses import replace
@@ -8,6 +8,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from mujoco import sysid
+from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
@@ -21,21 +23,17 @@ from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from tests.benchmarks.bars import count_missing, measured
 from tests.benchmarks.cpu_time import least_seconds
+from tests.benchmarks.plain_loop import swing
 from tests.plant.setting import mjcf
 
-_LOGS = "mujoco.sysid, 6 logs, 4 parameters"
-FASTER = (f"{_LOGS}: from the logs on", f"{_LOGS}: the fit")
-"""How many times faster output error is."""
-
 try:
-    from mujoco import sysid
+    import lmfit
+except ImportError:
+    lmfit = None
 
-    sysid.ParameterDict  # noqa: B018 - a part of it comes with MuJoCo itself
-except (ImportError, AttributeError):
-    for what in FASTER:
-        count_missing(what, "mujoco.sysid is not installed: pip install -e '.[sysid]'")
-    pytest.skip("mujoco.sysid is not installed", allow_module_level=True)
-
+OURS, PEER = "output error from the logs on, 6 parameters", "mujoco.sysid, 6 logs, 4 parameters"
+SYSID = (f"{PEER}: from the logs on", f"{PEER}: the fit")
+SYSID += ("error of output error from the logs", "error of output error from the same start")
 ROBOT = Robot(
     hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
     drive=TorqueDrive(gain=0.025),
@@ -43,7 +41,7 @@ ROBOT = Robot(
 )
 MASSES = [AddedMass(mass=mass, arm=0.104) for mass in (0.0, 0.05, 0.12)]
 STEP = 0.005  # s
-INERTIA, DISTANCE, DAMPING, GAIN = 0.0024, 0.06, 8e-4, 0.03
+FIRST = {"inertia": 0.0024, "place": 0.06, "damping": 8e-4, "gain": 0.03}
 """Where fits start: 20 % off, in kg m^2, m, N m s/rad and N m."""
 
 
@@ -55,10 +53,63 @@ def logs():
     return list(simulate_runs(rig, runs, 70.0, seeds))
 
 
-def _lumped(inertia, distance, damping, gain):
+def _count_missing(name, *rows):
+    for what in rows:
+        count_missing(what, f"{name} is not installed: pip install -e '.[bench]'")
+
+
+def _lumped(inertia, place, damping, gain):
     """p1, p2, p3, p4."""
     mass = ROBOT.hand.mass
-    return np.array([inertia + mass * distance**2, damping, mass * 9.81 * distance, gain])
+    return np.array([inertia + mass * place**2, damping, mass * 9.81 * place, gain])
+
+
+TRUTH, START = _lumped(0.003, 0.05, 1e-3, 0.025), _lumped(**FIRST)
+
+
+def _error(values):
+    return float(np.linalg.norm(values / TRUTH - 1))
+
+
+def _script(logs):
+    """The residuals of p1, p2, p3, p4, as factors of their start, by a plain loop."""
+    loads = [(log.added_mass.mass, log.added_mass.arm) for log in logs]
+    held = [np.repeat(log.input[:-1, None], 3, axis=1) for log in logs]
+
+    def residuals(factors):
+        p1, p2, p3, p4 = START * factors
+        loaded = [(p1 + m * arm**2, p2, p3 + 9.81 * m * arm, 0.0) for m, arm in loads]
+        runs = zip(loaded, held, logs, strict=True)
+        return np.concatenate(
+            [swing(own, p4 * each, STEP, log.angle[0]) - log.angle for own, each, log in runs]
+        )
+
+    return residuals
+
+
+def test_output_error_takes_no_longer_than_a_script_of_twenty_lines(logs):
+    """Which knows that nothing rubs or lags: told to fit Coulomb friction, lmfit ends elsewhere."""
+    residuals, found = _script(logs), {}
+
+    def by_scipy():
+        found["SciPy"] = START * least_squares(residuals, np.ones(4)).x
+
+    def by_lmfit():
+        guess = lmfit.create_params(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
+        fit = lmfit.minimize(lambda p: residuals(np.array(list(p.valuesdict().values()))), guess)
+        found["lmfit"] = START * np.array(list(fit.params.valuesdict().values()))
+
+    def from_logs():
+        found["ours"] = OutputError(terms=(), workers=1)(DataSet.of(logs)).values[:4]
+
+    fits = {OURS: by_scipy} | ({"the same fit": by_lmfit} if lmfit else {})
+    if not lmfit:
+        _count_missing("lmfit", "the same fit")
+    for each in (from_logs, by_scipy):  # compiles
+        each()
+    ours, *theirs = least_seconds(from_logs, *fits.values())
+    assert max(map(_error, found.values())) < 1e-3
+    measured({what: ours / each for what, each in zip(fits, theirs, strict=True)})
 
 
 def _peer(logs):
@@ -76,16 +127,11 @@ def _peer(logs):
     def gain(spec, parameter):
         spec.actuator("motor").gainprm[0] = float(parameter.value[0])
 
-    guesses = {
-        "inertia": (INERTIA, 1e-4, 0.1, inertia),
-        "place": (DISTANCE, -0.5, 0.5, place),
-        "damping": (DAMPING, 0.0, 0.1, damping),
-        "gain": (GAIN, 1e-4, 1.0, gain),
-    }
+    spans = (1e-4, 0.1, inertia), (-0.5, 0.5, place), (0.0, 0.1, damping), (1e-4, 1.0, gain)
     parameters = sysid.ParameterDict(
         {
             name: sysid.Parameter(name, nominal, low, high, modifier=modifier)
-            for name, (nominal, low, high, modifier) in guesses.items()
+            for (name, nominal), (low, high, modifier) in zip(FIRST.items(), spans, strict=True)
         }
     )
     sequences = []
@@ -99,29 +145,32 @@ def _peer(logs):
         state = sysid.create_initial_state(model, np.zeros(1))
         control = sysid.TimeSeries(log.time, log.input[:, None])
         mapping = {"angle": (sysid.SignalType.MjSensor, np.array([0]))}
-        measured = sysid.TimeSeries(log.time, log.angle[:, None], mapping)
-        sequences.append(sysid.ModelSequences(f"{k}", spec, f"{k}", state, control, measured))
+        angles = sysid.TimeSeries(log.time, log.angle[:, None], mapping)
+        sequences.append(sysid.ModelSequences(f"{k}", spec, f"{k}", state, control, angles))
     residual = sysid.build_residual_fn(models_sequences=sequences)
 
     def fit():
         # The fastest of its optimisers here.
         found, _ = sysid.optimize(parameters, residual, optimizer="scipy", verbose=False)
-        return _lumped(*(float(found[name].value[0]) for name in guesses))
+        return _lumped(**{name: float(found[name].value[0]) for name in FIRST})
 
     return fit
 
 
-def test_output_error_is_hundreds_of_times_faster_at_no_larger_error(logs):
-    """Both from the same start, and ours from the bare logs on, with coulomb torque and delay."""
-    truth = _lumped(0.003, 0.05, 1e-3, 0.025)
-    p1, p2, p3, p4 = _lumped(INERTIA, DISTANCE, DAMPING, GAIN)
-    start = replace(ROBOT.lumped, p1=p1, p2=p2, p3=p3, p4=p4)
-    whole = OutputError(terms=(), workers=1)
-    four = replace(whole, fixed=("coulomb", "delay"))
-    found = {}
+@pytest.fixture
+def peer():
+    """What makes a fit of logs by mujoco.sysid, a part of which comes with MuJoCo itself."""
+    if not hasattr(sysid, "ParameterDict"):
+        _count_missing("mujoco.sysid", *SYSID)
+        pytest.skip("mujoco.sysid is not installed")
+    return _peer
 
-    def record(name, fit):
-        found[name] = fit()
+
+def test_output_error_is_hundreds_of_times_faster_at_no_larger_error(logs, peer):
+    """Both from the same start, and ours from the bare logs on, with coulomb torque and delay."""
+    whole, found = OutputError(terms=(), workers=1), []
+    four = replace(whole, fixed=("coulomb", "delay"))
+    start = replace(ROBOT.lumped, **dict(zip(("p1", "p2", "p3", "p4"), START, strict=True)))
 
     def from_logs():
         return whole(DataSet.of(logs)).values[:4]
@@ -129,28 +178,15 @@ def test_output_error_is_hundreds_of_times_faster_at_no_larger_error(logs):
     def from_start():
         return four.of_logs(logs, [Start(start, dict.fromkeys(MASSES, 0.0))]).values
 
-    from_logs()  # compiles
-    peer = _peer(logs)
-    ours, same = least_seconds(
-        lambda: record("from the logs", from_logs),
-        lambda: record("from the same start", from_start),
-    )
-    (theirs,) = least_seconds(lambda: record("mujoco.sysid", peer), repeats=1)
-    errors = {name: float(np.linalg.norm(values / truth - 1)) for name, values in found.items()}
-    print(
-        f"\n6 logs of 70 s, 4 parameters: mujoco.sysid {theirs:.1f} s; output error {ours:.3f} s, "
-        f"{theirs / ours:.0f} times faster, with data set, start, Coulomb torque and delay; from "
-        f"mujoco.sysid's start {same:.3f} s, {theirs / same:.0f} times; errors "
-        + ", ".join(f"{name} {error:.1e}" for name, error in errors.items())
-    )
-    for seconds, what in zip((ours, same), FASTER, strict=True):
-        measured(what, theirs / seconds)
-    peer_s = errors.pop("mujoco.sysid")
-    for name, error in errors.items():
-        measured(f"error of output error {name}", error / peer_s)
+    errors = [_error(fit()) for fit in (from_logs, from_start)]  # compiles
+    seconds = least_seconds(from_logs, from_start)
+    fit = peer(logs)
+    (theirs,) = least_seconds(lambda: found.append(fit()), repeats=1)
+    ratios = [theirs / each for each in seconds] + [each / _error(found[0]) for each in errors]
+    measured(dict(zip(SYSID, ratios, strict=True)))
 
 
-def test_one_log_without_a_known_mass_is_refused_here_and_answered_there(logs):
+def test_one_log_without_a_known_mass_is_refused_here_and_answered_there(logs, peer):
     with pytest.raises(IdentifiabilityError, match="common factor"):
         OutputError()(DataSet.of(logs[:1]))
-    assert np.isfinite(_peer(logs[:1])()).all()
+    assert np.isfinite(peer(logs[:1])()).all()
