@@ -24,7 +24,7 @@ from butterfly.logs.mcap import read_mcap
 from butterfly.logs.parquet import read_parquet
 from butterfly.model.parameters import AddedMass
 from tests.fuzz.escape import escape_of
-from tests.logs.bags import JOINT_STATE
+from tests.logs.written import JOINT_STATE
 
 _TIME = np.arange(40) * 0.01
 MATRIX = np.column_stack([_TIME, np.sin(_TIME), np.cos(_TIME), np.sin(2 * _TIME)])

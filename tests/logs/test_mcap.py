@@ -10,7 +10,7 @@ from butterfly.errors import InputError
 from butterfly.logs.formats import read_log
 from butterfly.logs.log import InputKind
 from butterfly.logs.mcap import _columns
-from tests.logs.bags import JOINT_STATE
+from tests.logs.written import JOINT_STATE
 
 Writer = pytest.importorskip("mcap_ros2.writer").Writer
 
