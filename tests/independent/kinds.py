@@ -26,7 +26,7 @@ from tests.independent.bodies import (
     with_gain,
     write_set,
 )
-from tests.independent.drives import chirp, log_uniform, multisine, stairs, steps, still
+from tests.independent.drives import chirp, log_uniform, multisine, sine, stairs, steps, still
 from tests.independent.integrator import Law
 
 _SWING = 2.0  # rad, widest of a robot that is driven about its rest
@@ -152,12 +152,8 @@ def sines(rng, body, each):
     runs = []
     for mass, omega, swing in aims:
         size = body.torque_of(mass, omega, swing)
-        runs.append(Run(mass=mass, torque=_sine(size, omega), size=size, omega=omega))
+        runs.append(Run(mass=mass, torque=sine(size, omega), size=size, omega=omega))
     return body, runs, [run.size for run in runs]
-
-
-def _sine(size, omega):
-    return lambda time: size * np.sin(omega * time)
 
 
 def _moved(rng, body, number, each):

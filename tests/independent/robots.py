@@ -24,7 +24,7 @@ from tests.independent.bodies import (
     moves,
     with_gain,
 )
-from tests.independent.drives import chirp, clock, log_uniform, multisine
+from tests.independent.drives import chirp, clock, log_uniform, multisine, sine
 from tests.independent.integrator import Joint, motion
 
 FAMILIES = "ABC"
@@ -133,13 +133,7 @@ def _sines(family, body, rng):
 def _sine(body, mass, omega, swing):
     size, loaded = body.torque_of(mass, omega, swing), body.carrying(mass)
     rest = math.asin(loaded.bias / loaded.gravity)
-    return Run(
-        mass=mass,
-        torque=lambda time: size * np.sin(omega * time),
-        size=size,
-        omega=omega,
-        start=rest,
-    )
+    return Run(mass=mass, torque=sine(size, omega), size=size, omega=omega, start=rest)
 
 
 def _with_other_terms(body, drive, speed, rng):

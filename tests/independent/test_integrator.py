@@ -9,26 +9,10 @@ from scipy.integrate import solve_ivp
 
 from tests.independent.integrator import Joint, Law, motion, tracking
 
-JOINT = Joint(
-    inertia=3e-3,
-    viscous=1e-3,
-    gravity=0.04,
-    gain=0.02,
-    drag=2e-4,
-    back_emf=5e-4,
-    bias=1e-3,
-    gravity_beside=2e-3,
-    delay=3.3e-3,
-)
-SHAKEN = JOINT._replace(
-    base=0.5,
-    base_viscous=0.4,
-    base_spring=300.0,
-    imbalance=0.01,
-    spring=0.01,
-    spring_rest=0.2,
-    wear=-0.1,
-)
+OTHERS = {"drag": 2e-4, "back_emf": 5e-4, "bias": 1e-3, "gravity_beside": 2e-3, "delay": 3.3e-3}
+JOINT = Joint(inertia=3e-3, viscous=1e-3, gravity=0.04, gain=0.02, **OTHERS)
+BASE = {"base": 0.5, "base_viscous": 0.4, "base_spring": 300.0, "imbalance": 0.01}
+SHAKEN = JOINT._replace(**BASE, spring=0.01, spring_rest=0.2, wear=-0.1)
 DRY = JOINT._replace(gain=1e-2, coulomb=4e-3, excess=1e-3, excess_velocity=0.1)
 
 

@@ -127,14 +127,8 @@ def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bi
         free = v + step * (pull - gravity * math.sin(x)) / inertia
         v = free - min(max(free, -step * backwards / inertia), step * forwards / inertia)
         x += step * v
-    same = LumpedParameters(
-        p1=inertia,
-        p2=0.0,
-        p3=gravity,
-        p4=1.0,
-        coulomb=(forwards + backwards) / 2,
-        bias=-(forwards - backwards) / 2,
-    )
+    dry = {"coulomb": (forwards + backwards) / 2, "bias": -(forwards - backwards) / 2}
+    same = LumpedParameters(p1=inertia, p2=0.0, p3=gravity, p4=1.0, **dry)
     coarse = time[::50]
     middle = torque[25::50][: coarse.size - 1]
     inputs = np.column_stack([torque[::50][:-1], middle, torque[::50][1:]])
