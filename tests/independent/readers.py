@@ -53,6 +53,7 @@ def text(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None, S
     sign = separator.strip(" ")
     if not sign:
         names = tuple(each.replace(" ", "_") for each in names)
+    if sign != separator:  # an empty cell or NA among blanks is refused
         columns = {name: np.nan_to_num(each) for name, each in columns.items()}
     frame = pd.DataFrame(dict(zip(names, columns.values(), strict=True)))
     if rng.random() < 0.5:
@@ -66,7 +67,7 @@ def text(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None, S
     units = dict(zip(names, ("s", "V", "rad"), strict=True))
     told = [shown, [units.get(name, "-") for name in frame]][: rng.integers(1, 3)]
     form = ("%.17g", "%.6f", "%.9e", "%r")[rng.integers(4)]
-    lost = ("", "nan", "NaN", "NA")[rng.integers(4 if sign == separator else 3)]  # no " NA"
+    lost = ("", "nan", "NaN", "NA")[rng.integers(4)]
 
     def cell(value: object) -> str:
         if not isinstance(value, float):
