@@ -56,9 +56,14 @@ def real_manifest(logs_folder):
 
 
 @pytest.fixture(scope="session")
-def real(real_manifest):
+def real_data(real_manifest):
+    return read_data_set(real_manifest)
+
+
+@pytest.fixture(scope="session")
+def real(real_data):
     """The default identification of the real logs."""
-    return identify(read_data_set(real_manifest))
+    return identify(real_data)
 
 
 @pytest.fixture

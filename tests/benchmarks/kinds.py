@@ -43,10 +43,11 @@ def score(kind, number, method, seed):
     """Identify a robot as its owner would."""
     robot = draw(kind, number, seed)
     asked = {name: value for name, value in robot.truth.items() if name not in robot.known}
+    heaviest = robot.body.heaviest
     named = {"family": kind, "number": number, "repeat": 0, "method": method}
     with tempfile.TemporaryDirectory() as folder:
         robot.write(Path(folder))
-        each = scored(lambda: bf.identify(folder, *METHODS[method]), asked, robot.heaviest, **named)
+        each = scored(lambda: bf.identify(folder, *METHODS[method]), asked, heaviest, **named)
     return replace(each, refused=each.refused.replace(f"{folder}/", ""))
 
 

@@ -3,41 +3,26 @@
 from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
-from pathlib import Path
 
 from tests.fuzz import files, results, values
 
-Sound = tuple[bytes, Callable[[bytes, Path], str]]
-
 KINDS = (
-    "mat",
-    "csv",
-    "parquet",
-    "experiment",
-    "manifest",
-    "results",
-    "saved",
-    "values",
-    "json",
+    *("mat", "csv", "parquet", "json", "experiment", "manifest"),
+    *("results", "saved", "values"),
 )
 KINDS += ("mcap",) if find_spec("mcap_ros2") else ()
 """Their names."""
 
 
 @cache
-def sounds_of(kind: str) -> list[Sound]:
+def sounds_of(kind: str) -> list[files.Sound]:
     """Return sound contents of a kind, each with what tells what escapes of a damaged one."""
-    if kind == "results":
-        return results.sounds()
-    contents, escapes = {
-        "mat": lambda: (files.mats(), files.mat_escapes),
-        "csv": lambda: (files.CSV, files.csv_escapes),
-        "parquet": lambda: (files.parquets(), files.parquet_escapes),
-        "mcap": lambda: (files.bags(), files.mcap_escapes),
-        "json": lambda: (files.JSON, files.json_escapes),
-        "experiment": lambda: (files.EXPERIMENTS, files.experiment_escapes),
-        "manifest": lambda: (files.MANIFESTS, files.manifest_escapes),
-        "saved": lambda: ([results.saved()], results.saved_escapes),
-        "values": lambda: ([bytes(range(32))], values.escapes),
-    }[kind]()
-    return [(content, escapes) for content in contents]
+    made: dict[str, Callable[[], list[files.Sound]]] = {
+        "mcap": files.bags,
+        "experiment": lambda: [(each, files.experiment_escapes) for each in files.EXPERIMENTS],
+        "manifest": lambda: [(each, files.manifest_escapes) for each in files.MANIFESTS],
+        "results": results.sounds,
+        "saved": lambda: [(results.saved(), results.saved_escapes)],
+        "values": lambda: [(bytes(range(32)), values.escapes)],
+    }
+    return made[kind]() if kind in made else files.logs(kind)

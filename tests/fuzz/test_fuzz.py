@@ -10,8 +10,8 @@ from tests.fuzz.kinds import KINDS, sounds_of
 WORKED = {"results", "saved", "values"}
 """Kinds that commands work with, and do not only read."""
 
-CASES = dict.fromkeys(KINDS, 188) | {"results": 25, "saved": 25, "values": 10}
-"""A thousand in all."""
+CASES = dict.fromkeys(KINDS, 80) | {"experiment": 40, "manifest": 50}
+CASES |= {"results": 20, "saved": 20, "values": 10}
 
 
 @pytest.mark.parametrize(

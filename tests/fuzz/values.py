@@ -7,86 +7,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.fuzz.escape import escape_of_command
+from tests.independent.integrator import Joint, motion
 
 Table = NDArray[np.float64]
 
-_P1, _P2, _P3, _P4 = 0.011, 0.01, 0.3, 0.05
+_JOINT = Joint(inertia=0.011, viscous=0.01, gravity=0.3, gain=0.05)
 _METHODS = ("auto", "output-error", "weak-form", "harmonic-balance", "linear")
 
 
 def _sound(rng: np.random.Generator) -> Table:
-    """Time, input and angle of a joint that swings, by a method of its own; columns t, u, q."""
-    step, count = 0.005, int(rng.integers(20, 1500))
-    time = step * np.arange(count)
+    """Time, input and angle of a joint that swings; columns t, u, q."""
+    time = 0.005 * np.arange(int(rng.integers(20, 1500)))
     inputs = np.sin(rng.uniform(1, 8) * time) * (rng.random() > 0.2)
-    angle, speed = rng.choice([0.0, 0.4]), 0.0
-    angles = np.empty(count)
-    for k in range(count):
-        angles[k] = angle
-        torque = _P4 * inputs[k] - _P2 * speed - _P3 * np.sin(angle)
-        speed += step * torque / _P1
-        angle += step * speed
+    angles, _ = motion(_JOINT, time, inputs, float(rng.choice([0.0, 0.4])))
     return np.column_stack([time, inputs, np.round(angles, 4)])
 
 
-def _scaled(table: Table, rng: np.random.Generator) -> Table:
-    table[:, rng.integers(3)] *= rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-300, 300)
-    return table
+def _sized(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(low, high))
 
 
-def _in_other_units(table: Table, rng: np.random.Generator) -> Table:
-    table[:, rng.integers(3)] *= rng.choice([1e-3, 1e3, 1e6, 180 / np.pi, -1.0, 650.0])
-    return table
+def _holed(column: Table, rng: np.random.Generator) -> Table:
+    column[rng.integers(len(column), size=3)] = rng.choice([np.nan, np.inf, -np.inf, 1e308, 0.0])
+    return column
 
 
-def _shifted(table: Table, rng: np.random.Generator) -> Table:
-    table[:, rng.integers(3)] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-3, 20)
-    return table
+def _constant(column: Table, rng: np.random.Generator) -> Table:
+    first = rng.integers(len(column))
+    column[first:] = column[first]
+    return column
 
 
-def _holed(table: Table, rng: np.random.Generator) -> Table:
-    rows = rng.integers(len(table), size=rng.integers(1, 5))
-    table[rows, rng.integers(3)] = rng.choice([np.nan, np.inf, -np.inf, 1e308, -1e150, 0.0])
-    return table
+def _coarse(column: Table, rng: np.random.Generator) -> Table:
+    step = abs(_sized(rng, -3, 2))
+    return np.round(column / step) * step
 
 
-def _constant(table: Table, rng: np.random.Generator) -> Table:
-    first = rng.integers(len(table) - 1)
-    table[first:, rng.integers(3)] = table[first, rng.integers(3)]
-    return table
-
-
-def _swapped(table: Table, rng: np.random.Generator) -> Table:
-    return table[:, rng.permutation(3)]
-
-
-def _torn(table: Table, rng: np.random.Generator) -> Table:
-    first = rng.integers(len(table))
-    return np.concatenate([table[first:], table[:first]])
-
-
-def _cut(table: Table, rng: np.random.Generator) -> Table:
-    return table[: rng.integers(1, len(table) + 1)]
-
-
-def _repeated(table: Table, rng: np.random.Generator) -> Table:
-    return np.repeat(table, rng.integers(1, 4), axis=0)
-
-
-def _coarse(table: Table, rng: np.random.Generator) -> Table:
-    column, step = rng.integers(3), 10.0 ** rng.uniform(-3, 2)
-    table[:, column] = np.round(table[:, column] / step) * step
-    return table
-
-
-def _noisy(table: Table, rng: np.random.Generator) -> Table:
-    table[:, rng.integers(3)] += 10.0 ** rng.uniform(-4, 3) * rng.normal(size=len(table))
-    return table
-
-
-_MISFORTUNES: tuple[Callable[[Table, np.random.Generator], Table], ...] = (
-    *(_scaled, _in_other_units, _shifted, _holed, _constant, _swapped),
-    *(_torn, _cut, _repeated, _coarse, _noisy),
+_OF_A_COLUMN: tuple[Callable[[Table, np.random.Generator], Table], ...] = (
+    lambda column, rng: column * _sized(rng, -300, 300),
+    lambda column, rng: column * rng.choice([1e-3, 1e3, 1e6, 180 / np.pi, -1.0, 650.0]),
+    lambda column, rng: column + _sized(rng, -3, 20),
+    lambda column, rng: column + _sized(rng, -4, 3) * rng.normal(size=len(column)),
+    *(_holed, _constant, _coarse),
+)
+_OF_A_TABLE: tuple[Callable[[Table, np.random.Generator], Table], ...] = (
+    lambda table, rng: table[:, rng.permutation(3)],
+    lambda table, rng: np.roll(table, rng.integers(len(table)), axis=0),
+    lambda table, rng: table[: rng.integers(1, len(table) + 1)],
+    lambda table, rng: np.repeat(table, rng.integers(1, 4), axis=0),
 )
 
 
@@ -94,7 +62,11 @@ _MISFORTUNES: tuple[Callable[[Table, np.random.Generator], Table], ...] = (
 def _senseless(rng: np.random.Generator) -> Table:
     table = _sound(rng)
     for _ in range(rng.integers(1, 3)):
-        table = _MISFORTUNES[rng.integers(len(_MISFORTUNES))](table, rng)
+        if rng.random() < 0.4:
+            table = _OF_A_TABLE[rng.integers(len(_OF_A_TABLE))](table, rng)
+        else:
+            column, way = rng.integers(3), _OF_A_COLUMN[rng.integers(len(_OF_A_COLUMN))]
+            table[:, column] = way(table[:, column], rng)
     return table
 
 

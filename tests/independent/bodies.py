@@ -1,9 +1,11 @@
 """Random joints that turn or slide, and recordings of them as an encoder sees them."""
 
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ GRAVITY = 9.81
 MOST_FRICTION = 0.3  # Coulomb torque over the drive's amplitude, in every log
 
 _LEAST_MOTION = 1e-3  # rad rms in the second half of a driven log, and three steps of the encoder
+
+Table = Mapping[str, NDArray[np.float64]]
 
 _NAMES = {
     "p1": "inertia",
@@ -75,6 +79,11 @@ class Body:
         """Return it with other parameters of the joint."""
         return replace(self, joint=self.joint._replace(**torques))
 
+    @property
+    def heaviest(self) -> float:
+        """Largest added gravity moment in N m, as the size of p3's errors."""
+        return max(each.mass * self.gravity * each.arm for each in self.masses)
+
     def truth(self) -> dict[str, float]:
         """Return the parameters by the names that the program gives them."""
         return {name: float(getattr(self.joint, each)) for name, each in _NAMES.items()}
@@ -94,7 +103,7 @@ class Run:
     plan: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ...]] | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Recording:
     """(n,) stamps in s, inputs, the encoder's readings in rad or m, and what was carried.
 
@@ -234,15 +243,8 @@ def record(
             count=encoder.count,
         )
         _, velocity, inputs, readings = tracking(joint, law, plan, run.start)
-    return Recording(
-        time=stamps,
-        input=inputs,
-        angle=readings,
-        mass=run.mass,
-        omega=run.omega,
-        amplitude=run.size / joint.gain if run.omega else None,
-        velocity=velocity,
-    )
+    amplitude = run.size / joint.gain if run.omega else None
+    return Recording(stamps, inputs, readings, run.mass, run.omega, amplitude, velocity)
 
 
 def moves(body: Body, recording: Recording, encoder: Encoder, widest: float) -> bool:
@@ -251,3 +253,17 @@ def moves(body: Body, recording: Recording, encoder: Encoder, widest: float) -> 
     later = angle[angle.size // 2 :] if np.ptp(recording.input) else angle
     least = max(_LEAST_MOTION * body.reach, 3.0 * encoder.count)
     return bool(np.abs(angle).max() < widest * body.reach and np.std(later) > least)
+
+
+def entry_of(mass: Mass) -> dict[str, float]:
+    """Return what a manifest's entry says of an added mass."""
+    return {key: x for key, x in zip(("added_mass", "arm"), mass, strict=True) if x}
+
+
+def write_set(folder: Path, manifest: dict[str, Any], tables: Sequence[Table], form: str) -> None:
+    """Write each table of columns, and a manifest (YAML that is JSON)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, columns in enumerate(tables):
+        rows, head = np.column_stack([*columns.values()]), ",".join(columns)
+        np.savetxt(folder / f"{k}.csv", rows, form, ",", header=head, comments="")
+    (folder / "manifest.yaml").write_text(json.dumps(manifest, indent=1), encoding="utf-8")

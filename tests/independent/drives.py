@@ -16,6 +16,11 @@ def clock(rng, duration, step, jitter):
     return np.concatenate([[0.0], np.cumsum(np.maximum(cycles, 0.1 * step))])
 
 
+def sine(size, omega):
+    """Return a sine."""
+    return lambda time: size * np.sin(omega * time)
+
+
 def multisine(pace, size, rng):
     """Six sines about an angular frequency, ``size`` together as far as phases are random."""
     omegas = pace * log_uniform(rng, 0.4, 2.2, 6)

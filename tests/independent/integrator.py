@@ -1,16 +1,17 @@
 """A joint that shares no code with the program: RK4 between events, stick and slip found exactly.
 
     inertia thdd + (viscous + drag |thd|) thd + gravity sin th + gravity_beside cos th + friction
-        + spring (th - spring_rest) + imbalance cos th xdd = gain u(t - delay) + bias
+        + spring (th - spring_rest) + imbalance cos th xdd = motor
     base xdd + base_viscous xd + base_spring x + imbalance (cos th thdd - sin th thd^2) = 0
 
-Friction is coulomb + excess exp(-(thd/excess_velocity)^2) against the motion; at rest it holds up
-to coulomb + excess. All that damps the joint changes by a share ``wear`` a second. The base is one
-that moves sideways by x where it has a mass, at rest in the beginning; ``imbalance`` is the joint's
-first moment in kg m. The input is held from stamp to stamp, 0 before the first. A step ends where a
-stamp, a change of the input or a zero of the velocity is: the torque is constant within it, so that
-a joint at rest slips at the beginning of a step or not at all. The input is given, or a law makes
-it at every stamp of what an encoder reads there.
+The motor gives gain u(t - delay) + bias - back_emf thd. Friction is coulomb + excess
+exp(-(thd/excess_velocity)^2) + |motor_friction motor + load_friction gravity sin th| against the
+motion; at rest it holds up to that. All that damps the joint changes by a share ``wear`` a second.
+The base is one that moves sideways by x where it has a mass, at rest in the beginning;
+``imbalance`` is the joint's first moment in kg m. The input is held from stamp to stamp, 0 before
+the first. A step ends where a stamp, a change of the input or a zero of the velocity is: the torque
+is constant within it, so that a joint at rest slips at the beginning of a step or not at all. The
+input is given, or a law makes it at every stamp of what an encoder reads there.
 """
 
 import math
@@ -46,6 +47,9 @@ class Joint(NamedTuple):
     base_viscous: float = 0.0
     base_spring: float = 0.0
     imbalance: float = 0.0
+    back_emf: float = 0.0
+    motor_friction: float = 0.0
+    load_friction: float = 0.0
 
 
 class Law(NamedTuple):
@@ -109,7 +113,7 @@ def _to_next_stamp(joint, driven, now_and_latest, step):
         load = torque, 1.0 + joint.wear * (0.5 * (now + stop) - stamps[0])
         count = math.ceil((stop - now) / step)
         for _ in range(count):
-            state = _advance(joint, state, load, (stop - now) / count)
+            state = advance(joint, state, load, (stop - now) / count)
         now = stop
     return state, latest
 
@@ -137,13 +141,13 @@ def _tracking(joint, law, plan, start, step):
 
 
 @numba.njit(cache=True)
-def _advance(joint, state, load, h):
+def advance(joint, state, load, h):
     """Return the state h s later, under a torque and a share of friction that are constant."""
     while h > 0.0:
         direction = np.sign(state[1])
         if direction == 0.0:
             free = _free_torque(joint, state, load)
-            if abs(free) > load[1] * (joint.coulomb + joint.excess):
+            if abs(free) > load[1] * _level(joint, state, load[0]):
                 direction = np.sign(free)
         later = _runge_kutta(joint, state, (direction, load), h)
         if direction == 0.0 or later[1] * direction >= 0.0:
@@ -190,11 +194,10 @@ def _rates(joint, state, acting):
     (x, v, _, w), (direction, load) = state, acting
     if direction == 0.0:  # friction holds it
         return 0.0, 0.0, w, _base_force(joint, state) / max(joint.base, 1e-300)
-    friction = joint.coulomb
-    if joint.excess > 0.0:
-        friction += joint.excess * math.exp(-((v / joint.excess_velocity) ** 2))
-    braking = (joint.viscous + joint.drag * abs(v)) * v + direction * friction
-    torque = load[0] + _gravity(joint, x) - load[1] * braking
+    motor = load[0] - joint.back_emf * v
+    level = _level(joint, state, motor)
+    braking = (joint.viscous + joint.drag * abs(v)) * v + direction * level
+    torque = motor + _gravity(joint, x) - load[1] * braking
     if joint.base == 0.0:
         return v, torque / joint.inertia, 0.0, 0.0
     arm, force = joint.imbalance * math.cos(x), _base_force(joint, state)
@@ -205,6 +208,17 @@ def _rates(joint, state, acting):
         w,
         (joint.inertia * force - arm * torque) / whole,
     )
+
+
+@numba.njit(cache=True)
+def _level(joint, state, motor):
+    """Return the friction in N m under a motor's torque."""
+    level, by_load = joint.coulomb, joint.load_friction * joint.gravity
+    if by_load > 0.0 or joint.motor_friction > 0.0:
+        level += abs(joint.motor_friction * motor + by_load * math.sin(state[0]))
+    if joint.excess > 0.0:
+        level += joint.excess * math.exp(-((state[1] / joint.excess_velocity) ** 2))
+    return level
 
 
 @numba.njit(cache=True)

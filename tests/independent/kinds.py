@@ -4,7 +4,6 @@
 the program is used: what it reads are files.
 """
 
-import json
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,39 +18,46 @@ from tests.independent.bodies import (
     Recording,
     Run,
     dry,
+    entry_of,
     hinge,
     moves,
     record,
     slide,
     with_gain,
+    write_set,
 )
-from tests.independent.drives import chirp, log_uniform, multisine, stairs, steps, still
+from tests.independent.drives import chirp, log_uniform, multisine, sine, stairs, steps, still
 from tests.independent.integrator import Law
 
-_ATTEMPTS = 1000
 _SWING = 2.0  # rad, widest of a robot that is driven about its rest
 _TRAVEL = 30.0  # rad, of a joint that gravity does not bring back
 _TURNS = 25.0  # rad, of a swing through the upright
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class RobotOfKind:
-    """What was drawn."""
+    """What was drawn: body, encoder, one file of each recording, and what the owner says."""
 
-    kind: str
-    number: int
-    seed: int
-    truth: dict[str, float]  # parameters by name, in SI units
-    zero: float  # of the encoder in rad or m, but for whole turns
-    heaviest: float  # largest added gravity moment in N m, as the size of p3's errors
-    owner: dict[str, Any]  # keys of the manifest, all but the logs
-    recordings: tuple[Recording, ...]  # one file each,
-    parts: tuple[tuple[int, dict[str, Any]], ...]  # and its number with further keys of an entry
+    body: Body
+    encoder: Encoder
+    recordings: list[Recording]
+    widest: float  # rad, beyond which it is drawn again
+    owner: dict[str, Any] = field(default_factory=dict)  # keys of the manifest, all but the logs
+    # numbers of recordings with further keys of an entry; each once where there are none
+    parts: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
+    accepted: bool = True
+    kind: str = ""
+    number: int = 0
 
     @property
-    def name(self) -> str:
-        """Of the data set."""
-        return f"{self.kind} {self.number}"
+    def truth(self) -> dict[str, float]:
+        """Parameters by name, in SI units."""
+        return self.body.truth()
+
+    @property
+    def zero(self) -> float:
+        """Of the encoder in rad or m, but for whole turns."""
+        return self.encoder.zero
 
     @property
     def known(self) -> frozenset[str]:
@@ -62,67 +68,32 @@ class RobotOfKind:
         return frozenset(exact | ({"p3"} if weightless else set()))
 
     def write(self, folder: Path) -> None:
-        """Write the logs and their manifest (YAML that is JSON)."""
-        folder.mkdir(parents=True, exist_ok=True)
-        for k, each in enumerate(self.recordings):
-            rows = np.column_stack([each.time, each.input, getattr(each, each.seen)])
-            head = {"header": f"time,input,{each.seen}", "comments": ""}
-            np.savetxt(folder / f"{k}.csv", rows, fmt="%.12g", delimiter=",", **head)
-        manifest = self.owner | {"name": self.name, "logs": [*self._entries()]}
-        (folder / "manifest.yaml").write_text(json.dumps(manifest, indent=1), encoding="utf-8")
+        """Write the logs and their manifest."""
+        tables = [
+            {name: getattr(log, name) for name in ("time", "input", log.seen)}
+            for log in self.recordings
+        ]
+        told = {"input": "torque"} | self.owner | {"name": f"{self.kind} {self.number}"}
+        write_set(folder, told | {"logs": [*self._entries()]}, tables, "%.12g")
 
     def _entries(self):
-        for k, keys in self.parts:
+        for k, keys in self.parts or [(k, {}) for k in range(len(self.recordings))]:
             log = self.recordings[k]
-            entry = {"file": f"{k}.csv", **keys}
-            if log.mass.mass:
-                entry["added_mass"] = log.mass.mass
-                if log.mass.arm:
-                    entry["arm"] = log.mass.arm
+            entry = {"file": f"{k}.csv", **keys, **entry_of(log.mass)}
             if log.omega:
                 entry |= {"omega": log.omega, "amplitude": log.amplitude}
             yield entry
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Drawn:
-    """A robot on its way: body, encoder, recordings, and what its owner says."""
-
-    body: Body
-    encoder: Encoder
-    recordings: list[Recording]
-    widest: float
-    owner: dict[str, Any] = field(default_factory=dict)
-    parts: list[tuple[int, dict[str, Any]]] | None = None
-    accepted: bool = True
-
-
 def draw(kind: str, number: int, seed: int = 1) -> RobotOfKind:
     """Return a robot that these alone determine."""
     rng = np.random.default_rng([seed, list(KINDS).index(kind), number])
-    for _ in range(_ATTEMPTS):
-        drawn = KINDS[kind](rng, number)
-        if drawn.accepted and all(
-            moves(drawn.body, each, drawn.encoder, drawn.widest) for each in drawn.recordings
+    while True:
+        made = KINDS[kind](rng, number)
+        if made.accepted and all(
+            moves(made.body, each, made.encoder, made.widest) for each in made.recordings
         ):
-            return _told(kind, number, seed, drawn)
-    raise RuntimeError(f"no robot {kind} {number} of seed {seed} moves as it should")
-
-
-def _told(kind, number, seed, drawn):
-    body = drawn.body
-    parts = drawn.parts or [(k, {}) for k in range(len(drawn.recordings))]
-    return RobotOfKind(
-        kind=kind,
-        number=number,
-        seed=seed,
-        truth=body.truth(),
-        zero=float(drawn.encoder.zero),
-        heaviest=max(each.mass * body.gravity * each.arm for each in body.masses),
-        owner={"input": "torque"} | drawn.owner,
-        recordings=tuple(drawn.recordings),
-        parts=tuple(parts),
-    )
+            return replace(made, kind=kind, number=number)
 
 
 # What several kinds have in common
@@ -181,12 +152,8 @@ def sines(rng, body, each):
     runs = []
     for mass, omega, swing in aims:
         size = body.torque_of(mass, omega, swing)
-        runs.append(Run(mass=mass, torque=_sine(size, omega), size=size, omega=omega))
+        runs.append(Run(mass=mass, torque=sine(size, omega), size=size, omega=omega))
     return body, runs, [run.size for run in runs]
-
-
-def _sine(size, omega):
-    return lambda time: size * np.sin(omega * time)
 
 
 def _moved(rng, body, number, each):
@@ -213,8 +180,7 @@ def _recorded(rng, body, runs, encoder):
 def _plain(rng, body, runs, widest, **owner):
     """A robot whose encoder's zero is within half a rad."""
     encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5), body.reach)
-    recordings = _recorded(rng, body, runs, encoder)
-    return _Drawn(body=body, encoder=encoder, recordings=recordings, widest=widest, owner=owner)
+    return RobotOfKind(body, encoder, _recorded(rng, body, runs, encoder), widest, owner)
 
 
 # The kinds
@@ -268,7 +234,7 @@ def _pieces(rng, number):
         for run in runs
     ]
     cuts = [_cuts(rng, log.time[-1], 9 // masses) for log in whole]
-    owner, files, parts = {"known": known} if known else {}, whole, None
+    owner, files, parts = {"known": known} if known else {}, whole, []
     way = number // 2 % 3
     if way == 0:
         files = [_cut(log, *cut) for log, those in zip(whole, cuts, strict=True) for cut in those]
@@ -283,9 +249,7 @@ def _pieces(rng, number):
             for log, those in zip(whole, cuts, strict=True)
         ]
         owner["split"] = "restarts"
-    return _Drawn(
-        body=body, encoder=encoder, recordings=files, widest=_SWING, owner=owner, parts=parts
-    )
+    return RobotOfKind(body, encoder, files, _SWING, owner, parts)
 
 
 def _cuts(rng, end, count):
@@ -382,7 +346,7 @@ def _anywhere(rng, number):
         replace(log, angle=log.angle + 2.0 * np.pi * int(rng.integers(-2, 3)))
         for log in _recorded(rng, body, runs, encoder)
     ]
-    return _Drawn(body=body, encoder=encoder, recordings=recordings, widest=_TURNS + 4 * np.pi)
+    return RobotOfKind(body, encoder, recordings, _TURNS + 4 * np.pi)
 
 
 def _wrapped(rng, number):
@@ -395,14 +359,8 @@ def _wrapped(rng, number):
         replace(log, angle=lowest + (log.angle - lowest) % (2.0 * np.pi)) for log in recordings
     ]
     jumps = any(np.abs(np.diff(log.angle)).max() > np.pi for log in wrapped)
-    return _Drawn(
-        body=body,
-        encoder=encoder,
-        recordings=wrapped,
-        widest=np.inf,
-        accepted=within and jumps,
-        owner={"repair": ["unwrap"]},
-    )
+    owner = {"repair": ["unwrap"]}
+    return RobotOfKind(body, encoder, wrapped, np.inf, owner, accepted=within and jumps)
 
 
 def _units(rng, number):
@@ -427,18 +385,9 @@ def _units(rng, number):
         )
         for log in recordings
     ]
-    return _Drawn(
-        body=body,
-        encoder=encoder,
-        recordings=recordings,
-        widest=np.inf,
-        accepted=accepted,
-        owner={
-            "input": "torque" if known else "voltage",
-            "units": {"time": "ms", "input": unit, "angle": "deg", "mass": "g", "arm": "mm"},
-            **known,
-        },
-    )
+    units = {"time": "ms", "input": unit, "angle": "deg", "mass": "g", "arm": "mm"}
+    told = {"input": "torque" if known else "voltage", "units": units, **known}
+    return RobotOfKind(body, encoder, recordings, np.inf, told, accepted=accepted)
 
 
 def _three_masses(rng, number, zero, *, swings):

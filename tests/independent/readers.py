@@ -4,7 +4,6 @@ python -m tests.independent.readers --files 2000 --seed 7
 """
 
 import argparse
-import io
 import json
 import sys
 import tempfile
@@ -21,10 +20,12 @@ from scipy.io import loadmat, savemat
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import read_log
+from tests.logs.written import mat73, put73
 
 FIELDS = ("time", "input", "angle")
 NAMES = (FIELDS, ("t", "u", "q"), ("Zeit", "Spannung_1", "Lage der Hand"), ("t_s", "cmd", "pos"))
 DIALECTS = ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (" ", "."), ("  ", ","))
+DIALECTS += ((", ", "."), (" ; ", ","))
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1")
 KINDS = (np.float64, np.float32, np.int16, np.int32, np.int64, np.uint8)
 
@@ -49,17 +50,22 @@ def text(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None, S
     columns = columns_of(rng, missing=True)
     names = NAMES[rng.integers(len(NAMES))]
     separator, decimal = DIALECTS[rng.integers(len(DIALECTS))]
-    if " " in separator:
+    sign = separator.strip(" ")
+    if not sign:
         names = tuple(each.replace(" ", "_") for each in names)
+    if sign != separator:  # an empty cell or NA among blanks is refused
         columns = {name: np.nan_to_num(each) for name, each in columns.items()}
     frame = pd.DataFrame(dict(zip(names, columns.values(), strict=True)))
     if rng.random() < 0.5:
         frame.insert(int(rng.integers(4)), "count", np.arange(len(frame)))
-    if rng.random() < 0.3 and " " not in separator:
+    if rng.random() < 0.3 and sign:
         frame.insert(int(rng.integers(len(frame.columns) + 1)), "note", "läuft")
     frame = frame[list(rng.permutation(frame.columns))]
     head = [f"{mark}Messung 4, 20 °C" for mark in ("# ", "% ", "// ")[: rng.integers(4)]]
-    shown = [f'"{name}"' if " " not in separator and rng.random() < 0.3 else name for name in frame]
+    shown = [f'"{name}"' if sign and rng.random() < 0.3 else name for name in frame]
+    shown = [f" {name}  " if sign and rng.random() < 0.3 else name for name in shown]
+    units = dict(zip(names, ("s", "V", "rad"), strict=True))
+    told = [shown, [units.get(name, "-") for name in frame]][: rng.integers(1, 3)]
     form = ("%.17g", "%.6f", "%.9e", "%r")[rng.integers(4)]
     lost = ("", "nan", "NaN", "NA")[rng.integers(4)]
 
@@ -68,19 +74,19 @@ def text(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None, S
             return str(value)
         return lost if np.isnan(value) else (form % value).replace(".", decimal)
 
-    rows = [separator.join(map(cell, row)) for row in frame.itertuples(index=False)]
-    lines = [*head, separator.join(shown), *rows, ""]
+    rows = (map(cell, row) for row in frame.itertuples(index=False))
+    lines = [*head, *map(separator.join, [*told, *rows]), ""]
     encoding = ENCODINGS[rng.integers(len(ENCODINGS))]
     path = path.with_suffix((".csv", ".txt", ".dat", ".tsv")[rng.integers(4)])
     path.write_bytes(("\n", "\r\n", "\r")[rng.integers(3)].join(lines).encode(encoding))
-    blanks = r"\s+" if " " in separator else separator
 
     def second(written: Path) -> Columns:
-        found = pd.read_csv(written, sep=blanks, encoding=encoding, skiprows=len(head), dtype=str)
-        texts = (found[name].fillna("nan").str.replace(decimal, ".") for name in names)
-        return {
-            field: np.array([*map(float, own)]) for field, own in zip(FIELDS, texts, strict=True)
-        }
+        how = {"skiprows": len(head) + len(told), "names": [*frame], "index_col": False}
+        how |= {"encoding": encoding, "dtype": str, "keep_default_na": False}
+        found = pd.read_csv(written, sep=sign or r"\s+", **how)
+        texts = (found[name].str.replace(decimal, ".").str.strip() for name in names)
+        numbers = ([float("nan" if x in {"", "NA"} else x) for x in own] for own in texts)
+        return {field: np.array(own) for field, own in zip(FIELDS, numbers, strict=True)}
 
     named = None if names == FIELDS else dict(zip(FIELDS, names, strict=True))
     return named, second, path
@@ -132,7 +138,8 @@ def matlab(rng: np.random.Generator, path: Path) -> tuple[dict[str, Any] | None,
     version = ("4", "5", "packed", "7.3")[rng.integers(4)]
     version = "5" if version == "4" and where else version
     if version == "7.3":
-        _write73(path, content, rng)
+        with mat73(path) as root:
+            put73(root, content, **({}, {"chunks": True}, {"compression": "gzip"})[rng.integers(3)])
     else:
         level = "4" if version == "4" else "5"
         savemat(path, content, format=level, do_compression=version == "packed")
@@ -198,30 +205,6 @@ def _cast(rng: np.random.Generator, columns: dict[str, np.ndarray]) -> dict[str,
         name: rng.integers(least, most, each.size, dtype=kind, endpoint=True)
         for name, each in columns.items()
     }
-
-
-def _write73(path: Path, content: Mapping[str, Any], rng: np.random.Generator) -> None:
-    """Write v7.3 as MATLAB does, whose arrays HDF5 holds turned."""
-    file = io.BytesIO()
-    how = ({}, {"chunks": True}, {"compression": "gzip"})[rng.integers(3)]
-
-    def put(group: Any, values: Mapping[str, Any]) -> None:
-        for name, value in values.items():
-            if isinstance(value, Mapping):
-                below = group.create_group(name)
-                below.attrs["MATLAB_class"] = np.bytes_("struct")
-                put(below, value)
-            elif isinstance(value, str):
-                letters = np.array([[ord(each)] for each in value], np.uint16)
-                group[name] = letters
-                group[name].attrs["MATLAB_class"] = np.bytes_("char")
-            else:
-                group.create_dataset(name, data=np.atleast_2d(value).T, **how)
-
-    with h5py.File(file, "w", userblock_size=512) as root:
-        put(root, content)
-    head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM"
-    path.write_bytes(head + file.getvalue()[len(head) :])
 
 
 WRITERS = {"csv": text, "parquet": table, "mat": matlab, "json": records}

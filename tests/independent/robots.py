@@ -24,14 +24,13 @@ from tests.independent.bodies import (
     moves,
     with_gain,
 )
-from tests.independent.drives import chirp, clock, log_uniform, multisine
+from tests.independent.drives import chirp, clock, log_uniform, multisine, sine
 from tests.independent.integrator import Joint, motion
 
 FAMILIES = "ABC"
 
 _WIDEST = {"A": 1.0, "B": 1.0, "C": 2.0}  # rad, beyond which a robot is drawn again
 _SLOWEST = 1.5  # rad/s, of a sine: a log of 40 s then holds ten periods
-_ATTEMPTS = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +60,7 @@ def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobo
     """Return a robot that these numbers alone determine; ``repeat`` changes its noise only."""
     stream = [seed, FAMILIES.index(family), number]
     rng, noise = np.random.default_rng(stream), np.random.default_rng([*stream, repeat])
-    for _ in range(_ATTEMPTS):
+    while True:
         body, runs = (_other_inputs if family == "C" else _sines)(family, _hand(rng), rng)
         body = with_gain(rng, body, [run.size for run in runs])
         ticks = rng.uniform(1e-3, 5e-3), rng.uniform(0.0, 0.5)
@@ -74,7 +73,6 @@ def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobo
             logs = tuple(log_of(_seen(log, replace(encoder, zero=zero), noise)) for log in clean)
             named = {"family": family, "seed": seed, "number": number, "repeat": repeat}
             return RandomRobot(**named, truth=_truth(body), zero=zero, logs=logs)
-    raise RuntimeError(f"no robot {family}{number} of seed {seed} moves as it should")
 
 
 def log_of(each: Recording, name: str = "") -> Log:
@@ -135,13 +133,7 @@ def _sines(family, body, rng):
 def _sine(body, mass, omega, swing):
     size, loaded = body.torque_of(mass, omega, swing), body.carrying(mass)
     rest = math.asin(loaded.bias / loaded.gravity)
-    return Run(
-        mass=mass,
-        torque=lambda time: size * np.sin(omega * time),
-        size=size,
-        omega=omega,
-        start=rest,
-    )
+    return Run(mass=mass, torque=sine(size, omega), size=size, omega=omega, start=rest)
 
 
 def _with_other_terms(body, drive, speed, rng):

@@ -1,15 +1,11 @@
 """A geared servo in its firmware's loop, simulated with no code of the program.
 
-    inertia thdd + viscous thd + gravity sin th + friction = motor,
-    motor = gain drive - back_emf thd          (0 where the torque is disabled: the bridge is open)
-    friction <= coulomb + |motor_friction motor + load_friction gravity sin th|
-                + excess exp(-(thd/excess_velocity)^2)
-
-RK4 at 100 us between events; a joint that comes to rest stays there until the motor and the load
-break away. The firmware looks at the joint at its own clock, through an encoder of counts, and
-holds its output from ``late`` after the look to ``late`` after the next. The host writes a goal and
-reads the angle at stamps of its own clock; a goal arrives ``delay`` later. Duty is multiplied by a
-supply that sags with the current. The laws (`tests.independent.servos` makes SI units of theirs):
+The joint is that of `tests.independent.integrator` at 100 us; its motor gives nothing where the
+torque is disabled: the bridge is open. The firmware looks at the joint at its own clock, through an
+encoder of counts, and holds its output from ``late`` after the look to ``late`` after the next. The
+host writes a goal and reads the angle at stamps of its own clock; a goal arrives ``delay`` later.
+Duty is multiplied by a supply that sags with the current. The laws (`tests.independent.servos`
+makes SI units of theirs):
 
 - ``dynamixel-x``, position: pwm = P/128 e + I/65536 sum e + D/16 (e - last e), e in counts, duty =
   pwm/885 (ROBOTIS e-manual, X series, "Position PID Gain(80, 82, 84)", "Goal PWM(100)"; an XL330
@@ -35,51 +31,37 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from tests.independent.integrator import advance
+
 STEP = 1e-4
 """Longest step in s."""
 
 PID, DAMPED, CASCADE, VELOCITY = range(4)
 """What firmware does: D of the error, D of the rate, a speed asked for, or a speed followed."""
 
-_HALVINGS = 50  # of a step, to find where the velocity vanishes
 _SHARE = 0.3  # of a new difference in a filtered one
 _DECAY = 0.99  # of a cascade's integral in a tick, while clipped
-
-
-class Servo(NamedTuple):
-    """The joint with its motor, at the output of its gear, in SI units."""
-
-    inertia: float
-    viscous: float
-    back_emf: float
-    gravity: float
-    gain: float
-    coulomb: float
-    excess: float
-    excess_velocity: float
-    motor_friction: float
-    load_friction: float
 
 
 class Firmware(NamedTuple):
     """Its law, gains per rad, rad s and rad/s, and how it looks and acts."""
 
     law: int
-    p: float
-    i: float
-    d: float
-    limit: float
-    speed_limit: float
-    dead_zone: float  # rad, within which nothing is done
     period: float  # s
-    phase: float  # s, of its first look
-    late: float  # s, from a look to the drive
-    delay: float  # s, from the host's write to the firmware
     count: float  # rad, of the encoder
-    zero: float  # rad, that the encoder reads at angle 0
-    bandwidth: float  # rad/s, of the PLL that makes rate and angle; 0: a filtered difference
-    supply: float  # V; 0 where the output is a torque
-    sag: float  # V per unit of duty and N m
+    limit: float
+    p: float = 0.0
+    i: float = 0.0
+    d: float = 0.0
+    speed_limit: float = np.inf
+    dead_zone: float = 0.0  # rad, within which nothing is done
+    phase: float = 0.0  # s, of its first look
+    late: float = 0.0  # s, from a look to the drive
+    delay: float = 0.0  # s, from the host's write to the firmware
+    zero: float = 0.0  # rad, that the encoder reads at angle 0
+    bandwidth: float = 0.0  # rad/s, of the PLL that makes rate and angle; 0: a filtered difference
+    supply: float = 0.0  # V; 0 where the output is a torque
+    sag: float = 0.0  # V per unit of duty and N m
 
 
 def run(servo, firmware, plan, angle=0.0):
@@ -88,18 +70,19 @@ def run(servo, firmware, plan, angle=0.0):
     ``plan`` is (n,) stamps in s, goals, and where the torque is enabled.
     """
     columns = tuple(np.asarray(column, dtype=np.float64) for column in plan)
-    return _run(servo, firmware, columns, float(angle))
+    limp = servo._replace(gain=0.0, back_emf=0.0)
+    return _run((servo, limp), firmware, columns, float(angle))
 
 
 @numba.njit(cache=True)
-def _run(servo, firmware, plan, angle):
-    stamps, goals, enabled = plan
+def _run(servos, firmware, plan, angle):
+    (servo, limp), (stamps, goals, enabled) = servos, plan
     n = stamps.size
     readings, drives, supplies, angles = np.empty(n), np.zeros(n), np.empty(n), np.empty(n)
     ticks = int((stamps[-1] - stamps[0]) / firmware.period) + 2
     outputs, memory = np.zeros(ticks), np.zeros(5)
     memory[2] = _reading(firmware, angle)
-    state, now = (angle, 0.0), stamps[0]
+    state, now = (angle, 0.0, 0.0, 0.0), stamps[0]
     looked = acted = arrived = 0  # looks, outputs and goals so far
     row, goal, on, duty = 0, goals[0], enabled[0] > 0.0, 0.0
     while row < n:
@@ -111,7 +94,10 @@ def _run(servo, firmware, plan, angle):
         then = min(look, act, come, stamps[row])
         supply = _supply(servo, firmware, duty, state[1])
         drive = duty * supply if on else 0.0
-        state = _advance(servo, state, drive, on, then - now)
+        steps = max(1, math.ceil((then - now) / STEP))
+        for _ in range(steps):
+            load = servo.gain * drive, 1.0
+            state = advance(servo if on else limp, state, load, (then - now) / steps)
         if row > 0:
             drives[row - 1] += drive * (then - now)
         now = then
@@ -190,69 +176,3 @@ def _look(firmware, reading, memory):
     gap = reading - memory[2]
     memory[2] += 2.0 * firmware.bandwidth * firmware.period * gap
     memory[3] += firmware.bandwidth**2 * firmware.period * gap
-
-
-@numba.njit(cache=True)
-def _advance(servo, state, drive, on, h):
-    """Return angle and velocity h s later, under a drive that is constant."""
-    steps = max(1, math.ceil(h / STEP))
-    for _ in range(steps):
-        left = h / steps
-        while left > 0.0:
-            way = np.sign(state[1])
-            if way == 0.0:
-                motor, load = _torques(servo, state, drive, on)
-                if abs(motor + load) <= _level(servo, 0.0, motor, load):
-                    break
-                way = np.sign(motor + load)
-            acting = drive, on, way
-            later = _runge_kutta(servo, state, acting, left)
-            if later[1] * way >= 0.0:
-                state = later
-                break
-            early, late = 0.0, left
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (early + late)
-                if _runge_kutta(servo, state, acting, middle)[1] * way > 0.0:
-                    early = middle
-                else:
-                    late = middle
-            if state[1] == 0.0 and early == 0.0:
-                break
-            state = _runge_kutta(servo, state, acting, late)[0], 0.0
-            left -= late
-    return state
-
-
-@numba.njit(cache=True)
-def _runge_kutta(servo, state, acting, h):
-    x, v = state
-    v1, a1 = _rates(servo, (x, v), acting)
-    v2, a2 = _rates(servo, (x + 0.5 * h * v1, v + 0.5 * h * a1), acting)
-    v3, a3 = _rates(servo, (x + 0.5 * h * v2, v + 0.5 * h * a2), acting)
-    v4, a4 = _rates(servo, (x + h * v3, v + h * a3), acting)
-    return x + h / 6.0 * (v1 + 2.0 * (v2 + v3) + v4), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-
-
-@numba.njit(cache=True)
-def _rates(servo, state, acting):
-    (_, v), (drive, on, way) = state, acting
-    motor, load = _torques(servo, state, drive, on)
-    braking = servo.viscous * v + way * _level(servo, v, motor, load)
-    return v, (motor + load - braking) / servo.inertia
-
-
-@numba.njit(cache=True)
-def _torques(servo, state, drive, on):
-    """Torques of motor and gravity in N m, both of the same sense."""
-    motor = servo.gain * drive - servo.back_emf * state[1] if on else 0.0
-    return motor, -servo.gravity * math.sin(state[0])
-
-
-@numba.njit(cache=True)
-def _level(servo, v, motor, load):
-    """Friction in N m under these torques."""
-    level = servo.coulomb + abs(servo.motor_friction * motor - servo.load_friction * load)
-    if servo.excess > 0.0:
-        level += servo.excess * math.exp(-((v / servo.excess_velocity) ** 2))
-    return level

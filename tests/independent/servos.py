@@ -5,25 +5,24 @@ with its loop, as a voltage or torque drive with what the firmware sent, or with
 Nothing of the program is used.
 """
 
-import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tests.independent.bodies import GRAVITY, Mass, entry_of, write_set
 from tests.independent.drives import clock, log_uniform, multisine, steps
-from tests.independent.servo import CASCADE, DAMPED, PID, VELOCITY, Firmware, Servo, run
+from tests.independent.integrator import Joint
+from tests.independent.servo import CASCADE, DAMPED, PID, VELOCITY, Firmware, run
 
-GRAVITY = 9.81
 DURATION = 8.0
 """Of a log, in s."""
 
 _COUNTS = 4096 / (2 * math.pi)
 _RPM = 0.229 * 2 * math.pi / 60  # rad/s, a Dynamixel's unit of velocity
 _GUESS = 1.3  # what an owner who does not know a gain says it is, over what it is
-_ATTEMPTS = 1000
 _WIDEST = 2.5  # rad, beyond which a servo is drawn again
 _LEAST = 0.05  # rad rms
 
@@ -64,7 +63,7 @@ SLIPS = ("voltage", "constant", "gear")
 of a ratio that nobody tells."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Recording:
     """(n,) stamps in s, goals and readings in rad, mean drives, supplies in V, 1 where enabled."""
 
@@ -75,8 +74,7 @@ class Recording:
     supply: np.ndarray
     enabled: np.ndarray
     gains: tuple[float, float, float]  # as set, in the law's units
-    mass: float
-    arm: float
+    mass: Mass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +83,6 @@ class RandomServo:
 
     law: str
     number: int
-    seed: int
     truth: dict[str, float]  # by the program's names, in SI units
     heaviest: float  # N m, largest added gravity moment
     firmware: Firmware
@@ -108,21 +105,18 @@ class RandomServo:
 
     def write(self, folder: Path, way: str = "setpoint") -> None:
         """Write logs and manifest (YAML that is JSON) with ``setpoint``, ``drive`` or a slip."""
-        folder.mkdir(parents=True, exist_ok=True)
         kept = [each for each in self.recordings if way != "drive" or each.enabled.all()]
         turn = self.ratio if way == "gear" else 1.0
         scale = turn if self.firmware.law != VELOCITY else 1.0
-        for k, each in enumerate(kept):
+        tables = []
+        for each in kept:
             driven = each.drive if way == "drive" else each.goal * scale
             columns = {"time": each.time, "input": driven, "angle": each.angle * turn}
             if way not in {"drive", "voltage"}:
                 columns |= {"enabled": each.enabled}
                 columns |= {"supply": each.supply} if self.electric else {}
-            table = np.column_stack(list(columns.values()))
-            head = {"header": ",".join(columns), "comments": ""}
-            np.savetxt(folder / f"{k}.csv", table, fmt="%.9g", delimiter=",", **head)
-        manifest = manifest_of(self, kept, way)
-        (folder / "manifest.yaml").write_text(json.dumps(manifest, indent=1), encoding="utf-8")
+            tables.append(columns)
+        write_set(folder, manifest_of(self, kept, way), tables, "%.9g")
 
 
 def manifest_of(servo: RandomServo, logs: list[Recording], way: str) -> dict[str, Any]:
@@ -130,9 +124,7 @@ def manifest_of(servo: RandomServo, logs: list[Recording], way: str) -> dict[str
     told = {"name": f"{servo.law} {servo.number}", "known": servo.known}
     entries: list[dict[str, Any]] = []
     for k, each in enumerate(logs):
-        entry: dict[str, Any] = {"file": f"{k}.csv"}
-        if each.mass:
-            entry |= {"added_mass": each.mass, "arm": each.arm}
+        entry: dict[str, Any] = {"file": f"{k}.csv", **entry_of(each.mass)}
         if way not in {"drive", "voltage"}:
             entry["loop"] = loop_of(servo, each, way)
         entries.append(entry)
@@ -167,21 +159,19 @@ def _main_gain(servo):
 def draw(law: str, number: int, seed: int = 1) -> RandomServo:
     """Return a servo that these alone determine."""
     rng = np.random.default_rng([seed, list(LAWS).index(law), number, 29])
-    for _ in range(_ATTEMPTS):
-        drawn = _drawn(rng, law, number, seed)
-        if drawn is not None:
-            return drawn
-    raise RuntimeError(f"no servo {law} {number} of seed {seed} moves as it should")
+    while (drawn := _drawn(rng, law, number)) is None:
+        pass
+    return drawn
 
 
-def _drawn(rng, law, number, seed):
+def _drawn(rng, law, number):
     rule, weighed = LAWS[law], number % 2 == 1
     servo, strength, volts = _motor(rng, rule)
     firmware, gains = _loop(rng, rule, servo, strength, volts)
-    masses = [(0.0, 0.0)]
+    masses = [Mass()]
     if weighed:
         arm = rng.uniform(0.08, 0.2)
-        masses += [(rng.uniform(0.15, 0.35) * strength / (GRAVITY * arm), arm)]
+        masses += [Mass(rng.uniform(0.15, 0.35) * strength / (GRAVITY * arm), arm)]
         own = rng.uniform(0.05, 0.2)
     else:
         masses *= 2
@@ -189,19 +179,20 @@ def _drawn(rng, law, number, seed):
     servo = servo._replace(gravity=own * strength)
     softer = 1.0 if weighed else rng.uniform(0.3, 0.6)
     recordings = []
-    for condition, (mass, arm) in enumerate(masses):
+    for condition, mass in enumerate(masses):
         share = 1.0 if condition == 0 else softer
         own_gains = _register(rule, [share * gain for gain in gains])
         set_firmware = _with_gains(firmware, rule, own_gains)
         joint = servo._replace(
-            inertia=servo.inertia + mass * arm**2, gravity=servo.gravity + mass * GRAVITY * arm
+            inertia=servo.inertia + mass.mass * mass.arm**2,
+            gravity=servo.gravity + mass.mass * GRAVITY * mass.arm,
         )
         for plan in (_waves, _levels if condition == 0 else _sweep, _lift_and_drop):
-            seen = _recorded(rng, joint, set_firmware, plan)
+            seen = _recorded(rng, joint, set_firmware, plan, gains=own_gains, mass=mass)
             angle = seen.angle - firmware.zero
             if np.abs(angle).max() > _WIDEST or angle.std() < _LEAST:
                 return None
-            recordings.append(replace(seen, gains=own_gains, mass=mass, arm=arm))
+            recordings.append(seen)
     truth = {
         "p1": servo.inertia,
         "p2": servo.viscous + servo.back_emf,
@@ -225,9 +216,8 @@ def _drawn(rng, law, number, seed):
     return RandomServo(
         law=law,
         number=number,
-        seed=seed,
         truth={name: float(value) for name, value in truth.items()},
-        heaviest=max(mass * GRAVITY * arm for mass, arm in masses),
+        heaviest=max(each.mass * GRAVITY * each.arm for each in masses),
         firmware=firmware,
         told=told,
         known={} if weighed else {"p3": float(servo.gravity)},
@@ -246,7 +236,7 @@ def _motor(rng, rule):
     volts = float(rng.choice([5.0, 7.4, 12.0, 24.0])) if electric else 0.0
     share = rng.uniform(0.6, 0.95) if electric else 0.0
     dry = rng.uniform(0.0, 0.04) * strength
-    servo = Servo(
+    servo = Joint(
         inertia=float(inertia),
         viscous=float((1.0 - share) * damping if electric else 0.3 * damping),
         back_emf=float(share * damping),
@@ -295,9 +285,6 @@ def _loop(rng, rule, servo, strength, volts):
     count = 2 * math.pi / counts
     firmware = Firmware(
         law=rule.kind,
-        p=0.0,
-        i=0.0,
-        d=0.0,
         limit=rule.limit if volts else float(rng.uniform(0.6, 1.0) * strength),
         speed_limit=float(rng.uniform(3.0, 8.0)),
         dead_zone=count if rule.law == "feetech-sts" else 0.0,
@@ -327,7 +314,7 @@ def _with_gains(firmware, rule, gains):
     return firmware._replace(p=p, i=i, d=d)
 
 
-def _recorded(rng, servo, firmware, plan):
+def _recorded(rng, servo, firmware, plan, **condition):
     """What the host sees; it reads the supply in steps of 0.1 V or 0.01 V."""
     stamps = clock(rng, DURATION, rng.uniform(4e-3, 8e-3), rng.uniform(0.0, 0.1))
     goals, enabled = plan(rng, stamps, firmware.law == VELOCITY)
@@ -335,17 +322,8 @@ def _recorded(rng, servo, firmware, plan):
         goals = goals + firmware.zero
     angle, drive, supply, _ = run(servo, firmware, (stamps, goals, enabled))
     step = float(rng.choice([0.1, 0.01]))
-    return Recording(
-        time=stamps,
-        goal=goals,
-        angle=angle,
-        drive=drive,
-        supply=step * np.round(supply / step),
-        enabled=enabled,
-        gains=(0.0, 0.0, 0.0),
-        mass=0.0,
-        arm=0.0,
-    )
+    supply = step * np.round(supply / step)
+    return Recording(stamps, goals, angle, drive, supply, enabled, **condition)
 
 
 def _waves(rng, time, of_speed):

@@ -1,13 +1,13 @@
 """Data sets of random robots with the slips that people make, and what is said of them.
 
-`python -m tests.independent.slips` prints how many of each kind are recognised and named.
+`python -m tests.independent.slips --robots 5` prints how many of each are recognised and named, and
+what is said of sets without a slip (none).
 """
 
-import argparse
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from butterfly.logs.reading import with_unique_names
 from butterfly.model.parameters import AddedMass
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
+from tests.benchmarks.coverage import options, write
+from tests.independent.robots import FAMILIES
 from tests.independent.robots import draw as draw_robot
 
 Logs = list[Log]
@@ -118,6 +120,8 @@ class Answer:
     recognised: bool
     text: str
     standing: str = "refused"
+    slip: str = "none"
+    named: bool = False
 
 
 def ask(logs: Logs, family: str) -> Answer:
@@ -148,44 +152,33 @@ def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
     return all(word in text for word in CASES[name].words)
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--sets", type=int, default=5)
-    parser.add_argument("--good", type=int, default=20)
-    parser.add_argument("--only", nargs="*")
-    parser.add_argument("--family", choices=tuple("ABC"), default="A")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--verbose", action="store_true")
-    told = parser.parse_args()
-    counts = Counter[str]()
-    for k in range(told.good):
-        answer = ask(list(draw_robot(told.family, k, told.seed + 1000).logs), told.family)
-        counts[answer.standing] += 1
-        if told.verbose and answer.standing != Level.GOOD.verdict:
-            print("    good set", k, answer.standing, answer.text)
-    print("without a slip:", dict(counts), flush=True)
-    for name, case in CASES.items():
-        if (told.only and name not in told.only) or (told.family == "C" and name in OF_SINES):
-            continue
-        recognised = right = 0
-        seconds = 0.0
-        for k in range(told.sets):
-            logs = list(draw_robot(told.family, k, told.seed).logs)
-            slipped = case.make(logs, np.random.default_rng([told.seed, k]))
-            began = time.perf_counter()
-            answer = ask(slipped, told.family)
-            seconds += time.perf_counter() - began
-            seen = names_it(name, logs, slipped, answer.text)
-            recognised += answer.recognised
-            right += seen and answer.recognised
-            if told.verbose and not (seen and answer.recognised):
-                print("   ", name, k, answer.standing, answer.text)
-        print(
-            f"{name:15s} recognised {recognised}/{told.sets}, named {right}/{told.sets}, "
-            f"{seconds / told.sets:.1f} s each",
-            flush=True,
-        )
+def main(arguments: list[str] | None = None) -> None:
+    """Ask about random robots with each slip, and print a line of each."""
+    parser = options(__doc__, ("none", *CASES), 5)
+    parser.add_argument("--family", choices=FAMILIES, default="A")
+    asked = parser.parse_args(arguments)
+    slips = [each for each in asked.method if asked.family != "C" or each not in OF_SINES]
+    jobs = [*product(slips, range(asked.robots), [asked.family], [asked.seed])]
+    write(asked, _asked, jobs, _table)
+
+
+def _asked(job: tuple[str, int, str, int]) -> list[Answer]:
+    name, number, family, seed = job
+    logs, rng = list(draw_robot(family, number, seed).logs), np.random.default_rng([seed, number])
+    slipped = CASES[name].make(logs, rng) if name in CASES else logs
+    answer = ask(slipped, family)
+    named = name in CASES and answer.recognised and names_it(name, logs, slipped, answer.text)
+    return [replace(answer, slip=name, named=named)]
+
+
+def _table(answers: list[Answer]) -> str:
+    lines = []
+    for name in dict.fromkeys(each.slip for each in answers):
+        own = [each for each in answers if each.slip == name]
+        recognised, named = sum(x.recognised for x in own), sum(x.named for x in own)
+        said = dict(Counter(each.standing for each in own))
+        lines.append(f"{name:15s} recognised {recognised}, named {named} of {len(own)}: {said}")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ def test_what_is_written_obeys_the_equation_of_motion(kind, number, tmp_path):
 def test_numbers_determine_a_robot_and_what_its_owner_says():
     first, again, other = (draw("slide", *numbers) for numbers in ((0, 1), (0, 1), (0, 2)))
     assert first.truth == again.truth != other.truth
-    assert first.owner == {"input": "torque", "joint": "slide", "known": {"p4": 1.0}}
+    assert first.owner == {"joint": "slide", "known": {"p4": 1.0}}
     assert first.known == {"p3", "p4"}
     np.testing.assert_array_equal(first.recordings[0].angle, again.recordings[0].angle)
 

@@ -1,73 +1,28 @@
-"""Servos of another simulator: between looks of the firmware SciPy's, and laws as told."""
+"""Servos of another simulator: joints between looks of the firmware, and laws as told."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import butterfly as bf
 from tests.benchmarks.servos import counts
+from tests.independent.integrator import Joint, motion
 from tests.independent.scores import Score
-from tests.independent.servo import PID, Firmware, Servo, run
+from tests.independent.servo import PID, Firmware, run
 from tests.independent.servos import LAWS, SLIPS, draw, manifest_of
 
 TICK = 2e-3
 STAMPS = TICK * np.arange(250)
 ON = np.ones(STAMPS.size)
-SERVO = Servo(
-    inertia=6e-3,
-    viscous=4e-3,
-    back_emf=0.03,
-    gravity=0.4,
-    gain=0.09,
-    coulomb=0.0,
-    excess=0.0,
-    excess_velocity=0.1,
-    motor_friction=0.0,
-    load_friction=0.0,
-)
-FIRMWARE = Firmware(
-    law=PID,
-    p=2.0,
-    i=3.0,
-    d=0.02,
-    limit=0.9,
-    speed_limit=np.inf,
-    dead_zone=0.0,
-    period=TICK,
-    phase=0.0,
-    late=0.0,
-    delay=0.0,
-    count=2 * math.pi / 4096,
-    zero=0.1,
-    bandwidth=0.0,
-    supply=7.4,
-    sag=0.0,
-)
+SERVO = Joint(inertia=6e-3, viscous=4e-3, back_emf=0.03, gravity=0.4, gain=0.09)
+FIRMWARE = Firmware(PID, TICK, math.tau / 4096, 0.9, p=2.0, i=3.0, d=0.02, zero=0.1, supply=7.4)
 STEPS = 0.1 + 0.6 * np.sign(np.sin(6 * STAMPS))
 
 
-def _by_scipy(servo, drives):
-    """Angles at the stamps under drives that are held from each to the next."""
-    state, found = np.zeros(2), [0.0]
-    for k, (begin, end) in enumerate(itertools.pairwise(STAMPS)):
-
-        def rates(_, now, drive=drives[k]):
-            x, v = now
-            motor = servo.gain * drive - servo.back_emf * v
-            load = -servo.gravity * math.sin(x)
-            return v, (motor + load - servo.viscous * v) / servo.inertia
-
-        state = solve_ivp(rates, (begin, end), state, rtol=1e-8, atol=1e-10).y[:, -1]
-        found.append(state[0])
-    return np.array(found)
-
-
-def test_it_moves_as_by_scipy_and_its_firmware_does_what_the_law_says():
+def test_it_moves_as_the_joint_does_and_its_firmware_does_what_the_law_says():
     readings, drives, supplies, angles = run(SERVO, FIRMWARE, (STAMPS, STEPS, ON))
-    np.testing.assert_allclose(angles, _by_scipy(SERVO, drives), atol=1e-7)
+    np.testing.assert_allclose(angles, motion(SERVO, STAMPS, drives)[0], atol=1e-9)
     np.testing.assert_allclose(readings, angles + 0.1, atol=FIRMWARE.count)
     error, total, last = STEPS - readings, 0.0, None
     for k in range(STAMPS.size - 1):

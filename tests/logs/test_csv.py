@@ -5,8 +5,6 @@ import tracemalloc
 import numpy as np
 import pyarrow
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.csv import holds_table, read_csv
@@ -16,6 +14,8 @@ from butterfly.logs.units import Units
 
 KIND = {"input_kind": InputKind.VOLTAGE}
 NAMES = ("time", "input", "angle")
+HEAD = ",".join(NAMES)
+FIRST_THREE = {"time": 0, "input": 1, "angle": 2}
 TABLE = np.column_stack(
     [np.arange(24) * 0.01, np.sin(np.arange(24.0)), 1e-7 * np.cos(np.arange(24.0))]
 )
@@ -36,41 +36,9 @@ def _same(log, table=TABLE):
         np.testing.assert_array_equal(getattr(log, name), column[: log.time.size])
 
 
-dialects = st.fixed_dictionaries(
-    {
-        "separator": st.sampled_from([",", ", ", ";", " ; ", "\t", "   "]),
-        "decimal": st.sampled_from([".", ","]),
-        "encoding": st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1"]),
-        "comment": st.sampled_from(["", "# ", "% ", "// "]),
-        "quoted": st.booleans(),
-        "padded": st.booleans(),
-        "unit_row": st.booleans(),
-        "newline": st.sampled_from(["\n", "\r\n", "\r"]),
-    }
-)
-
-
-@settings(max_examples=25)
-@given(dialect=dialects, values=st.lists(st.floats(-1e9, 1e9), min_size=60, max_size=60))
-def test_any_dialect_is_read_back_bit_for_bit(tmp_path_factory, dialect, values):
-    separator = dialect["separator"]
-    commas = separator.strip() == ","
-    blank = not separator.strip(" ")
-    table = np.reshape(values, (20, 3)) + 0.0
-    names = [f'"{name}"' if dialect["quoted"] and not blank else name for name in NAMES]
-    names = [f" {name}  " if dialect["padded"] and not blank else name for name in names]
-    head = [f"{dialect['comment']}Messung 4, 20 °C"] if dialect["comment"] else []
-    units = [separator.join(["s", "V", "rad"])] if dialect["unit_row"] else []
-    decimal = "." if commas else dialect["decimal"]
-    lines = [*head, separator.join(names), *units, *_lines(separator, decimal, table)]
-    path = tmp_path_factory.mktemp("dialects") / "log.dat"
-    path.write_bytes(dialect["newline"].join([*lines, ""]).encode(dialect["encoding"]))
-    _same(read_csv(path, **KIND), table)
-
-
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
 def test_two_bytes_to_a_letter_are_read_in_either_order_with_and_without_a_mark(tmp_path, encoding):
-    log = _read(tmp_path, [",".join(NAMES), *_lines()], encoding=encoding)
+    log = _read(tmp_path, [HEAD, *_lines()], encoding=encoding)
     _same(log)
     assert log.reading.layout == ("UTF-16",)
 
@@ -92,72 +60,57 @@ def test_lines_above_the_header_are_told(tmp_path):
 @pytest.mark.parametrize(
     "ending", ["0.23", "0.23,1.0", "0.23,1.0,-", "0.23,1.0,1.5e-", "0.", "0.23,1.0,1", "0.23,1,1.5"]
 )
-def test_a_last_line_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
+def test_a_last_line_that_was_cut_off_is_dropped_and_counted_and_no_whole_one(tmp_path, ending):
     path = tmp_path / "log.csv"
-    path.write_text("\n".join([",".join(NAMES), *_lines()[:-1], ending]))
+    path.write_text("\n".join([HEAD, *_lines()[:-1], ending]))
     log = read_csv(path, **KIND)
     assert (log.time.size, log.reading.cut_lines) == (23, 1)
     _same(log)
     path.write_text(path.read_text().replace(",", ";"))
     assert read_csv(path, **KIND).time.size == 23
+    for end in ("\n", "\r\n", "\n# stopped by hand"):
+        path.write_bytes("\n".join([HEAD, *_lines()]).encode() + end.encode())
+        log = read_csv(path, **KIND)
+        assert (log.time.size, log.reading.cut_lines) == (24, 0)
+
+
+ROWS = _lines(";")
+T_U = {"time": "t", "input": "u"}
 
 
 @pytest.mark.parametrize(
-    ("lines", "message"),
+    ("lines", "message", "columns"),
     [
-        (_lines(","), r"header: got no line above rows of 3 numbers; .*--columns time=0"),
-        (["t,u,q", *_lines(",", ",")[1:]], r"header: got 't,u,q' above rows of 6 numbers"),
-        (["t,u,q", *_lines(",", ",")], r"line 3: got 6 values; .*decimal commas need"),
-        (["time;input;angle", *_lines(";")[:9], "1;2", *_lines(";")], r"line 11: got 2 values"),
-        (["time;input;angle", *_lines(";"), "0.3;oops;1"], r"input: got 'oops' in line 26"),
-        (["time;input;angle", *_lines(";"), "1.234,5;0;1"], r"time: got '1\.234,5' in line 26"),
-        (["time;time;input;angle", *("0;" + line for line in _lines(";"))], "2 columns with this"),
-        (["time;input;phi", *_lines(";")], r"angle: got no such column.*'phi'.*--columns"),
-        (
-            ["time;input;angle", "s;V;bar", *_lines(";")],
-            r"angle: got the unit 'bar' of angle.*--units angle=",
-        ),
-        (["no numbers", "at all"], "content: got no row of numbers"),
-        (["\0\udcff"], "content: got"),
-        ([], "content: got no row of numbers"),
-        (["times,u,q", *_lines()], "time: got no such column; expected 'times'"),
-        ([",".join(NAMES), *_lines(), "1,oops,2"], "input: got 'oops' in line 26"),
+        (_lines(","), r"header: got no line above rows of 3 numbers; .*--columns time=0", None),
+        (["t,u,q", *_lines(",", ",")[1:]], r"header: got 't,u,q' above rows of 6 numbers", None),
+        (["t,u,q", *_lines(",", ",")], r"line 3: got 6 values; .*decimal commas need", None),
+        ([HEAD, *(f"{line},7.5" for line in _lines())], "header: got .* above rows of 4", None),
+        ([HEAD, *(f"1,2,{line}" for line in _lines())], "header: got .* above rows of 5", None),
+        ([f"{HEAD},x", *_lines()], "header: got 'time,input,angle,x' above rows of 3", None),
+        (["time;input;angle", *ROWS[:9], "1;2", *ROWS], r"line 11: got 2 values", None),
+        (["time;input;angle", *ROWS, "0.3;oops;1"], r"input: got 'oops' in line 26", None),
+        (["time;input;angle", *ROWS, "1.234,5;0;1"], r"time: got '1\.234,5' in line 26", None),
+        (["time;time;input;angle", *(f"0;{line}" for line in ROWS)], "2 columns with this", None),
+        (["time;input;phi", *ROWS], r"angle: got no such column.*'phi'.*--columns", None),
+        (["time;input;angle", "s;V;bar", *ROWS], r"the unit 'bar' of angle.*--units angle=", None),
+        (["no numbers", "at all"], "content: got no row of numbers", None),
+        (["\0\udcff"], "content: got", None),
+        ([], "content: got no row of numbers", None),
+        (["times,u,q", *_lines()], "time: got no such column; expected 'times'", None),
+        ([HEAD, *_lines(), "1,oops,2"], "input: got 'oops' in line 26", None),
+        (["t,u,q", *_lines()], "columns.angle: got nothing", T_U),
+        (["t,u,q", *_lines()], "columns.speed: got an unknown", T_U | {"angle": "q", "speed": "x"}),
+        (_lines(), "got number 7; expected a number from 0 to 2", FIRST_THREE | {"angle": 7}),
     ],
 )
-def test_what_cannot_be_read_is_named_with_its_place(tmp_path, lines, message):
+def test_what_cannot_be_read_is_named_with_its_place(tmp_path, lines, message, columns):
     with pytest.raises(InputError, match=message):
-        _read(tmp_path, lines)
+        _read(tmp_path, lines, columns)
 
 
 def test_columns_may_be_told_by_number_with_and_without_a_header(tmp_path):
-    columns = {"time": 0, "input": "1", "angle": 2}
-    for head in ([], [",".join(NAMES)]):
-        _same(_read(tmp_path, [*head, *_lines()], columns))
-    with pytest.raises(InputError, match="got number 7; expected a number from 0 to 2"):
-        _read(tmp_path, _lines(), {**columns, "angle": 7})
-
-
-@pytest.mark.parametrize(
-    "head", [["time;input;angle", "ms;V;deg"], ["time [ms];input;angle (deg)"]]
-)
-def test_the_units_that_a_file_gives_are_used_and_told(tmp_path, head):
-    log = _read(tmp_path, [*head, *_lines(";")])
-    np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
-    np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
-    units = {name: each.unit for name, each in log.reading.columns.items()}
-    assert units == {"time": "ms", "input": "V", "angle": "deg"}
-
-
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ({"time": "t", "input": "u"}, "columns.angle: got nothing"),
-        ({"time": "t", "input": "u", "angle": "q", "speed": "x"}, "columns.speed: got an unknown"),
-    ],
-)
-def test_a_wrong_map_is_named(tmp_path, columns, message):
-    with pytest.raises(InputError, match=message):
-        _read(tmp_path, ["t,u,q", *_lines()], columns)
+    for head in ([], [HEAD]):
+        _same(_read(tmp_path, [*head, *_lines()], FIRST_THREE | {"input": "1"}))
 
 
 @pytest.mark.parametrize("cell", ["", "-", "nan"])
@@ -203,18 +156,18 @@ PANDAS_ROWS = [f"{k},{line}" for k, line in enumerate(_lines())]
 @pytest.mark.parametrize(
     ("lines", "layout"),
     [
-        ([",".join(NAMES), *R_ROWS], ("row names in the first column",)),
+        ([HEAD, *R_ROWS], ("row names in the first column",)),
         ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None),
         (
-            [",".join(NAMES), *(f"run {each}" for each in PANDAS_ROWS)],
+            [HEAD, *(f"run {each}" for each in PANDAS_ROWS)],
             ("row names in the first column",),
         ),
         ([",".join(["", *NAMES]), *PANDAS_ROWS], ()),
         ([",".join([*NAMES, ""]), *_lines()], ()),
         ([",".join([*NAMES, "", ""]), *_lines()], ()),
-        ([",".join(NAMES), *(f"{line}," for line in _lines())], ()),
-        ([",".join(NAMES), "s,V,rad", *R_ROWS], None),
-        ([",".join(NAMES), "s,V,rad", *(f"{line}," for line in _lines())], ()),
+        ([HEAD, *(f"{line}," for line in _lines())], ()),
+        ([HEAD, "s,V,rad", *R_ROWS], None),
+        ([HEAD, "s,V,rad", *(f"{line}," for line in _lines())], ()),
     ],
 )
 def test_a_header_of_another_length_is_told_from_row_names(tmp_path, lines, layout):
@@ -223,38 +176,14 @@ def test_a_header_of_another_length_is_told_from_row_names(tmp_path, lines, layo
     assert layout is None or log.reading.layout == layout
 
 
-@pytest.mark.parametrize(
-    ("lines", "found"),
-    [
-        (
-            [",".join(NAMES), *(f"{line},7.5" for line in _lines())],
-            "'time,input,angle' above rows of 4",
-        ),
-        ([",".join(NAMES), *(f"1,2,{line}" for line in _lines())], "above rows of 5"),
-        ([",".join([*NAMES, "x"]), *_lines()], "'time,input,angle,x' above rows of 3"),
-    ],
-)
-def test_a_header_that_names_other_columns_is_refused(tmp_path, lines, found):
-    with pytest.raises(InputError, match=f"header: got .*{found}"):
-        _read(tmp_path, lines)
-
-
 def test_a_row_with_one_known_unit_is_a_row_of_units(tmp_path):
     lines = [";".join(NAMES), "ms;PWM;ticks", *_lines(";")]
-    for columns in (None, {"time": 0, "input": 1, "angle": 2}):
+    for columns in (None, FIRST_THREE):
         with pytest.raises(InputError, match="input: got the unit 'PWM'"):
             _read(tmp_path, lines, columns)
     lines[1] = "[PWM];[PWM];[PWM]"
     with pytest.raises(InputError, match="time: got the unit 'PWM'"):
         _read(tmp_path, lines)
-
-
-def test_a_last_line_with_its_end_or_before_a_comment_stays(tmp_path):
-    path = tmp_path / "log.csv"
-    for end in ("\n", "\r\n", "\n# stopped by hand"):
-        path.write_bytes("\n".join([",".join(NAMES), *_lines()]).encode() + end.encode())
-        log = read_csv(path, **KIND)
-        assert (log.time.size, log.reading.cut_lines) == (24, 0)
 
 
 @pytest.mark.parametrize("row", ["nan;nan;nan", "0.0;nan;nan", "NaN;;"])
@@ -264,23 +193,23 @@ def test_a_first_row_whose_numbers_are_missing_is_no_header(tmp_path, header, ro
     assert log.time.size == 25
     assert np.isnan(log.angle[0])
     with pytest.raises(InputError, match="line 2: got 2 values; expected 3"):
-        _read(tmp_path, [header, "nan;", *_lines(";")], {"time": 0, "input": 1, "angle": 2})
+        _read(tmp_path, [header, "nan;", *_lines(";")], FIRST_THREE)
 
 
-@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+@pytest.mark.parametrize("delimiter", [",", " "])
 @pytest.mark.parametrize("line", [1, 2, 40])
 def test_a_line_of_more_columns_than_anybody_logs_is_refused_in_little_memory(
     tmp_path, delimiter, line
 ):
     lines = [delimiter.join(NAMES), *_lines(delimiter), *_lines(delimiter)]
-    lines[line - 1] = delimiter.join(["1.5"] * 400_000)
+    lines[line - 1] = delimiter.join(["1.5"] * 100_000)
     tracemalloc.start()
     try:
         with pytest.raises(
             InputError, match=rf"line {line}: got \d+ cells; expected at most 10000"
         ):
             _read(tmp_path, lines)
-        assert tracemalloc.get_traced_memory()[1] < 60e6
+        assert tracemalloc.get_traced_memory()[1] < 15e6
     finally:
         tracemalloc.stop()
     assert pyarrow.default_memory_pool().bytes_allocated() < 1e6
@@ -295,7 +224,7 @@ def test_a_real_log_of_a_drive_says_its_units_below_its_names(tmp_path):
     ]
     rows = [f"{k},{line.split(',', 1)[1]},0.5;" for k, line in enumerate(_lines())]
     lines = [*head, "nan,nan,nan,nan;", *rows]
-    columns = {"time": 0, "input": 1, "angle": 2}
+    columns = FIRST_THREE
     with pytest.raises(InputError, match="the unit '8kHz' of time"):
         _read(tmp_path, lines, columns)
     log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": 1.25e-4}), **KIND)
@@ -316,7 +245,7 @@ def test_a_real_log_of_a_drive_says_its_units_below_its_names(tmp_path):
     ],
 )
 def test_units_between_blanks_are_those_of_their_columns(tmp_path, head):
-    for columns in (None, {"time": 0, "input": 1, "angle": 2}):
+    for columns in (None, FIRST_THREE):
         log = _read(tmp_path, [*head, *_lines("  ")], columns)
         np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
         np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
@@ -324,7 +253,7 @@ def test_units_between_blanks_are_those_of_their_columns(tmp_path, head):
 
 @pytest.mark.parametrize("head", ["time [ms],angle [deg]", "# t (ms) angle (deg)"])
 def test_units_of_a_line_that_is_no_header_are_not_passed_over(tmp_path, head):
-    columns = {"time": 0, "input": 1, "angle": 2}
+    columns = FIRST_THREE
     rows = [f"{line},1,2" for line in _lines()]
     with pytest.raises(InputError, match="column 0: got the unit 'ms, column unclear' of time"):
         _read(tmp_path, [head, *rows], columns)

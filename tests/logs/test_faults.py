@@ -35,7 +35,7 @@ def _most(stamps):
     return next(len(rows) for rows in subsets if all(a < b for a, b in pairwise(rows)))
 
 
-@given(st.lists(st.integers(0, 6), min_size=1, max_size=9))
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=8))
 def test_as_few_samples_are_dropped_as_can_be(stamps):
     time = np.array(stamps, dtype=np.float64)
     kept = increasing(time)
@@ -121,8 +121,8 @@ def _read(angle, step, noise, seed=0):
 
 @pytest.mark.parametrize("switched", [False, True])
 @pytest.mark.parametrize("stribeck", [0.0, 1.0])
-@pytest.mark.parametrize("coulomb", [3e-4, 3e-3, 8e-3])
-@pytest.mark.parametrize("omega", [1.0, 3.0, 8.0, 16.0])
+@pytest.mark.parametrize("coulomb", [3e-4, 8e-3])
+@pytest.mark.parametrize("omega", [1.0, 4.0, 16.0])
 def test_a_joint_that_sticks_where_it_turns_is_not_clipped(omega, coulomb, stribeck, switched):
     for amplitude in (0.3, 0.8):
         angle = _swing(omega, amplitude, coulomb, stribeck, switched=switched)
@@ -132,8 +132,8 @@ def test_a_joint_that_sticks_where_it_turns_is_not_clipped(omega, coulomb, strib
                 assert np.ptp(read) == 0 or clipped(read) == 0, (amplitude, step, noise)
 
 
-@pytest.mark.parametrize("coulomb", [0.0, 3e-4, 3e-3])
-@pytest.mark.parametrize("omega", [1.0, 3.0, 8.0, 16.0])
+@pytest.mark.parametrize("coulomb", [0.0, 3e-3])
+@pytest.mark.parametrize("omega", [1.0, 4.0, 16.0])
 def test_a_swing_cut_off_is_counted(omega, coulomb):
     angle = _swing(omega, 0.5, coulomb, 0.0)
     top = 0.7 * np.abs(angle[10_000:]).max()
@@ -190,7 +190,7 @@ def _rounded(rng, top=np.inf):
     return step * np.round(amplitude * np.clip(wave, -top, top) / step + rng.uniform(-1, 1))
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(20))
 def test_a_sine_that_is_rounded_is_not_saturated_and_one_that_is_cut_off_is(seed):
     rng = np.random.default_rng(seed)
     assert saturated(_rounded(rng)) == 0

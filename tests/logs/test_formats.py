@@ -7,6 +7,7 @@ import tracemalloc
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 from hypothesis import given, settings
@@ -27,6 +28,15 @@ from butterfly.logs.thinning import thinned
 from butterfly.logs.units import Units
 
 KIND = {"input_kind": InputKind.TORQUE}
+COLUMN_WRITERS = {
+    ".mat": lambda columns, path: savemat(path, columns),
+    ".json": lambda columns, path: path.write_text(
+        json.dumps({name: each.tolist() for name, each in columns.items()})
+    ),
+    ".parquet": lambda columns, path: parquet.write_table(pa.table(columns), path),
+    ".csv": lambda columns, path: pd.DataFrame(columns).to_csv(path, index=False),
+    ".tsv": lambda columns, path: pd.DataFrame(columns).to_csv(path, index=False, sep="\t"),
+}
 WRITERS = {
     "mat": write_mat,
     "csv": write_csv,
@@ -43,7 +53,7 @@ KINDS = [".mat", ".csv", ".parquet", ".tsv"]  # that tests write; .txt and .dat 
 
 
 @pytest.mark.parametrize("ending", KINDS)
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(
     columns=arrays(np.float64, st.tuples(st.sampled_from([3, 4]), st.integers(16, 40))),
     whole=st.booleans(),
@@ -94,7 +104,7 @@ def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
     np.testing.assert_allclose(read.angle, np.radians(log.velocity))
 
 
-@pytest.mark.parametrize("ending", [".mat", ".csv", ".parquet", ".tsv", ".json"])
+@pytest.mark.parametrize("ending", COLUMN_WRITERS)
 @pytest.mark.parametrize("lacking", ["angle", "input", "angle and input"])
 def test_a_velocity_stands_for_the_angle_and_none_for_the_input(
     tmp_path, sine_log, ending, lacking
@@ -103,16 +113,7 @@ def test_a_velocity_stands_for_the_angle_and_none_for_the_input(
     log = replace(log, velocity=log.input + 1.0)
     columns = {name: each for name, each in log.columns().items() if name not in lacking}
     about = KIND | ({"input_kind": "none"} if "input" in lacking else {})
-    if ending == ".mat":
-        savemat(path, columns)
-    elif ending == ".json":
-        path.write_text(json.dumps({name: each.tolist() for name, each in columns.items()}))
-    elif ending == ".parquet":
-        parquet.write_table(pa.table(columns), path)
-    else:
-        sign = "\t" if ending == ".tsv" else ","
-        rows = np.column_stack([*columns.values()])
-        np.savetxt(path, rows, "%.17g", sign, header=sign.join(columns), comments="")
+    COLUMN_WRITERS[ending](columns, path)
     names = {name: name for name in columns} if ending == ".mat" else None
     read = read_log(path, names, **about)
     assert read.integrated is ("angle" in lacking)
@@ -123,16 +124,11 @@ def test_a_velocity_stands_for_the_angle_and_none_for_the_input(
     assert log_of_table(columns, **about).measured.tobytes() == read.measured.tobytes()
 
 
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        ({"time": "time", "angle": "angle"}, "columns.input: got nothing; .*input: none in"),
-        ({"time": "time", "input": "input"}, "columns.angle: got nothing"),
-    ],
-)
-def test_a_map_says_where_input_and_angle_stand(columns, said, sine_log):
-    with pytest.raises(InputError, match=said):
-        log_of_table(sine_log.columns(), columns)
+def test_a_map_says_where_input_and_angle_stand(sine_log):
+    for name, said in (("input", "nothing; .*input: none in"), ("angle", "nothing")):
+        columns = {each: each for each in ("time", "input", "angle") if each != name}
+        with pytest.raises(InputError, match=f"columns.{name}: got {said}"):
+            log_of_table(sine_log.columns(), columns)
 
 
 def test_a_velocity_is_not_taken_for_what_another_column_may_be(sine_log):
@@ -156,7 +152,7 @@ def test_another_ending_is_refused_with_those_that_are_known(tmp_path, name, val
         read_log(tmp_path / name, **KIND)
 
 
-SAMPLES = 1_000_000
+SAMPLES = 200_000
 PER_SAMPLE = 1.35e9 / 36e6
 """Bytes: of an hour at 10 kHz 1.5 GB, of which the program itself takes some."""
 
@@ -185,14 +181,13 @@ def test_a_long_log_takes_little_more_than_its_arrays(ending, long_log, tmp_path
 
 
 @pytest.mark.parametrize("how", ["replaced", "written over"])
-@pytest.mark.parametrize("ending", [".csv", ".txt", ".mat", ".parquet"])
+@pytest.mark.parametrize("ending", [".csv", ".mat", ".parquet"])
 def test_a_file_that_changes_while_it_is_read_is_one_of_both_or_a_line(tmp_path, ending, how):
     contents = []
-    for size in (400, 40_000):
-        log = Log(np.arange(size) * 1e-3, np.full(size, size), np.full(size, size))
-        write_log(log, tmp_path / f"whole{'.csv' if ending == '.txt' else ending}")
-        contents.append(next(tmp_path.iterdir()).read_bytes())
     path, over = tmp_path / f"log{ending}", threading.Event()
+    for size in (400, 20_000):
+        write_log(Log(np.arange(size) * 1e-3, np.full(size, size), np.full(size, size)), path)
+        contents.append(path.read_bytes())
     path.write_bytes(contents[0])
 
     def change():
@@ -208,15 +203,15 @@ def test_a_file_that_changes_while_it_is_read_is_one_of_both_or_a_line(tmp_path,
     changing.start()
     refused = 0
     try:
-        for _ in range(60):
+        for _ in range(25):
             try:
                 log = read_log(path, **KIND)
             except InputError:
                 refused += 1
             else:
-                assert log.time.size in {400, 40_000}
+                assert log.time.size in {400, 20_000}
                 assert set(log.input) == set(log.angle) == {float(log.time.size)}
     finally:
         over.set()
         changing.join()
-    assert refused < 60 or how == "written over"
+    assert refused < 25 or how == "written over"

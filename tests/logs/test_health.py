@@ -25,12 +25,13 @@ def test_a_healthy_log_passes_unchanged(sine_log):
     assert health.jitter == pytest.approx(0, abs=1e-12)
 
 
-@given(rows=st.sets(st.integers(1, 39_998), max_size=20))
+@given(rows=st.sets(st.integers(1, 998), max_size=20))
 def test_each_repeated_stamp_is_dropped_and_counted(sine_log, rows):
-    time = sine_log.time.copy()
+    log = sine_log.take(np.arange(1000))
+    time = log.time.copy()
     isolated = sorted(r for r in rows if r - 1 not in rows)
     time[isolated] = time[[r - 1 for r in isolated]]
-    clean, health = examine(replace(sine_log, time=time))
+    clean, health = examine(replace(log, time=time))
     assert health.duplicate_stamps == health.dropped == len(isolated)
     assert clean.time.size == time.size - len(isolated)
     assert np.all(np.diff(clean.time) > 0)
@@ -104,12 +105,12 @@ def test_a_constant_column_is_refused(sine_log, name, what):
         examine(replace(sine_log, **{name: np.full(sine_log.time.size, 0.3)}), ALL)
 
 
-def test_the_real_logs_have_the_known_faults_and_no_others(real):
-    for log, health in zip(real.data.logs, real.data.health, strict=True):
+def test_the_real_logs_have_the_known_faults_and_no_others(real_data):
+    for log, health in zip(real_data.logs, real_data.health, strict=True):
         stamps = loadmat(log.source)["D"][:, 0]
         assert health.duplicate_stamps == np.sum(np.diff(stamps) == 0)
-    assert max(health.longest_gap for health in real.data.health) == pytest.approx(0.0129, abs=1e-4)
-    for health in real.data.health:
+    assert max(health.longest_gap for health in real_data.health) == pytest.approx(0.0129, abs=1e-4)
+    for health in real_data.health:
         assert health.duplicate_stamps <= 5
         assert (
             health.backward_stamps == health.non_finite == health.saturated == health.clipped == 0

@@ -19,20 +19,13 @@ NESTED = [
 ]
 MAP = {"time": "t", "input": "motor.u", "angle": "joint.position.1"}
 FORMS = {
-    "records": (json.dumps(RECORDS), None),
-    "indented records": (json.dumps(RECORDS, indent=0), None),
     "columns": (json.dumps({"robot": "b", **FRAME.to_dict("list")}), None),
     "pandas": (FRAME.to_json(double_precision=15), None),
     "a record a line": (FRAME.to_json(orient="records", lines=True, double_precision=15), None),
     "rows": (json.dumps(FRAME.to_numpy().tolist()), {"time": 0, "input": 1, "angle": 2}),
     "nested records": (json.dumps(NESTED), MAP),
     "nested columns": (
-        json.dumps(
-            {
-                "t": RECORDS and FRAME["time"].tolist(),
-                "a": FRAME[["input", "angle"]].to_dict("list"),
-            }
-        ),
+        json.dumps({"t": [*FRAME["time"]], "a": FRAME[["input", "angle"]].to_dict("list")}),
         {"time": "t", "input": "a.input", "angle": "a.angle"},
     ),
     "samples beside a head": (

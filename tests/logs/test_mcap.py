@@ -10,9 +10,9 @@ from butterfly.errors import InputError
 from butterfly.logs.formats import read_log
 from butterfly.logs.log import InputKind
 from butterfly.logs.mcap import _columns
-from tests.logs.bags import JOINT_STATE
+from tests.logs.written import write_bag
 
-Writer = pytest.importorskip("mcap_ros2.writer").Writer
+pytest.importorskip("mcap_ros2")
 
 KIND = {"input_kind": InputKind.TORQUE}
 BEGIN = 1_700_000_000 * 10**9
@@ -22,26 +22,13 @@ _FACTORS = {"position": 1.0, "velocity": 10.0, "effort": -1.0}
 ANGLE = np.cos(np.arange(COUNT) / 7)
 
 
-def _write(
-    path, *, joints=("hand",), topics=("/joint_states",), kind=None, stamped=True, keys="pve"
-):
+def _write(path, *, joints=("hand",), keys="pve", **how):
+    parts = {
+        name: factor * ANGLE[:, None] + np.arange(len(joints)) for name, factor in _FACTORS.items()
+    }
+    parts = {name: each if name[0] in keys else each[:, :0] for name, each in parts.items()}
     with path.open("wb") as file:
-        writer = Writer(file)
-        schema = writer.register_msgdef(kind or "sensor_msgs/msg/JointState", JOINT_STATE)
-        other = writer.register_msgdef("std_msgs/msg/Float64", "float64 data")
-        for k in range(COUNT):
-            stamp = BEGIN + k * STEP
-            for topic in topics:
-                parts = {
-                    name: [factor * ANGLE[k] + n for n, _ in enumerate(joints) if name[0] in keys]
-                    for name, factor in _FACTORS.items()
-                }
-                seconds = divmod(stamp, 10**9) if stamped else (0, 0)
-                header = {"stamp": dict(zip(("sec", "nanosec"), seconds, strict=True))}
-                message = {"header": header | {"frame_id": ""}, "name": [*joints], **parts}
-                writer.write_message(topic, schema, message, log_time=stamp + 5000 * (k % 3))
-            writer.write_message("/bus", other, {"data": 24.0}, log_time=stamp)
-        writer.finish()
+        write_bag(file, BEGIN + STEP * np.arange(COUNT), parts, joints=joints, **how)
     return path
 
 

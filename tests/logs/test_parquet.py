@@ -17,23 +17,10 @@ def _write(path, **columns):
     return path
 
 
-def test_other_columns_are_ignored_integers_are_numbers_and_velocity_may_be_missing(tmp_path):
-    path = _write(
-        tmp_path / "a.parquet", angle=RAMP.astype(int), extra=RAMP, time=RAMP, input=2 * RAMP
-    )
-    log = read_parquet(path, **KIND)
-    assert log.velocity is None
-    assert log.angle.dtype == np.float64
-    np.testing.assert_array_equal(log.input, 2 * log.angle)
-
-
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        (
-            {"time": RAMP, "input": RAMP},
-            "angle: got no such column; expected one of 'time', 'input'",
-        ),
+        ({"time": RAMP, "input": RAMP}, "angle: got no such column; .* one of 'time', 'input'"),
         ({"time": RAMP, "input": RAMP, "angle": ["a"] * 20}, "angle: got a column of string"),
         ({"time": RAMP[:3], "input": RAMP[:3], "angle": RAMP[:3]}, "time: got 3 samples"),
     ],

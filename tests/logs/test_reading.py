@@ -93,6 +93,7 @@ def test_a_piece_is_of_one_whole_log(folder):
 
 
 def _names(log, names):
+    log = log.take(np.arange(20))
     return [each.name for each in with_unique_names([replace(log, name=name) for name in names])]
 
 

@@ -46,15 +46,17 @@ def files_of(folder):
 
 
 @contextmanager
-def served(spoiled=None, asked=None):
-    """Serve the logs at an address; ``spoiled`` answers in their place where it returns true."""
+def served(spoil=None, asked=None, only=CONTENTS):
+    """Serve the logs at an address; ``spoil`` answers in the place of some."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):
             name = self.path.removeprefix("/logs/")
             if asked is not None:
                 asked.append(name)
-            if not (spoiled and spoiled(self, name)):
+            if spoil and name in only:
+                spoil(self, name)
+            else:
                 self.reply(CONTENTS[name])
 
         def reply(self, content, length=None):
@@ -108,27 +110,23 @@ def test_logs_come_from_an_address_and_only_those_that_are_missing(tmp_path):
 
 def closed_in_the_middle(handler, name):
     handler.reply(CONTENTS[name][:100], length=len(CONTENTS[name]))
-    return True
 
 
 def of_other_content(handler, _):
     handler.reply(b"<html>Please log in</html>")
-    return True
 
 
 def that_is_not_there(handler, _):
     handler.send_error(404)
-    return True
 
 
 def never_answered(*_):
     threading.Event().wait(3.0)
-    return True
 
 
 def stopped_in_the_middle(handler, name):
     closed_in_the_middle(handler, name)
-    return never_answered()
+    never_answered()
 
 
 def that_has_no_end(handler, name):
@@ -148,7 +146,6 @@ def that_comes_drop_by_drop(handler, name):
             handler.wfile.write(CONTENTS[name][k : k + 1])
             handler.wfile.flush()
             time.sleep(0.1)
-    return True
 
 
 @pytest.mark.parametrize(
@@ -168,7 +165,7 @@ def test_a_broken_transfer_leaves_nothing_and_the_next_call_goes_on(
     if "no answer" in said:
         monkeypatch.setattr("butterfly.logs.thesis_logs._TIMEOUT", 1.5)
     with (
-        served(lambda handler, name: name == LAST and spoil(handler, name)) as address,
+        served(spoil, only={LAST}) as address,
         pytest.raises(InputError, match=re.escape(f"{address}/{LAST}: {said}")),
     ):
         fetch(tmp_path, address)
@@ -183,7 +180,7 @@ def test_all_logs_have_one_deadline_however_slowly_one_comes(tmp_path, monkeypat
     monkeypatch.setattr(thesis_logs, "_DEADLINE", 1.0)
     begin = time.monotonic()
     with (
-        served(lambda handler, name: name == LAST and that_comes_drop_by_drop(handler, name)) as at,
+        served(that_comes_drop_by_drop, only={LAST}) as at,
         pytest.raises(InputError, match=r"transfer: got 1 logs still missing after 1 s"),
     ):
         fetch(tmp_path, at)

@@ -11,29 +11,20 @@ from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Intersample, Lead, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.prior import Prior
+from tests.independent.integrator import Joint, motion
 
 P1, P2, P3, P4, DELAY = 0.011, 0.012, 0.3, 0.4, 0.004
 STEP = 1e-4
 
 
-def _log(hold, phase=0.0, seconds=20.0):
-    """A swing by Heun's method, which shares no code with ours, under an input held or straight."""
-    count = round(seconds / STEP)
-    time = STEP * np.arange(count)
+def _log(hold, phase):
+    """A swing by an integrator that shares no code with ours, under an input held or straight."""
+    time = STEP * np.arange(100_000)
     inputs = 0.12 * np.sin(3.0 * time) + 0.1 * np.sin(7.3 * time + phase)
-    late = round(DELAY / STEP)
-    before = inputs[0] * (hold == "first_order_hold")
-    torque = P4 * np.concatenate([np.full(late, before), inputs])
-    angle, speed, angles = 0.0, 0.0, np.empty(count)
-    for k in range(count):
-        angles[k] = angle
-        first = torque[k]
-        last = torque[k + 1] if hold == "first_order_hold" else first
-        rate = (first - P2 * speed - P3 * np.sin(angle)) / P1
-        far, fast = angle + STEP * speed, speed + STEP * rate
-        then = (last - P2 * fast - P3 * np.sin(far)) / P1
-        angle, speed = angle + STEP * (speed + fast) / 2, speed + STEP * (rate + then) / 2
-    measured = np.round(angles / 1e-3) * 1e-3
+    straight = hold == "first_order_hold"
+    held = np.append((inputs[1:] + inputs[:-1]) / 2, 0.0) if straight else inputs
+    joint = Joint(inertia=P1, viscous=P2, gravity=P3, gain=P4, delay=DELAY)
+    measured = np.round(motion(joint, time, held)[0] / 1e-3) * 1e-3
     return Log(time, inputs, measured, input_kind=InputKind.TORQUE, intersample=hold, name="swing")
 
 

@@ -8,20 +8,19 @@ import html
 import json
 import math
 from functools import partial
-from itertools import cycle, islice
 
-import h5py
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from scipy.integrate import solve_ivp
 from scipy.io import savemat
 
 import butterfly as bf
 from butterfly.logs.formats import read_log
 from butterfly.logs.health import examine
+from tests.independent.integrator import Joint, motion
+from tests.logs.written import mat73, put73
 
 P1, P2, P3, P4 = 0.00325, 0.00145, 0.04905, 0.025
 STEP, SAMPLES = 0.02, 400
@@ -42,11 +41,13 @@ SPELLINGS = {
 TORQUES = {"Nm": 1, "N m": 1, "N·m": 1, "N*m": 1, "N-m": 1, "NM": 1, "mNm": 1e-3, "mN m": 1e-3}
 TORQUES |= {"Ncm": 1e-2, "N cm": 1e-2, "kgf cm": 0.0980665, "kg·cm": 0.0980665, "A": 1, "mA": 1e-3}
 TORQUES |= {"amps": 1, "%": 0.01, "percent": 0.01}
-REFUSED = [
-    *(("time", word) for word in ("samples", "weeks", "deg")),
-    *(("input", word) for word in ("PWM", "Mv", "Nm", "A", "%")),
-    *(("angle", word) for word in ("counts", "ticks", "grad", "mm", "V", "counts/0")),
-]
+REFUSED = {
+    "time": ("samples", "weeks", "deg"),
+    "input": ("PWM", "Mv", "Nm", "A", "%"),
+    "angle": ("counts", "ticks", "grad", "mm", "V", "counts/0"),
+}
+OWN = dict(zip(FIELDS, ("s", "V", "rad"), strict=True))
+ONES = dict.fromkeys(FIELDS, 1)
 COLUMNS = {name: name for name in FIELDS}
 
 
@@ -55,23 +56,18 @@ def joint():
     """Time, input and angle of a joint, each sample of the input held to the next."""
     time = STEP * np.arange(SAMPLES)
     command = 0.3 * np.sin(3 * time) + 0.2 * np.sin(7 * time)
-    states = [np.zeros(2)]
-    for held in command[:-1]:
-
-        def slope(_, state, held=held):
-            return [state[1], (P4 * held - P2 * state[1] - P3 * np.sin(state[0])) / P1]
-
-        found = solve_ivp(slope, (0, STEP), states[-1], rtol=1e-11, atol=1e-13)
-        states.append(found.y[:, -1])
-    return {"time": time, "input": command, "angle": np.array(states)[:, 0]}
+    angle, _ = motion(Joint(inertia=P1, viscous=P2, gravity=P3, gain=P4), time, command)
+    return {"time": time, "input": command, "angle": angle}
 
 
 def _named(columns, units, place):
     """Names as the place has them, the units if the file itself has to say them elsewhere."""
     brackets = {"bracket": "{} [{}]", "parenthesis": "{} ({})", "tight": "{}[{}]"}
-    if place in brackets:
-        return [brackets[place].format(name, units[name]) for name in columns]
-    return list(columns)
+    return [brackets.get(place, "{}").format(name, units[name]) for name in columns]
+
+
+def _rows(columns):
+    return np.column_stack(list(columns.values())).tolist()
 
 
 def _text(dialect, folder, columns, units, place):
@@ -79,8 +75,7 @@ def _text(dialect, folder, columns, units, place):
     path = folder / f"log{ending}"
     heads = [_named(columns, units, place)]
     heads += [[units[name] for name in columns]] if place == "row" else []
-    rows = np.column_stack(list(columns.values())).tolist()
-    lines = [*heads, *([repr(each) for each in row] for row in rows)]
+    lines = [*heads, *([repr(each) for each in row] for row in _rows(columns))]
     path.write_text("".join(f"{separator.join(line)}\n" for line in lines))
     return path
 
@@ -96,22 +91,16 @@ def _parquet(folder, columns, units, place):
 
 def _hdf5(folder, columns, units, place):
     path = folder / "log.mat"
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, values in columns.items():
-            file[name] = values.reshape(1, -1)
-            file[name].attrs["MATLAB_class"] = np.bytes_("double")
-            if place == "attribute":
-                file[name].attrs["units"] = units[name]
-    content = bytearray(path.read_bytes())
-    content[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
-    path.write_bytes(content)
+    with mat73(path) as file:
+        put73(file, columns)
+        for name in columns if place == "attribute" else ():
+            file[name].attrs["units"] = units[name]
     return path
 
 
 def _records(folder, columns, units, place):
     path, names = folder / "log.jsonl", _named(columns, units, place)
-    rows = np.column_stack(list(columns.values())).tolist()
-    records = (json.dumps(dict(zip(names, row, strict=True))) for row in rows)
+    records = (json.dumps(dict(zip(names, row, strict=True))) for row in _rows(columns))
     path.write_text("".join(f"{each}\n" for each in records))
     return path
 
@@ -156,47 +145,27 @@ def _read(cell, joint, units, factors, given=None, **description):
     if form.startswith("mat"):
         description["columns"] = COLUMNS
     if place == "manifest":
-        said = json.dumps({"units": units, "columns": description.pop("columns", None)})[1:-1]
-        text = f'{{"name": "n", "input": "{description.pop("input_kind", "voltage")}", {said}'
+        kind = description.pop("input_kind", "voltage")
+        said = {"name": "n", "input": kind, "units": units, "logs": [{"file": source.name}]}
         source = source.with_name("manifest.yaml")
-        (log,) = [each.name for each in folder.iterdir() if each.name.startswith("log")]
-        source.write_text(
-            text.replace(', "columns": null', "") + f', "logs": [{{"file": "{log}"}}]}}'
-        )
+        source.write_text(json.dumps(said | description))
+        description = {}
     elif place in TOLD:
         given = units
     return bf.read(source, known={"p3": P3}, units=given, **description)
 
 
-def _assert_estimate(data, cell):
-    found = bf.identify(data, "weak-form", terms=[]).estimate.parameters
-    assert found.p1 == pytest.approx(P1, rel=1e-3), cell
-    assert found.p4 == pytest.approx(P4, rel=1e-3), cell
-    assert found.p2 == pytest.approx(P2, rel=1e-2), cell
+def _assert_same(data, joint):
+    for name, values in joint.items():
+        read = getattr(data.logs[0], name)
+        np.testing.assert_allclose(read, values, rtol=1e-12, atol=1e-14, err_msg=name)
 
 
-def _sets(spellings, place):
-    """Units of all columns at a time, until every spelling of each has been used."""
-    most = max(map(len, spellings.values()))
-    most = most if place not in TOLD else 4
-    drawn = [islice(cycle(each.items()), most) for each in spellings.values()]
-    for row in zip(*drawn, strict=True):
-        yield (
-            {name: unit for name, (unit, _) in zip(spellings, row, strict=True)},
-            {name: factor for name, (_, factor) in zip(spellings, row, strict=True)},
-        )
-
-
-@pytest.mark.parametrize(("form", "place"), TABLE)
-def test_a_unit_is_read_wherever_and_however_it_is_said(tmp_path, joint, form, place):
-    for units, factors in _sets(SPELLINGS, place):
-        data = _read((tmp_path, form, place), joint, units, factors)
-        for name, values in joint.items():
-            read = getattr(data.logs[0], name)
-            np.testing.assert_allclose(read, values, rtol=1e-12, atol=1e-14, err_msg=str(units))
-        said = {name: each.said for name, each in data.health[0].columns.items()}
-        assert set(said.values()) == {_said(place)}
-    _assert_estimate(data, (form, place))
+def _spelt(number, spellings):
+    """One spelling of each column and its factor; numbers in a row use them all in turn."""
+    pairs = {name: [*each.items()][number % len(each)] for name, each in spellings.items()}
+    units, factors = zip(*pairs.values(), strict=True)
+    return dict(zip(FIELDS, units, strict=True)), dict(zip(FIELDS, factors, strict=True))
 
 
 def _said(place):
@@ -205,54 +174,54 @@ def _said(place):
     return others.get(place, "name")
 
 
-@pytest.mark.parametrize(("form", "place"), PLACES)
-def test_units_of_a_torque_are_read_and_those_of_a_voltage_refused(tmp_path, joint, form, place):
-    for unit, factor in TORQUES.items():
-        units, factors = (
-            dict(zip(FIELDS, ("s", unit, "rad"), strict=True)),
-            dict.fromkeys(FIELDS, 1),
-        )
-        factors["input"] = factor
-        data = _read((tmp_path, form, place), joint, units, factors, input_kind="torque")
-        np.testing.assert_allclose(data.logs[0].input, joint["input"], rtol=1e-12)
-    units["input"] = "V"
-    with pytest.raises(bf.InputError, match=r"unit V of input .*a unit of torque or current or sh"):
-        _read((tmp_path, form, place), joint, units, factors, input_kind="torque")
+@pytest.mark.parametrize("kind", ["voltage", "torque"])
+@pytest.mark.parametrize(("form", "place"), TABLE)
+def test_a_unit_is_read_wherever_and_however_it_is_said(tmp_path, joint, form, place, kind):
+    spellings = SPELLINGS | ({"input": TORQUES} if kind == "torque" else {})
+    units, factors = _spelt(TABLE.index((form, place)), spellings)
+    data = _read((tmp_path, form, place), joint, units, factors, input_kind=kind)
+    _assert_same(data, joint)
+    assert {each.said for each in data.health[0].columns.values()} == {_said(place)}
+
+
+def test_the_estimate_is_that_of_the_joint_whatever_the_units(tmp_path, joint):
+    for number, cell in enumerate([("csv", "row"), ("json", "units"), ("mat", "manifest")]):
+        data = _read((tmp_path, *cell), joint, *_spelt(number + 3, SPELLINGS))
+        found = bf.identify(data, "weak-form", terms=[]).estimate.parameters
+        assert (found.p1, found.p4) == pytest.approx((P1, P4), rel=1e-3), cell
+        assert found.p2 == pytest.approx(P2, rel=1e-2), cell
 
 
 @pytest.mark.parametrize(("form", "place"), PLACES)
 def test_a_word_that_is_no_unit_of_its_column_is_refused_unless_the_unit_is_given(
     tmp_path, joint, form, place
 ):
-    ones = dict.fromkeys(FIELDS, 1)
-    for field, word in REFUSED:
-        units = dict(zip(FIELDS, ("s", "V", "rad"), strict=True)) | {field: word}
+    for field, words in REFUSED.items():
+        word = words[PLACES.index((form, place)) % len(words)]
+        units = OWN | {field: word}
         with pytest.raises(bf.InputError) as refused:
-            _read((tmp_path, form, place), joint, units, ones)
+            _read((tmp_path, form, place), joint, units, ONES)
         assert refused.value.field.startswith(field), (form, place, field, word)
         assert word in str(refused.value)
         assert f"--units {field}=" in str(refused.value)
-        data = _read((tmp_path, form, place), joint, units, ones, given={field: 1.0})
+        assert ("counts/4096" in str(refused.value)) is (field == "angle")
+        data = _read((tmp_path, form, place), joint, units, ONES, given={field: 1.0})
         assert data.health[0].columns[field].said == "given"
-    _assert_estimate(data, (form, place))
+    with pytest.raises(bf.InputError, match=r"unit V of input .*a unit of torque or current or sh"):
+        _read((tmp_path, form, place), joint, OWN, ONES, input_kind="torque")
 
 
 @pytest.mark.parametrize(("form", "place"), PLACES)
 def test_two_units_that_differ_are_refused_and_the_same_in_other_words_are_not(
     tmp_path, joint, form, place
 ):
-    units, factors = dict(zip(FIELDS, ("s", "V", "deg"), strict=True)), dict.fromkeys(FIELDS, 1)
-    factors["angle"] = DEGREE
+    cell = ((tmp_path, form, place), joint, OWN | {"angle": "deg"}, ONES | {"angle": DEGREE})
     message = r"the units deg .* and rad \(given\) of angle; .* a factor, .*: --units angle=1$"
     with pytest.raises(bf.InputError, match=message):
-        _read((tmp_path, form, place), joint, units, factors, given={"angle": "rad"})
-    for same in ("°", DEGREE):
-        data = _read((tmp_path, form, place), joint, units, factors, given={"angle": same})
-        np.testing.assert_allclose(data.logs[0].angle, joint["angle"], rtol=1e-12)
-    turned = _read(
-        (tmp_path, form, place), joint, units, factors, given={"angle": "-", "input": "-"}
-    )
-    _assert_estimate(turned, (form, place, "-"))
+        _read(*cell, given={"angle": "rad"})
+    for same, sign in (("°", 1), (DEGREE, 1), ("-", -1)):
+        data = _read(*cell, given={"angle": same})
+        np.testing.assert_allclose(data.logs[0].angle, sign * joint["angle"], rtol=1e-12)
 
 
 def test_the_bracket_and_the_metadata_must_agree(tmp_path, joint):
@@ -304,36 +273,29 @@ def test_a_velocity_that_nobody_asked_for_is_left_out_if_its_unit_is_not_known(t
     assert read_log(tmp_path / "log.csv").velocity is None
 
 
+def _read_table(joint, names, factors=(1, 1, 1), **told):
+    table = {name: f * joint[key] for name, f, key in zip(names, factors, FIELDS, strict=True)}
+    return bf.read(table, columns=dict(zip(FIELDS, range(3), strict=True)), **told)
+
+
 @pytest.mark.parametrize("names", ["t_ms u_mV pos_deg", "ms mV deg", "t[ms]x u(mV)x q[deg]()x"])
 def test_a_unit_ends_a_name_or_stands_within(joint, names):
-    table = dict(zip(names.split(), (1e3, 1e3, 1 / DEGREE), strict=True))
-    table = {
-        name: factor * each
-        for (name, factor), each in zip(table.items(), joint.values(), strict=True)
-    }
-    data = bf.read(table, columns=dict(zip(FIELDS, table, strict=True)), known={"p3": P3})
-    _assert_estimate(data, names)
+    told = joint, names.split(), (1e3, 1e3, 1 / DEGREE)
+    _assert_same(_read_table(*told), joint)
     with pytest.raises(bf.InputError, match=r"deg \(name\) and turns \(given\)"):
-        bf.read(table, columns=dict(zip(FIELDS, table, strict=True)), units={"angle": "turns"})
+        _read_table(*told, units={"angle": "turns"})
 
 
 @pytest.mark.parametrize("names", ["time_s u_ma q_m", "s V m", "t_deg u_rad q_V", "t u_min q_max"])
 def test_an_ending_that_may_be_no_unit_is_none(joint, names):
-    table = dict(zip(names.split(), joint.values(), strict=True))
-    data = bf.read(table, columns=dict(zip(FIELDS, table, strict=True)), known={"p3": P3})
-    _assert_estimate(data, names)
+    _assert_same(_read_table(joint, names.split()), joint)
 
 
 @pytest.mark.parametrize("name", ["(" + " " * 100_000, "[(" * 50_000, "(x " * 50_000 + ")"])
 def test_a_hostile_name_takes_no_time(joint, name):
-    table = dict(zip((name, "u", "q"), joint.values(), strict=True))
     with pytest.raises(bf.InputError):
-        bf.read(
-            table,
-            columns={"time": 0, "input": 1, "angle": 2},
-            units={"angle": "counts/1" + "0" * 400},
-        )
-    bf.read(table, columns={"time": 0, "input": 1, "angle": 2}, units={"time": 1})
+        _read_table(joint, (name, "u", "q"), units={"angle": "counts/1" + "0" * 400})
+    _read_table(joint, (name, "u", "q"), units={"time": 1})
 
 
 def test_an_index_in_brackets_is_no_unit_and_tells_columns_apart(joint):

@@ -78,18 +78,20 @@ def _full(folder):
     found = {
         "orbit": partial(program.orbit, ORBIT, folder / "orbit"),
         "quickstart/logs": partial(_logs, start),
-        "quickstart/predict": partial(_predicted, start),
-        "quickstart/draws": partial(_drawn, start),
-        "quickstart/changed": partial(_changed, start),
+        "quickstart/predict": partial(
+            _answered, "predict", start, ("data", "found"), draws=50, seed=SEED
+        ),
+        "quickstart/draws": partial(_answered, "draws", start, ["found"], 40, SEED),
+        "quickstart/changed": partial(_answered, "changed", start, ("found", "other")),
         "quickstart/held out": partial(_of_folder, start, "auto", holdout=("*120g*",)),
     }
     found |= {f"quickstart/{each}": partial(_of_folder, start, each) for each in METHODS}
     if _real().is_dir():
         found |= {f"real/{each}": partial(_of_real, each) for each in METHODS}
         found["real/held out"] = partial(_of_real, "auto", holdout=("*154*",))
-        found["real/validate"] = _validated
-        found["real/design"] = _designed
-        found["real/compare"] = _compared
+        found["real/validate"] = partial(_answered, "validate", _real(), ["data"])
+        found["real/design"] = partial(_answered, "design", _real(), ["found"])
+        found["real/compare"] = partial(_answered, "compare", _real(), ["found"], logs=[0, 20, 40])
     if _strangers().is_dir():
         found |= _of_strangers(folder)
     for made in sorted((folder / "made").glob("*/manifest.yaml")):
@@ -121,25 +123,22 @@ def _of_strangers(folder):
 
 
 def _of_real(method, count=None, **options):
-    data = program.real_logs(_real(), count)
-    return program.identification(_found_in_real(method, count, **options), data)
+    return program.identification(_found(_real(), method, count, **options), _data(_real(), count))
+
+
+def _data(folder, count=None):
+    return program.real_logs(folder, count) if folder == _real() else program.read(folder)
 
 
 @cache
-def _found_in_real(method, count=None, **options):
-    return program.identify(program.real_logs(_real(), count), method, **options)
+def _found(folder, method="auto", count=None, **options):
+    return program.identify(_data(folder, count), method, **options)
 
 
-def _validated():
-    return program.validated(program.real_logs(_real()))
-
-
-def _designed():
-    return program.designed(_found_in_real("auto"))
-
-
-def _compared():
-    return program.compared(_found_in_real("auto"), [0, 20, 40])
+def _answered(verb, folder, given, *more, **options):
+    """Ask for more of data, of what was found, or of both; two methods where ``given`` asks so."""
+    made = {"data": _data, "found": _found, "other": partial(_found, method="output-error")}
+    return program.answered(verb, *(made[each](folder) for each in given), *more, **options)
 
 
 def _of_folder(folder, method, **options):
@@ -149,20 +148,6 @@ def _of_folder(folder, method, **options):
 
 def _logs(folder):
     return program.logs(program.read(folder))
-
-
-def _predicted(folder):
-    data = program.read(folder)
-    return program.predicted(data, program.identify(data), draws=50, seed=SEED)
-
-
-def _drawn(folder):
-    return program.drawn(program.identify(program.read(folder)), 40)
-
-
-def _changed(folder):
-    data = program.read(folder)
-    return program.changed(program.identify(data), program.identify(data, "output-error"))
 
 
 def _of_files(whose, files, told, method, known, **options):

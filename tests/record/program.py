@@ -158,18 +158,6 @@ def logs(data):
     return _facts(numbers={"prediction": columns}, texts={"logs": [x.name for x in data.logs]})
 
 
-def table(result):
-    """Return facts of what validate, design, compare, predict, draws or changed answers."""
-    told = result.to_dict()
-    flats = {key: flat(told[key]) for key in TABLES if key in told}
-    cells = [text for _, texts in flats.values() for text in texts.values()]
-    return _facts(
-        numbers={key: numbers for key, (numbers, _) in flats.items()},
-        texts={"verdict": str(result.standing)},
-        words=[*result.summary, *cells],
-    )
-
-
 def orbit(experiment, folder):
     """Hold an orbit and re-calibrate next to it, as the command does."""
     answer = Path(folder) / "orbit.json"
@@ -185,34 +173,17 @@ def orbit(experiment, folder):
     )
 
 
-def validated(data):
-    """Leave out what suits the logs."""
-    return table(bf.validate(data))
-
-
-def designed(found):
-    """Rank next experiments."""
-    return table(bf.design(found))
-
-
-def compared(found, numbers):
-    """Simulate some logs in MuJoCo and by the grey-box model."""
-    return table(bf.compare(found, logs=numbers))
-
-
-def predicted(data, found, **options):
-    """Predict logs, with bands."""
-    return table(bf.predict(data, found, **options))
-
-
-def drawn(found, count):
-    """Draw parameters."""
-    return table(bf.draws(found, count, 1))
-
-
-def changed(before, after):
-    """Compare two identifications."""
-    return table(bf.changed(before, after))
+def answered(verb, *told, **options):
+    """Return facts of what validate, design, compare, predict, draws or changed answers."""
+    result = getattr(bf, verb)(*told, **options)
+    told = result.to_dict()
+    flats = {key: flat(told[key]) for key in TABLES if key in told}
+    cells = [text for _, texts in flats.values() for text in texts.values()]
+    return _facts(
+        numbers={key: numbers for key, (numbers, _) in flats.items()},
+        texts={"verdict": str(result.standing)},
+        words=[*result.summary, *cells],
+    )
 
 
 def refused(error):
