@@ -119,8 +119,8 @@ def test_a_place_that_holds_no_text_is_named(tmp_path):
 
 
 @given(st.text())
-def test_any_text_is_a_mapping_or_one_error(tmp_path_factory, text):
-    path = tmp_path_factory.mktemp("yaml") / "a.yaml"
+def test_any_text_is_a_mapping_or_one_error(tmp_path, text):
+    path = tmp_path / "a.yaml"
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with suppress(InputError):
         assert isinstance(load_yaml(path).content, dict)
@@ -150,8 +150,8 @@ VALUES = st.recursive(
 @example(content={"": ": 1"}, flow=True)
 @example(content={"": [": '"]}, flow=True)
 @example(content={"a\n": " \u2028#", "yes": "no", "- a": "1e3"}, flow=True)
-def test_written_values_read_back_the_same_in_their_order(tmp_path_factory, content, flow):
-    path = tmp_path_factory.mktemp("yaml") / "a.yaml"
+def test_written_values_read_back_the_same_in_their_order(tmp_path, content, flow):
+    path = tmp_path / "a.yaml"
     path.write_text(yaml_text(content, flow=flow), encoding="utf-8")
     read = load_yaml(path).content
     assert read == content

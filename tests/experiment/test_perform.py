@@ -112,13 +112,17 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(run, butterf
     assert again.tables() == run[0].tables()
     assert list(again.identifications) == list(run[0].identifications)
     changed(path, estimators=ESTIMATORS[:1], validation=None, keep_signals=False)
-    for words in ((), ("--force",)):
-        assert "already done" not in butterfly("run", path, "--out", out, *words)[1]
-    assert "already done" in butterfly("run", path, "--out", out)[1]
+
+    def is_found(*words):
+        return "already done" in butterfly("run", path, "--out", out, *words)[1]
+
+    assert not is_found()
+    assert is_found()
+    assert not is_found("--force")
     (out / "result.json").write_text("{}")
-    assert "already done" not in butterfly("run", path, "--out", out)[1]
+    assert not is_found()
     run_sweep(planned(path), out, HereEngine(), only="0")
-    assert "already done" not in butterfly("run", path, "--out", out)[1]
+    assert not is_found()
 
 
 @pytest.mark.parametrize(

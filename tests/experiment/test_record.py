@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.experiment.record import (
@@ -61,6 +61,7 @@ json_values = st.recursive(
 )
 
 
+@settings(max_examples=20)
 @given(st.dictionaries(st.text(), json_values), st.integers(0, 2**63 - 1), st.text())
 def test_a_run_comes_back_from_json(overrides, seed, error):
     record = RunRecord(
