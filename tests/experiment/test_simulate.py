@@ -174,8 +174,8 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     loads[1]["own_inertia"] = 5e-5
     added = [{"mass": 0.0}, *({"arm": 0.104} | each for each in loads)]
     known = {"p4": {"value": 0.025, "uncertainty": 0.001}}
-    sines = CONTENT["excitations"][::4]
-    about = {"known": known, "holdout": ["run002*"], "excitations": sines, "duration": 6.0}
+    sines = CONTENT["excitations"][2::3]
+    about = {"known": known, "holdout": ["run002*"], "excitations": sines, "duration": 8.0}
     changed(quick, added_masses=added, **about)
     memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
     for data in (memory, folder):

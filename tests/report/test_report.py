@@ -53,6 +53,12 @@ def simulated():
 
 
 @pytest.fixture(scope="module")
+def told(simulated):
+    """The page, before it is written."""
+    return identification_page(*simulated)
+
+
+@pytest.fixture(scope="module")
 def page(simulated, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     result, truth = simulated
@@ -114,7 +120,7 @@ def test_what_is_no_number_is_packed_as_none():
         _assert_seen(_numbers(packed), np.where(np.isfinite(array), array, np.nan))
 
 
-@pytest.mark.parametrize("start", [0.0, 4390.0, 1.76e9, -1e6])
+@pytest.mark.parametrize("start", [0.0, 1.76e9, -1e6])
 def test_a_time_plot_is_true_wherever_the_clock_starts(simulated, start):
     run = simulated[0].free_runs[0]
     log = dataclasses.replace(run.log, time=run.log.time + start)
@@ -225,13 +231,12 @@ def test_an_axis_of_parameters_ends_at_100_per_cent():
 
 
 def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval_and_truth(
-    simulated,
+    simulated, told
 ):
     result, truth = simulated
-    page = identification_page(result, truth)
-    assert page.headed.text == "Good"
-    assert f"{result.fit.median:.1f} %" in [fact.value for fact in page.facts]
-    (table,) = page.lead.tables
+    assert told.headed.text == "Good"
+    assert f"{result.fit.median:.1f} %" in [fact.value for fact in told.facts]
+    (table,) = told.lead.tables
     assert [str(row[0]) for row in table.rows] == [row.name for row in result.estimate.table()]
     assert len({row[3].reach for row in table.rows} | {table.headers[3].reach}) == 1
     for row, each in zip(table.rows, result.estimate.table(truth), strict=True):
@@ -240,15 +245,13 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
         assert row[3].limits[0] <= 0.0 <= row[3].limits[1]
 
 
-def test_the_first_screen_repeats_the_numbers_of_its_verdict(simulated):
-    result, _ = simulated
-    page = identification_page(result)
-    values, model = page.headed.reasons
-    widths = {str(row[0]): row[4] for row in page.lead.tables[0].rows}
+def test_the_first_screen_repeats_the_numbers_of_its_verdict(told):
+    values, model = told.headed.reasons
+    widths = {str(row[0]): row[4] for row in told.lead.tables[0].rows}
     assert widths.pop("delay") == "may be 0"
     for name, width in widths.items():
         assert f"{name} {width.replace(' ', '', 1)}" in values
-    (error,) = [fact.value for fact in page.facts if fact.label == "model error"]
+    (error,) = [fact.value for fact in told.facts if fact.label == "model error"]
     assert f"error {error} of the motion" in model
 
 
@@ -293,7 +296,7 @@ def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
     assert names == [result.data.logs[log].label for _, _, log in points]
 
 
-def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
+def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated, told):
     result = simulated[0]
     ends = {1: np.inf, 2: 1e300, 4: np.nan}
     runs = [
@@ -302,12 +305,12 @@ def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
         else run
         for k, run in enumerate(result.free_runs)
     ]
-    page = identification_page(dataclasses.replace(result, runs=tuple(runs)))
-    (section,) = [each for each in page.sections if each.title == "FIT log by log"]
+    away = identification_page(dataclasses.replace(result, runs=tuple(runs)))
+    section, whole = (
+        next(each for each in page.sections if each.title == "FIT log by log")
+        for page in (away, told)
+    )
     assert "Not drawn: 3 logs from which the model diverges." in section.text
-    (whole,) = [
-        each for each in identification_page(result).sections if each.title == section.title
-    ]
     assert "Not drawn" not in whole.text
 
 
