@@ -117,12 +117,13 @@ def test_a_stopped_sweep_leaves_results_and_no_process(quick, tmp_path, how):
 
 
 @pytest.mark.slow
-def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, undisturbed):
-    small_plan(folder)
-    out, done = folder / "killed", 0
+def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(tmp_path):
+    plant = SINGLE["plant"] | {"clock": {}, "simulator": "mujoco"}  # which takes a while
+    run_sweep(small_plan(tmp_path, plant=plant), tmp_path / "undisturbed", HereEngine())
+    out, done = tmp_path / "killed", 0
     chance = random.Random(0)  # noqa: S311 - moments, not secrets
     for _ in range(2):
-        command, process = _begun(folder / "small.yaml", out)
+        command, process = _begun(tmp_path / "small.yaml", out)
         _until(lambda: _records(out) > done)  # noqa: B023 - called at once
         time.sleep(chance.uniform(0.0, 0.1))
         os.killpg(process.pid, signal.SIGKILL)
@@ -131,7 +132,7 @@ def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, un
     assert not (out / "runs.parquet").exists()
     finished = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert finished.returncode == 0, finished.stderr
-    assert tables_of(out) == undisturbed
+    assert tables_of(out) == tables_of(tmp_path / "undisturbed")
 
 
 LEFT_OUT = {"added_masses": THREE_MASSES, "validation": {"split": "mass"}}
