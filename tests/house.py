@@ -7,6 +7,7 @@ import ast
 import io
 import re
 import tokenize
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +30,7 @@ class Number(NamedTuple):
     meaning: str
 
 
+@cache
 def tuned_numbers(package: str = "butterfly/identification") -> list[Number]:
     """Return the numbers that modules of a package assign at their top, by file."""
     found: list[Number] = []
@@ -52,8 +54,7 @@ def table(numbers: list[Number]) -> str:
 
 def _of_module(path: Path) -> list[Number]:
     text = path.read_text(encoding="utf-8")
-    body, behind = ast.parse(text).body, _comments(text, alone=False)
-    alone = _comments(text, alone=True)
+    body, (behind, alone) = ast.parse(text).body, _comments(text)
     found = []
     for node, after in zip(body, [*body[1:], None], strict=True):
         if not isinstance(node, ast.Assign | ast.AnnAssign) or not _is_number(node.value):
@@ -85,14 +86,15 @@ def _is_number(value: ast.expr | None) -> bool:
     )
 
 
-def _comments(text: str, *, alone: bool) -> dict[int, str]:
-    """Return the comments of a module by line: behind code, or ``alone`` on their lines."""
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    return {
-        token.start[0]: token.string.lstrip("# ")
-        for token in tokens
-        if token.type == tokenize.COMMENT and alone == (token.start[1] == 0)
-    }
+def _comments(text: str) -> tuple[dict[int, str], dict[int, str]]:
+    """Return the comments of a module by line: those behind code, and those alone on theirs."""
+    behind: dict[int, str] = {}
+    alone: dict[int, str] = {}
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            found = behind if token.start[1] else alone
+            found[token.start[0]] = token.string.lstrip("# ")
+    return behind, alone
 
 
 def _above(comments: dict[int, str], line: int) -> str:

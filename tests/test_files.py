@@ -3,7 +3,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from multiprocessing import get_context
+import time
 from pathlib import Path
 
 import pytest
@@ -49,25 +49,27 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         draft.write_text("x")
 
 
-def _write_often(path, letter, times):
-    for _ in range(times):
-        with replacing(path) as draft:
-            draft.write_text(letter * 20_000)
+_WRITER = """
+import sys
+from pathlib import Path
+from butterfly.files import replacing
+for _ in range(100):
+    with replacing(Path(sys.argv[1])) as draft:
+        draft.write_text(sys.argv[2] * 20_000)
+"""
 
 
 def test_two_processes_write_one_path_and_a_reader_meets_whole_files_only(tmp_path):
     path = tmp_path / "a.txt"
-    spawn = get_context("spawn")
-    writers = [spawn.Process(target=_write_often, args=(path, letter, 400)) for letter in "xy"]
-    for writer in writers:
-        writer.start()
+    words = [sys.executable, "-c", _WRITER, str(path)]
+    writers = [subprocess.Popen([*words, letter]) for letter in "xy"]  # noqa: S603
     met = set()
-    while any(writer.is_alive() for writer in writers):
+    while any(writer.poll() is None for writer in writers):
         if path.exists():
             met.add(path.read_text())
-    for writer in writers:
-        writer.join()
-    assert [writer.exitcode for writer in writers] == [0, 0]
+        else:
+            time.sleep(0.01)
+    assert [writer.returncode for writer in writers] == [0, 0]
     assert met <= {"x" * 20_000, "y" * 20_000}
     assert list(tmp_path.iterdir()) == [path]
 

@@ -38,7 +38,7 @@ def of_scale(share):
 
 @pytest.mark.parametrize("share", [0.0, 0.95])
 def test_a_robot_that_has_not_changed_is_seldom_said_to_have(share):
-    rng, covariance, count = np.random.default_rng(1), of_scale(share), 300
+    rng, covariance, count = np.random.default_rng(1), of_scale(share), 150
     found = [change(drawn(rng, covariance), drawn(rng, covariance)) for _ in range(count)]
     alarms = sum(bool(each.changed) or each.jointly_changed for each in found)
     spread = np.sqrt(LEVEL * (1 - LEVEL) * count)

@@ -3,8 +3,7 @@
 import pytest
 
 from butterfly.experiment.sweep import run_sweep
-from butterfly.experiment.workers import LocalEngine
-from tests.experiment.setting import small_plan, tables_of
+from tests.experiment.setting import HereEngine, small_plan, tables_of
 
 
 @pytest.fixture(scope="session")
@@ -14,7 +13,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def undisturbed(folder):
-    """Tables of the small sweep, run by one worker into ``folder / "one"``."""
-    summary = run_sweep(small_plan(folder), folder / "one", LocalEngine(1))
+    """Tables of the small sweep, run without workers into ``folder / "one"``."""
+    summary = run_sweep(small_plan(folder), folder / "one", HereEngine())
     assert (summary.runs, summary.done, summary.unsuccessful) == (6, 6, 0)
     return tables_of(folder / "one")

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.experiment.record import (
@@ -61,18 +61,12 @@ json_values = st.recursive(
 )
 
 
+@settings(max_examples=20)
 @given(st.dictionaries(st.text(), json_values), st.integers(0, 2**63 - 1), st.text())
 def test_a_run_comes_back_from_json(overrides, seed, error):
-    record = RunRecord(
-        key="a",
-        status="ok",
-        error=error,
-        seed=seed,
-        overrides=overrides,
-        estimates=(ESTIMATE,),
-        orbit=ORBIT,
-        seconds={"total": 1.25},
-    )
+    asked = {"key": "a", "seed": seed, "overrides": overrides}
+    found = {"estimates": (ESTIMATE,), "orbit": ORBIT, "seconds": {"total": 1.25}}
+    record = RunRecord(status="ok", error=error, **asked, **found)
     back = RunRecord.from_json(record.to_json())
     assert back is not None
     assert replace(back, estimates=()) == replace(record, estimates=())
@@ -96,12 +90,8 @@ def test_a_value_that_is_no_number_comes_back_as_none():
     assert np.isnan(back.parameters[0].value)
 
 
-def test_another_schema_is_not_read():
+def test_another_schema_is_not_read_and_no_digit_of_a_record_may_change():
     assert RunRecord.from_json(RunRecord(schema=2, status="ok", seed=0).to_json()) is None
-    assert RunRecord.from_json(RunRecord(status="ok", seed=0).to_json()) is not None
-
-
-def test_no_digit_of_a_record_may_change():
     text = RunRecord(key="a", status="ok", seed=0, estimates=(ESTIMATE,)).to_json()
     assert RunRecord.from_json(text.replace("0.0498", "0.0497")) is None
     assert RunRecord.from_json(text.replace('"seed": 0', '"seed": 1')) is None

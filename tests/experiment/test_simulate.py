@@ -92,9 +92,8 @@ def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
         "faults": {"dropped": 0.1, "duplicated": 0.1},
     }
     for step in (0.001, 0.005):
-        log = _logs(changed(short, plant=bench | {"clock": {"step": step}}), tmp_path / str(step))[
-            0
-        ]
+        path = changed(short, plant=bench | {"clock": {"step": step}})
+        log = _logs(path, tmp_path / str(step))[0]
         assert np.isfinite(log.angle).all()
         assert np.ptp(log.angle) > 0.01
         assert 0.85 < np.unique(log.time).size / (2.0 / step + 1) < 0.95
@@ -141,7 +140,8 @@ def test_other_inputs_than_sines_are_simulated_and_said_not_to_be_sines(short, t
 def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(short, tmp_path):
     multisine = {"base": 0.5, "harmonics": [3, 5, 8, 11, 14], "peak": 0.4, "seed": 0}
     signals = [{"multisine": multisine}, {"free_decay": {"angle": 0.5}}]
-    about = {"duration": 20.0, "method": "output-error", "terms": ["drag"]}
+    about = {"duration": 10.0, "method": "output-error", "terms": ["drag"]}
+    about["plant"] = CONTENT["plant"] | {"simulator": "grey-box", "clock": {"step": 0.004}}
     masses = CONTENT["added_masses"][:2]
     changed(short, excitations=[], signals=signals, added_masses=masses, **about)
     experiment = read_experiment(short)
@@ -174,7 +174,9 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     loads[1]["own_inertia"] = 5e-5
     added = [{"mass": 0.0}, *({"arm": 0.104} | each for each in loads)]
     known = {"p4": {"value": 0.025, "uncertainty": 0.001}}
-    changed(quick, known=known, holdout=["run002*"], added_masses=added)
+    sines = CONTENT["excitations"][2::3]
+    about = {"known": known, "holdout": ["run002*"], "excitations": sines, "duration": 8.0}
+    changed(quick, added_masses=added, **about)
     memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
     for data in (memory, folder):
         assert data.given.to_dict() == known

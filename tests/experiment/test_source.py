@@ -46,10 +46,15 @@ def test_what_is_kept_is_the_same_experiment_bit_for_bit(given, tmp_path, sweep)
     assert "extends:" not in (tmp_path / "out" / EXPERIMENT).read_text()
 
 
-def test_a_file_of_the_experiment_is_never_replaced(given, tmp_path):
+def test_a_file_of_the_experiment_is_never_replaced(given, tmp_path, butterfly):
     renamed = given.rename(given.with_name(EXPERIMENT))
     with pytest.raises(InputError, match="--out"):
         keep_experiment(Source(renamed), renamed.parent)
+    before = renamed.read_text()
+    result = butterfly("run", renamed, "--out", renamed.parent)
+    assert_one_line_error(result, "the experiment file itself", "--out")
+    assert renamed.read_text() == before
+    assert not (renamed.parent / "sweep.json").exists()  # it is refused before anything is done
     contents = []
     for path in (renamed, tmp_path / "out" / EXPERIMENT):
         source = Source(path)
@@ -57,14 +62,3 @@ def test_a_file_of_the_experiment_is_never_replaced(given, tmp_path):
         keep_experiment(source, tmp_path / "out")
         contents.append((tmp_path / "out" / EXPERIMENT).read_bytes())
     assert contents[0] == contents[1]
-
-
-def test_results_in_the_experiment_s_own_folder_are_refused_before_anything_is_done(
-    butterfly, quick
-):
-    own = quick.rename(quick.with_name(EXPERIMENT))
-    text = own.read_text()
-    result = butterfly("run", own, "--out", own.parent)
-    assert_one_line_error(result, "the experiment file itself", "--out")
-    assert own.read_text() == text
-    assert not (own.parent / "sweep.json").exists()

@@ -12,6 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.store import ResultStore
@@ -41,10 +42,13 @@ def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted
     assert store.clean() == []
 
 
-def test_kept_logs_that_were_cut_changed_or_lost_are_done_again(folder):
+def test_kept_logs_are_read_back_and_those_that_were_cut_changed_or_lost_are_done_again(folder):
     plan = small_plan(folder, keep_signals=True, duration=6.0, sweep={"repetitions": 4})
     store = ResultStore(folder / "kept-whole")
     run_sweep(plan, store.folder, HereEngine())
+    kept = store.files_path(plan.tasks[0].key) / "manifest.yaml"
+    read = [(log.added_mass.mass, log.time.size) for log in bf.read(kept).logs]
+    assert read == [(0.0, 1501), (0.05, 1501)]
     assert run_sweep(plan, store.folder, HereEngine()).done == 0
     logs = [min(store.files_path(task.key).glob("*.parquet")) for task in plan.tasks]
     contents = {path: path.read_bytes() for path in logs}
@@ -75,11 +79,9 @@ def test_a_damaged_byte_of_a_table_is_noticed(folder):
         content[place] ^= 4
 
 
-def test_cleaning_follows_no_link(folder):
-    plan = small_plan(folder)
-    store = ResultStore(folder / "linked")
-    run_sweep(plan, store.folder, HereEngine())
-    elsewhere = folder / "elsewhere"
+def test_cleaning_follows_no_link(tmp_path):
+    store, _ = _with_sweep(tmp_path / "linked", "a")
+    elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     kept = elsewhere / f"{'ff' * 12}.json"
     kept.write_text("{}")
@@ -208,14 +210,20 @@ def test_tables_that_two_write_belong_to_the_sweep(tmp_path):
     assert store.table(RUNS)["key"].to_pylist() == [run.key]
 
 
-def end_often(folder, name):
-    """End a sweep of one's own in a folder, again and again."""
-    store = ResultStore(Path(folder))
-    key = name * 24
+def _with_sweep(folder, name):
+    """Return a store with a sweep of one run, and the sweep."""
+    store, key = ResultStore(Path(folder)), name * 24
     run = SweepRun(number=0, key=key, repetition=0, seed=0, overrides={})
     about = {"name": name, "description": "", "seed": 0, "worst": 1, "versions": {}}
     sweep = SweepRecord(**about, fields=(), runs=(run,))
     store.write(Outcome(record=RunRecord(key=key, status="ok", seed=0)))
+    store.end_sweep(sweep)
+    return store, sweep
+
+
+def end_often(folder, name):
+    """End a sweep of one's own in a folder, again and again."""
+    store, sweep = _with_sweep(folder, name)
     for _ in range(60):
         store.end_sweep(sweep)
 

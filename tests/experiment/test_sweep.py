@@ -15,13 +15,12 @@ import pytest
 from butterfly.cli.output import ExitCode
 from butterfly.experiment.perform import perform
 from butterfly.experiment.record import OK, REFUSED
+from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import EXPERIMENT, Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import plan_sweep, run_sweep
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import LocalEngine
-from butterfly.identification.data import read_data_set
-from butterfly.logs.manifest import read_manifest
 from butterfly.progress import budget
 from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import (
@@ -39,7 +38,7 @@ from tests.experiment.setting import (
 
 def test_what_is_done_is_not_done_again_unless_forced(folder, undisturbed):
     plan = small_plan(folder)
-    again = run_sweep(plan, folder / "one", LocalEngine(1))
+    again = run_sweep(plan, folder / "one", HereEngine())
     assert (again.done, again.reused) == (0, 6)
     forced = run_sweep(plan, folder / "one", LocalEngine(2), force=True, only="1,3-4")
     assert (forced.runs, forced.done) == (3, 3)
@@ -118,12 +117,13 @@ def test_a_stopped_sweep_leaves_results_and_no_process(quick, tmp_path, how):
 
 
 @pytest.mark.slow
-def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, undisturbed):
-    small_plan(folder)
-    out, done = folder / "killed", 0
+def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(tmp_path):
+    plant = SINGLE["plant"] | {"clock": {}, "simulator": "mujoco"}  # which takes a while
+    run_sweep(small_plan(tmp_path, plant=plant), tmp_path / "undisturbed", HereEngine())
+    out, done = tmp_path / "killed", 0
     chance = random.Random(0)  # noqa: S311 - moments, not secrets
     for _ in range(2):
-        command, process = _begun(folder / "small.yaml", out)
+        command, process = _begun(tmp_path / "small.yaml", out)
         _until(lambda: _records(out) > done)  # noqa: B023 - called at once
         time.sleep(chance.uniform(0.0, 0.1))
         os.killpg(process.pid, signal.SIGKILL)
@@ -132,12 +132,14 @@ def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, un
     assert not (out / "runs.parquet").exists()
     finished = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert finished.returncode == 0, finished.stderr
-    assert tables_of(out) == undisturbed
+    assert tables_of(out) == tables_of(tmp_path / "undisturbed")
+
+
+LEFT_OUT = {"added_masses": THREE_MASSES, "validation": {"split": "mass"}}
 
 
 def test_a_run_whose_search_was_stopped_is_done_again_once_it_may_search_for_longer(folder):
-    more = {"added_masses": THREE_MASSES, "validation": {"split": "mass"}}
-    plan = small_plan(folder, **more, sweep={"repetitions": 1})
+    plan = small_plan(folder, **LEFT_OUT, sweep={"repetitions": 1})
     store = ResultStore(folder / "stopped")
     with budget(0.0) as search:
         assert run_sweep(plan, store.folder, HereEngine()).done == 1
@@ -148,8 +150,8 @@ def test_a_run_whose_search_was_stopped_is_done_again_once_it_may_search_for_lon
     assert store.read(plan.tasks[0].key).stopped_after is None
 
 
-def test_what_a_run_simulates_first_takes_nothing_of_its_time_to_search(quick):
-    experiment = Source(changed(quick, validation={"split": "mass"})).experiment()
+def test_what_a_run_simulates_first_takes_nothing_of_its_time_to_search():
+    experiment = Experiment.model_validate(SINGLE | LEFT_OUT)
     with budget(60.0) as search:
         search.begun -= 60.0
         assert perform(experiment).record.stopped_after is None
@@ -165,35 +167,26 @@ def test_planning_and_writing_the_tables_tell_how_far_they_are(folder):
         told.append((description, len(items) if hasattr(items, "__len__") else None))
         return items
 
-    path = written(folder / "small.yaml", **SWEEP)
+    path = written(folder / "small.yaml", **SWEEP | {"sweep": {"repetitions": 2}})
     plan = plan_sweep(Source(path), track=track)
     run_sweep(plan, folder / "told", HereEngine(), track=track)
-    assert told == [
-        ("Planning", None),
-        ("Checking finished runs", 6),
-        ("Running", 6),
-        ("Writing the tables", 6),
-    ]
+    parts = ("Checking finished runs", "Running", "Writing the tables")
+    assert told == [("Planning", None), *((part, 2) for part in parts)]
 
 
 WILD = {"signals": [{"multisine": {"base": 0.5, "harmonics": [4], "peak": 1e200, "seed": 0}}]}
 ONE_MASS = {"added_masses": SINGLE["added_masses"][:1]}
 
 
-@pytest.mark.parametrize(
-    ("refused", "reason"), [(WILD, "command: got"), (ONE_MASS, "no log has an added mass")]
-)
-def test_a_run_that_is_refused_is_recorded_with_its_reason_and_the_others_go_on(
-    folder, refused, reason
-):
-    plan = small_plan(folder, sweep={"list": [refused, {"plant.encoder.noise": 0.0}]})
-    out = folder / reason
-    assert run_sweep(plan, out, HereEngine()).unsuccessful == 1
-    rows = ResultStore(out).table(RUNS).to_pylist()
-    assert [row["status"] for row in rows] == [REFUSED, OK]
-    assert reason in rows[0]["error"]
-    assert rows[1]["error"] == ""
-    assert run_sweep(plan, out, HereEngine()).done == 0
+def test_a_run_that_is_refused_is_recorded_with_its_reason_and_the_others_go_on(folder):
+    plan = small_plan(folder, sweep={"list": [WILD, ONE_MASS, {"plant.encoder.noise": 0.0}]})
+    assert run_sweep(plan, folder / "refused", HereEngine()).unsuccessful == 2
+    rows = ResultStore(folder / "refused").table(RUNS).to_pylist()
+    assert [row["status"] for row in rows] == [REFUSED, REFUSED, OK]
+    for row, reason in zip(rows, ("command: got", "no log has an added mass", ""), strict=True):
+        assert reason in row["error"]
+    assert rows[2]["error"] == ""
+    assert run_sweep(plan, folder / "refused", HereEngine()).done == 0
 
 
 def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
@@ -205,15 +198,6 @@ def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
     rows = store.table(ESTIMATES).to_pylist()
     assert {row["held_out_median"] for row in rows if row["number"] == 0} == {None}
     assert all(row["held_out_median"] > 90 for row in rows if row["number"] == 1)
-
-
-def test_logs_are_kept_where_asked_and_read_back_as_a_data_set(folder):
-    plan = small_plan(folder, keep_signals=True, sweep={"repetitions": 1})
-    run_sweep(plan, folder / "kept", LocalEngine(1))
-    kept = ResultStore(folder / "kept").files_path(plan.tasks[0].key)
-    data = read_data_set(read_manifest(kept / "manifest.yaml"))
-    assert [log.added_mass.mass for log in data.logs] == [0.0, 0.05]
-    assert data.logs[0].time.size == 12_001
 
 
 @pytest.mark.usefixtures("undisturbed")
@@ -289,7 +273,7 @@ def test_an_orbit_can_be_swept(folder):
         "rounds": 2,
     }
     base = {key: SINGLE[key] for key in SINGLE if key not in {"signals", "estimators"}}
-    base |= {"plant": SINGLE["plant"] | {"simulator": "grey-box"}, "control": control}
+    base |= {"plant": SINGLE["plant"] | {"clock": {}}, "control": control}
     grid = {"control.target.amplitude": [0.8, 1.0]}
     plan = planned(written(folder / "orbits.yaml", **base, sweep={"grid": grid}))
     assert run_sweep(plan, folder / "orbits", LocalEngine(2)).unsuccessful == 0

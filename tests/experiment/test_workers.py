@@ -43,20 +43,15 @@ def test_a_worker_that_dies_costs_the_others_next_to_nothing(tmp_path):
     assert disturbed < 2 * undisturbed
 
 
-def test_what_is_handed_out_is_bounded_and_ends_when_the_engine_is_left(tmp_path):
+def test_workers_are_sent_what_tasks_share_and_few_tasks_and_end_when_the_engine_is_left(tmp_path):
     tasks = [Job(str(k), tmp_path, 0.05 if k == 0 else 60.0) for k in range(30)]
-    outcomes = LocalEngine(2).run(work, tasks, {})
+    outcomes = LocalEngine(2).run(work, tasks, {"0": (1.0, 2.0)})
     begun = time.perf_counter()
-    assert next(outcomes) == ("0", None)
+    assert next(outcomes) == ("0", (1.0, 2.0))
     outcomes.close()
     assert time.perf_counter() - begun < 30
     assert multiprocessing.active_children() == []
     assert len(list(tmp_path.iterdir())) <= 3
-
-
-def test_workers_are_sent_what_tasks_share(tmp_path):
-    tasks = [Job(str(k), tmp_path) for k in range(3)]
-    assert dict(LocalEngine(2).run(work, tasks, {"1": (1.0, 2.0)}))["1"] == (1.0, 2.0)
 
 
 def test_workers_that_cannot_be_started_are_one_error(tmp_path):

@@ -20,7 +20,7 @@ TERMS = ("coulomb",)
 
 @pytest.fixture(scope="module")
 def log():
-    (found,) = wild(ROBOT, MASSES[1:2], 60.0)
+    (found,) = wild(ROBOT, MASSES[1:2], 40.0)
     return replace(found, intersample=Intersample.ZERO_ORDER_HOLD)  # as a loop's commands are
 
 
@@ -81,7 +81,7 @@ def test_the_encoder_s_zero_is_taken_off_and_a_pause_begins_anew(log):
     turned = replace(log, angle=log.angle + 0.7)
     one, other = _fed(log, 20.0)[0], _fed(turned, 20.0, zero=0.7)[0]
     np.testing.assert_allclose(other.ratios(), one.ratios(), rtol=1e-6)
-    paused = replace(log, time=log.time + 100.0 * (log.time > 30.0))
+    paused = replace(log, time=log.time + 100.0 * (log.time > 10.0))
     np.testing.assert_allclose(_fed(paused, 20.0)[0].ratios(), one.ratios(), rtol=0.02)
 
 

@@ -11,7 +11,7 @@ from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.report.orbit_page import orbit_document
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
-ROUGH = plant({"coulomb": 1e-4})
+ROUGH = plant({"coulomb": 1e-4}, step=5e-3)
 TRUE = ROUGH.robot.lumped
 
 

@@ -134,19 +134,15 @@ SCATTER = (
     Finding(FindingKind.SCATTER, ("p2", "coulomb"), number=0.213),
     Finding(FindingKind.SCATTER, ("p4",), number=0.0123),
 )
-WITH_MASS = Contrast(
-    parameter="p1",
-    condition=Condition.MASS,
-    least=0.0,
-    largest=1e-3,
-    first=2e-3,
-    last=2.2e-3,
-    share=0.4,
-    chance=1e-3,
-)
+_NUMBERS = {"least": 0.0, "largest": 1e-3, "first": 2e-3, "last": 2.2e-3}
+WITH_MASS = Contrast(parameter="p1", condition=Condition.MASS, share=0.4, chance=1e-3, **_NUMBERS)
+WITH_LOG = replace(WITH_MASS, parameter="p2", condition=Condition.LOG)
 _TIMES = "Model: error 1.2 % of the motion, 3.5 times the sensor noise"
-
-
+_LACKS = "drag or load (61 % of the residual)"
+_GROWS = (
+    "p1 grows with the added mass, from 0.002 to 0.0022 kg m². Possible causes: the added mass's "
+    "own inertia, its arm, the clock, a moving base."
+)
 _SCATTER = "Scatter between logs: p2, coulomb by 21 %; p4 by 1.2 %."
 
 
@@ -156,28 +152,10 @@ _SCATTER = "Scatter between logs: p2, coulomb by 21 %; p4 by 1.2 %."
         ([FOLLOWED], (), "Model: error 1.2 % of the motion.", []),
         ([FOLLOWED, Finding(FindingKind.NO_MISFIT, number=3.456)], (), f"{_TIMES}.", []),
         ([FOLLOWED, MISFIT], (), f"{_TIMES}; none of the optional terms explains it.", []),
-        (
-            [FOLLOWED, MISFIT, LACKS],
-            (),
-            f"{_TIMES}; missing term: drag or load (61 % of the residual).",
-            [],
-        ),
+        ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; missing term: {_LACKS}.", []),
         ([FOLLOWED, MISFIT, *SCATTER], (), f"{_TIMES}.", [_SCATTER]),
-        (
-            [FOLLOWED, MISFIT, *SCATTER],
-            (replace(WITH_MASS, parameter="p2", condition=Condition.LOG),),
-            f"{_TIMES}.",
-            [_SCATTER],
-        ),
-        (
-            [FOLLOWED, MISFIT],
-            (WITH_MASS,),
-            f"{_TIMES}.",
-            [
-                "p1 grows with the added mass, from 0.002 to 0.0022 kg m². Possible causes: the "
-                "added mass's own inertia, its arm, the clock, a moving base."
-            ],
-        ),
+        ([FOLLOWED, MISFIT, *SCATTER], (WITH_LOG,), f"{_TIMES}.", [_SCATTER]),
+        ([FOLLOWED, MISFIT], (WITH_MASS,), f"{_TIMES}.", [_GROWS]),
     ],
 )
 def test_the_second_line_is_the_model_s_and_what_differs_between_logs_comes_next(

@@ -8,16 +8,15 @@ import re
 import numpy as np
 import pytest
 
-from butterfly.experiment.perform import perform
 from butterfly.experiment.source import read_experiment
-from butterfly.files import shipped
+from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.health import examine
+from butterfly.logs.manifest import read_manifest
 from butterfly.model.linear import quasi_linear_response
-from butterfly.plant.rig import Simulator
 from butterfly.report.figures import grams, mass_looks, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.forest import Marks, forest
@@ -40,16 +39,15 @@ from butterfly.report.summary import summary
 
 
 @pytest.fixture(scope="module")
-def simulated():
-    experiment = read_experiment(shipped("experiments/quickstart.yaml"))
-    changes = {
-        "duration": 12.0,
-        "excitations": experiment.excitations[::2],
-        "plant": experiment.plant.model_copy(update={"simulator": Simulator.GREY_BOX}),
-    }
-    brief = experiment.model_copy(update=changes)
-    (result,) = perform(brief).identifications.values()
-    return result, experiment.plant.robot.lumped
+def simulated(quick_data):
+    truth = read_experiment("quickstart").plant.robot.lumped
+    return identify(read_data_set(read_manifest(quick_data / "manifest.yaml"))), truth
+
+
+@pytest.fixture(scope="module")
+def told(simulated):
+    """The page, before it is written."""
+    return identification_page(*simulated)
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +86,7 @@ def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
     assert [each["log"] for each in numbers["residuals"]["logs"]] == [
         log.name for log in residuals.logs
     ]
-    kinds = [each["kind"] for each in numbers["residuals"]["findings"]]
-    assert kinds[0] == "followed"
+    assert numbers["residuals"]["findings"][0]["kind"] == "followed"
 
 
 def _numbers(curve):
@@ -114,7 +111,7 @@ def test_what_is_no_number_is_packed_as_none():
         _assert_seen(_numbers(packed), np.where(np.isfinite(array), array, np.nan))
 
 
-@pytest.mark.parametrize("start", [0.0, 4390.0, 1.76e9, -1e6])
+@pytest.mark.parametrize("start", [0.0, 1.76e9, -1e6])
 def test_a_time_plot_is_true_wherever_the_clock_starts(simulated, start):
     run = simulated[0].free_runs[0]
     log = dataclasses.replace(run.log, time=run.log.time + start)
@@ -216,22 +213,19 @@ def test_all_parameters_are_on_one_axis_in_per_cent_of_their_values():
     assert [rows[2].place(each) for each in rows[2].limits] == [0.0, 100.0]  # at the edges
     assert [rows[1].place(each) for each in (-50.0, 0.0, 25.0)] == [0.0, 50.0, 75.0]
     assert not rows[3].drawn
-
-
-def test_an_axis_of_parameters_ends_at_100_per_cent():
+    # but it ends at 100 %
     rows = forest([Marks(value=1.0, lower=0.5, upper=9.0), Marks(value=0.0, lower=-1.0, upper=1.0)])
     assert {each.reach for each in rows} == {100.0}
     assert forest([Marks(value=0.0, lower=-np.inf, upper=1.0)])[0].limits is None
 
 
 def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval_and_truth(
-    simulated,
+    simulated, told
 ):
     result, truth = simulated
-    page = identification_page(result, truth)
-    assert page.headed.text == "Good"
-    assert f"{result.fit.median:.1f} %" in [fact.value for fact in page.facts]
-    (table,) = page.lead.tables
+    assert told.headed.text == "Good"
+    assert f"{result.fit.median:.1f} %" in [fact.value for fact in told.facts]
+    (table,) = told.lead.tables
     assert [str(row[0]) for row in table.rows] == [row.name for row in result.estimate.table()]
     assert len({row[3].reach for row in table.rows} | {table.headers[3].reach}) == 1
     for row, each in zip(table.rows, result.estimate.table(truth), strict=True):
@@ -240,29 +234,30 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
         assert row[3].limits[0] <= 0.0 <= row[3].limits[1]
 
 
-def test_the_first_screen_repeats_the_numbers_of_its_verdict(simulated):
-    result, _ = simulated
-    page = identification_page(result)
-    values, model = page.headed.reasons
-    widths = {str(row[0]): row[4] for row in page.lead.tables[0].rows}
+def test_the_first_screen_repeats_the_numbers_of_its_verdict(told):
+    values, model = told.headed.reasons
+    widths = {str(row[0]): row[4] for row in told.lead.tables[0].rows}
     assert widths.pop("delay") == "may be 0"
     for name, width in widths.items():
         assert f"{name} {width.replace(' ', '', 1)}" in values
-    (error,) = [fact.value for fact in page.facts if fact.label == "model error"]
+    (error,) = [fact.value for fact in told.facts if fact.label == "model error"]
     assert f"error {error} of the motion" in model
 
 
 def test_noise_in_a_spectrum_is_as_high_as_its_peaks(simulated):
-    run, residuals = simulated[0].free_runs[0], simulated[0].residuals.logs[0]
-    noise = np.random.default_rng(0).normal(0, residuals.sensor.spread, run.log.time.size)
-    even = np.linspace(run.log.time[0], run.log.time[-1], run.log.time.size)
-    log = dataclasses.replace(run.log, time=even)
-    noisy = dataclasses.replace(run, log=log, simulated=log.measured - noise)
-    _, found, expected = spectrum_figure(noisy, residuals).data
-    slow = found.x < 0.1 * np.pi / log.mean_step  # beyond, interpolation smooths noise
-    assert slow.sum() > 100
-    ratio = np.mean((found.y[slow] / expected.y[slow]) ** 2)
-    assert ratio == pytest.approx(1.0, abs=0.15)
+    rng, ratios = np.random.default_rng(0), []
+    for run, residuals in zip(
+        simulated[0].free_runs[:3], simulated[0].residuals.logs, strict=False
+    ):
+        noise = rng.normal(0, residuals.sensor.spread, run.log.time.size)
+        even = np.linspace(run.log.time[0], run.log.time[-1], run.log.time.size)
+        log = dataclasses.replace(run.log, time=even)
+        noisy = dataclasses.replace(run, log=log, simulated=log.measured - noise)
+        _, found, expected = spectrum_figure(noisy, residuals).data
+        slow = found.x < 0.1 * np.pi / log.mean_step  # beyond, interpolation smooths noise
+        ratios.extend((found.y[slow] / expected.y[slow]) ** 2)
+    assert len(ratios) > 200
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.15)
 
 
 def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
@@ -293,7 +288,7 @@ def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
     assert names == [result.data.logs[log].label for _, _, log in points]
 
 
-def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
+def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated, told):
     result = simulated[0]
     ends = {1: np.inf, 2: 1e300, 4: np.nan}
     runs = [
@@ -302,12 +297,12 @@ def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
         else run
         for k, run in enumerate(result.free_runs)
     ]
-    page = identification_page(dataclasses.replace(result, runs=tuple(runs)))
-    (section,) = [each for each in page.sections if each.title == "FIT log by log"]
+    away = identification_page(dataclasses.replace(result, runs=tuple(runs)))
+    section, whole = (
+        next(each for each in page.sections if each.title == "FIT log by log")
+        for page in (away, told)
+    )
     assert "Not drawn: 3 logs from which the model diverges." in section.text
-    (whole,) = [
-        each for each in identification_page(result).sections if each.title == section.title
-    ]
     assert "Not drawn" not in whole.text
 
 

@@ -41,18 +41,13 @@ def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"axis.png", "axis.svg"}
 
 
-@pytest.mark.parametrize(
-    "trace",
-    [
-        Scatter(x=[1, 2], y=[1, 2], name=ODD[1]),
-        Bar(x=list(ODD), y=[1, 2, 3], name=ODD[0]),
-        Heatmap(x=list(ODD), y=["$", "$$"], z=np.ones((2, 3))),
-    ],
-)
-def test_a_dollar_is_no_formula_wherever_it_stands(trace, tmp_path):
-    figure = Figure([trace])
-    figure.update_layout(xaxis_title="$x", yaxis_title=ODD[1])
-    write_pictures({"f": figure}, tmp_path)
+def test_a_dollar_is_no_formula_wherever_it_stands():
+    bars = Bar(x=list(ODD), y=[1, 2, 3], name=ODD[0])
+    cells = Heatmap(x=list(ODD), y=["$", "$$"], z=np.ones((2, 3)))
+    for trace in (Scatter(x=[1, 2], y=[1, 2], name=ODD[1]), bars, cells):
+        figure = Figure([trace])
+        figure.update_layout(xaxis_title="$x", yaxis_title=ODD[1])
+        FigureCanvasAgg(draw(figure)).draw()
 
 
 def test_a_page_runs_no_text(tmp_path):
