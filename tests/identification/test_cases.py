@@ -28,7 +28,7 @@ _MAKE = Path(__file__).parents[3] / "shared/data/cases/make.py"
 
 
 SECONDS = dict.fromkeys(("torque_steps", "p_law_steps", "fast_motor"), 6.0)
-SECONDS |= {"constant_velocity": 2.5, "known_mass": 3.0}
+SECONDS |= {"constant_velocity": 1.5, "known_mass": 3.0}
 """How much of each case is made."""
 
 
@@ -44,14 +44,14 @@ def cases(tmp_path_factory):
     run = globals_["run"]
 
     @cache
-    def made(maker):
-        most = SECONDS[maker]
+    def made(maker, most):
         globals_["run"] = lambda seconds, *more, **joint: run(min(seconds, most), *more, **joint)
-        make[maker](folder)
+        make[maker](folder / f"{most}")
+        return folder / f"{most}"
 
-    def case(name):
-        made(next(each for each in SECONDS if name.replace("-", "_").startswith(each)))
-        return folder / name
+    def case(name, seconds=None):
+        maker = next(each for each in SECONDS if name.replace("-", "_").startswith(each))
+        return made(maker, seconds or SECONDS[maker]) / name
 
     return case
 
@@ -109,7 +109,7 @@ def test_one_level_of_torque_is_one_number_and_no_wrong_unit(cases):
 @pytest.mark.slow
 @pytest.mark.parametrize("ripple", ["0.0002", "0.0006"])
 def test_what_only_the_ripple_of_a_constant_velocity_tells_is_not_good(cases, ripple):
-    found = _identified(cases(f"constant-velocity-{ripple}"))
+    found = _identified(cases(f"constant-velocity-{ripple}", 12.0))
     assert found.velocity_fit.median < 50
     assert found.judged.level is not Level.GOOD
 
