@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
@@ -120,11 +121,23 @@ def response(mass, omega, phasor, *, input_=1.0, offset=0.0, error=1e-6):
     return ResponsePoint(added_mass=mass, input=input_, angle=fit, drift=0.0, label="")
 
 
-def steady(robot, swings):
-    """Logs of sines that have settled."""
+def steady(robot, swings, masses=MASSES, duration=24.0):
+    """Logs of sines that swing steadily from the start, each at the end of a swing."""
     logs = []
-    for mass, (omega, swing) in product(MASSES, swings.items()):
-        gain = abs(complex(quasi_linear_response(robot.with_added_mass(mass), omega, swing)))
-        sine = Sine(omega=omega, amplitude=swing / gain)
-        logs.append(simulated(robot, mass, sine.sample, 60.0, sine=sine))
+    for mass, (omega, swing) in product(masses, swings.items()):
+        gain = complex(quasi_linear_response(robot.with_added_mass(mass), omega, swing))
+        sine = Sine(omega=omega, amplitude=swing / abs(gain))
+        since = (math.pi / 2 - np.angle(gain)) / omega
+
+        def turned(time, sine=sine, since=since):
+            return sine.sample(since + time)
+
+        logs.append(simulated(robot, mass, turned, duration, start=swing, step=2 * STEP, sine=sine))
     return logs
+
+
+def cells(names, rows, residuals, **more):
+    """Equations about 0 without bounds, each cell a log of its own but where more is said."""
+    told = {"values": np.zeros(len(names)), "lower": np.full(len(names), -np.inf)}
+    told |= {"on_bound": np.zeros(len(names), dtype=bool), "log": np.arange(len(rows))}
+    return CellEquations(names=names, rows=rows, residuals=residuals, **told | more)

@@ -1,4 +1,4 @@
-"""Where the hand hangs, as the encoder reads it, found from any log."""
+"""What a data set reads off its logs, where the hand hangs among it, and what it refuses."""
 
 import math
 from dataclasses import replace
@@ -7,18 +7,20 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
+from butterfly.identification.blocks import (
+    CELLS,
+    cells_of,
+    edges_of,
+    independent_cells_of,
+    length_of,
+)
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.encoder_offset import (
-    OffsetKind,
-    fitted_offset,
-    near,
-    offset_errors,
-)
+from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, near, offset_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.local_parameters import columns_of, known_zeros, local_keys
 from butterfly.identification.estimators.multistart import starts
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
 from tests.conftest import MASSES
@@ -57,17 +59,14 @@ def _logs(zero, size=0.6, noise=0.0, turns=(0, 1, -2)):
 
 
 @pytest.mark.parametrize(("zero", "size"), [(0.0, 0.6), (3.1, 0.6), (-1.9, 1.6)])
-def test_torque_steps_tell_the_zero_anywhere_and_turns_off(zero, size):
+def test_torque_steps_tell_the_zero_anywhere_and_turns_off_and_the_weak_form_the_robot(zero, size):
     data = DataSet.of(_logs(zero, size, noise=3e-4))
     assert {each.kind for each in data.offsets} == {OffsetKind.FIT}
     for each in data.offsets:
         assert near(each.value, zero) == pytest.approx(zero, abs=1e-3)
     mean = np.mean(data.logs[0].angle)
     assert abs(math.remainder(mean - zero, 2 * np.pi)) > 0.05
-
-
-def test_the_weak_form_finds_the_robot_from_torque_steps_whatever_the_zero():
-    found = PLAIN(DataSet.of(_logs(-2.5))).parameters
+    found = PLAIN(data).parameters
     for name, truth in (("p1", P1), ("p3", P3), ("p4", 1.0)):
         assert getattr(found, name) == pytest.approx(truth, rel=2e-3)
 
@@ -179,3 +178,95 @@ def test_harmonic_balance_tells_a_bias_from_a_zero_that_is_told():
     known = Prior.of({"p4": ROBOT.p4})
     alone = BIASED(DataSet.of(light, known=known))
     assert alone.parameters.bias == pytest.approx(2e-3, rel=0.01)
+
+
+def test_no_logs_and_logs_of_different_kinds_of_input_are_refused(sine_log):
+    with pytest.raises(InputError, match=r"bench.*at least one log"):
+        DataSet.of([], name="bench")
+    with pytest.raises(InputError, match="torque and voltage"):
+        DataSet.of([sine_log, replace(sine_log, input_kind=InputKind.TORQUE)])
+
+
+def test_logs_get_names_of_their_own_and_can_be_taken_by_number(sine_log):
+    heavy = replace(sine_log, added_mass=MASSES[2])
+    data = DataSet.of([sine_log, heavy, sine_log])
+    names = [log.name for log in data.logs]
+    assert len(set(names)) == 3
+    assert data.masses == [MASSES[1], MASSES[2]]
+    part = data.take([2, 1])
+    assert [log.name for log in part.logs] == [names[2], names[1]]
+    assert part.points[1] is data.points[1]
+
+
+def test_the_rest_angle_of_a_mass_is_the_median_of_its_swings_middles(sine_log):
+    logs = [replace(sine_log, angle=sine_log.angle + zero) for zero in (0.1, 0.2, 0.9)]
+    logs.append(replace(sine_log, excitation=None, added_mass=MASSES[0], angle=sine_log.angle - 1))
+    data = DataSet.of(logs)
+    assert data.equilibria[MASSES[1]] == pytest.approx(0.2, abs=1e-6)
+    assert data.equilibria[MASSES[0]] == data.equilibria[MASSES[1]]  # a guess: the others' zero
+    assert len(data.sines) == 3
+
+
+def test_free_decays_go_with_logs_of_any_input_and_have_no_gain_by_themselves(sine_log):
+    decay = replace(sine_log, input=0 * sine_log.input, excitation=None, input_kind=InputKind.NONE)
+    mixed = DataSet.of([decay, sine_log])
+    assert mixed.input_kind is sine_log.input_kind
+    assert "p4" not in mixed.known.values
+    assert "delay" not in mixed.known.fixed
+    still = replace(decay, input_kind=sine_log.input_kind)
+    assert DataSet.of([still]).known.fixed == {"delay": 0.0}
+    alone = DataSet.of([decay])
+    assert alone.input_kind is InputKind.NONE
+    assert alone.known.fixed == {"delay": 0.0, "p4": 0.0}
+    with pytest.raises(InputError, match="0 throughout, for the input kind none"):
+        replace(sine_log, input_kind=InputKind.NONE)
+    with pytest.raises(InputError, match="input kind none if nothing drives"):
+        Log(sine_log.time, angle=sine_log.angle)
+
+
+def test_logs_are_held_out_by_name_and_put_back(sine_log):
+    names = ("one/a.mat", "one/b.mat", "two/c.mat")
+    data = DataSet.of([replace(sine_log, name=name) for name in names], name="bench")
+    apart = data.holding_out(["b", "two/*"])
+    assert [log.name for log in apart.logs] == ["one/a.mat"]
+    assert [log.name for log in apart.test_logs.logs] == ["one/b.mat", "two/c.mat"]
+    assert [log.name for log in apart.whole.logs] == list(names)
+    assert apart.whole.test_logs is None
+    known = Prior.of({"p3": 0.05})
+    assert apart.knowing(known).test_logs.known == known
+    assert apart.take([0]).test_logs is None
+    twice = data.holding_out(["a"]).holding_out(["c.mat"])
+    assert [log.name for log in twice.test_logs.logs] == ["two/c.mat", "one/a.mat"]
+    assert data.holding_out([]) is data
+    piece = DataSet.of([replace(sine_log, name=name) for name in ("a.mat", "a.mat [part 2]")])
+    assert [log.name for log in piece.holding_out(["a.mat [part 2]"]).logs] == ["a.mat"]
+    with pytest.raises(InputError, match=r"bench: holdout: got d; expected .* such as"):
+        data.holding_out(["d"])
+    with pytest.raises(InputError, match="at least one log to estimate from"):
+        data.holding_out(["*"])
+
+
+def test_without_gravity_there_is_no_moment_to_be_known(sine_log):
+    carried = replace(sine_log.added_mass, gravity=0.0)
+    data = DataSet.of([replace(sine_log, added_mass=carried)])
+    assert data.known.fixed == {"p3": 0.0}
+    with pytest.raises(InputError, match=r"known: p3: got 0.05; expected 0, as no gravity"):
+        data.knowing(Prior.of({"p3": 0.05}))
+
+
+def test_a_log_has_ten_cells_and_few_logs_two_for_each_parameter():
+    assert [cells_of(logs, 9) for logs in (1, 2, 5)] == [18, CELLS, CELLS]
+    assert [independent_cells_of(logs, 9) for logs in (1, 3, 4)] == [18, CELLS, 1]
+
+
+def test_blocks_are_as_long_as_each_other_whatever_the_clock():
+    time = np.concatenate([np.arange(0, 5, 0.001), np.arange(5, 10, 0.005)])
+    edges = edges_of(time, 5)
+    np.testing.assert_allclose(time[edges], [0, 2, 4, 6, 8], atol=0.01)
+    assert edges_of(time[:3], 5) == []
+    assert edges_of(time[:25], 5) == [0]
+
+
+def test_a_block_of_a_sine_holds_whole_periods(sine_log):
+    assert length_of(sine_log) == pytest.approx(4 * 2 * np.pi / 5)
+    assert length_of(replace(sine_log, excitation=None)) == pytest.approx(4.0, rel=1e-3)

@@ -1,24 +1,25 @@
-"""Free runs and their FIT, from logs whose parameters and start are known."""
+"""Free runs and their FIT, from logs of known parameters and start, and by parameters by hand."""
 
+import math
 import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification import free_run
+from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identify import identify, judged
+from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.logs.manifest import read_manifest
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
-from tests.conftest import ROBOT as BUTTERFLY
-from tests.identification.simulated import ROBOT, driven
+from tests.identification.simulated import ROBOT, SWINGS, driven, simulated, steady
 from tests.independent.integrator import Joint
 
 SPEED, ZERO = 2.5, 0.2
@@ -84,19 +85,15 @@ def test_a_joint_that_goes_on_and_on_is_followed_as_far_as_its_velocity_is(sine_
         assert run.followed == min(run.fit, run.velocity_fit)
 
 
-def test_a_run_begins_with_the_velocity_it_is_told(data):
-    told = Setting(parameters=ROBOT, zero=ZERO, velocity=SPEED)
-    assert FreeRun.of(data.logs[1], told).fit > 99.9
-    assert FreeRun.of(data.logs[1], replace(told, velocity=0.0)).fit < 80
-    assert data.simulations.run_with(1, told).fit > 99.9
-
-
 def test_the_velocity_and_zero_found_for_each_log_predict_it_by_one_simulation(data, runs):
     start = Start(replace(ROBOT, p1=0.0031, p4=0.48), dict.fromkeys(MASSES, ZERO))
     found = PLAIN.of_logs(data.logs, [start])
     speeds = [found.local[log.name]["velocity"] for log in data.logs]
     assert speeds == pytest.approx([SPEED] * 3, rel=2e-3)
     assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)
+    told = Setting(parameters=ROBOT, zero=ZERO, velocity=SPEED)
+    assert FreeRun.of(data.logs[1], told).fit > 99.9
+    assert FreeRun.of(data.logs[1], replace(told, velocity=0.0)).fit < 80
     runs.clear()
     fits = data.simulations.fits(found)
     assert fits.min() > 99.5
@@ -113,21 +110,6 @@ def test_logs_that_are_held_out_are_simulated_once(data, runs):
     assert list(found.held_out) == [held.name]
 
 
-def test_a_drive_whose_gain_falls_is_differentiated_by_that_too(data):
-    log, drive = data.logs[1], replace(ROBOT, compression=0.4)
-    trajectory, step = Simulation(log, drive), 1e-5
-    _, rows, mixture = trajectory.linearised(["compression", "p4"], drive, ZERO, SPEED)
-    for k, name in enumerate(("compression", "p4")):
-        there, back = (
-            trajectory.linearised(
-                [], replace(drive, **{name: getattr(drive, name) + by}), ZERO, SPEED
-            )[0]
-            for by in (step, -step)
-        )
-        found, expected = (rows @ mixture)[:, k], (there - back) / (2 * step)
-        np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
-
-
 def test_noise_of_a_law_is_simulated_sample_by_sample():
     """Where the joint turns back, each sample counts: their mean over a step was 0.6 mrad off."""
     joint = Joint(inertia=0.2, viscous=0.02, gravity=0.5, gain=1.0, coulomb=0.4, delay=5e-3)
@@ -140,42 +122,55 @@ def test_noise_of_a_law_is_simulated_sample_by_sample():
     np.testing.assert_allclose(run.run(same, 0.0).at(log.time), log.angle, atol=1e-6)
 
 
-def _delayed(template, intersample):
-    """A log of the grey-box robot, its delayed input integrated on a ten times finer grid."""
-    fine = np.arange(0, 40, 1e-4)
-    late = fine - BUTTERFLY.delay
-    held = (
-        late if intersample is Intersample.FIRST_ORDER_HOLD else np.floor(1e3 * late + 1e-9) / 1e3
-    )
-    signal = np.where(late >= 0, 0.2 * np.sin(5 * held), 0.0)
-    loaded = BUTTERFLY.with_added_mass(template.added_mass)
-    angle, _ = simulate(loaded, fine, np.repeat(signal[:-1, None], 3, axis=1), 0.1)
-    return replace(
-        template,
-        time=fine[::10],
-        input=0.2 * np.sin(5 * fine[::10]),
-        angle=0.7 + angle[::10],
-        velocity=None,
-        intersample=intersample,
-    )
-
-
-@pytest.mark.parametrize("intersample", list(Intersample))
-def test_a_simulated_log_is_followed_with_its_own_parameters_and_worse_with_others(
-    sine_log, intersample
-):
-    log = _delayed(sine_log, intersample)
-    own = Setting(parameters=BUTTERFLY, zero=0.7)
-    heavy = replace(own, parameters=replace(BUTTERFLY, p1=1.1 * BUTTERFLY.p1))
+def test_a_log_linear_between_samples_is_followed_by_its_own_parameters_and_worse_by_others():
+    robot = replace(ROBOT, delay=0.0037)
+    sine = Sine(omega=4.4, amplitude=0.02)
+    log = simulated(robot, MASSES[1], sine.sample, 10.0, zero=0.7)
+    own = Setting(parameters=robot, zero=0.7)
+    heavy = replace(own, parameters=replace(robot, p1=1.1 * robot.p1))
     assert FreeRun.of(log, own).fit > 99.9
     assert FreeRun.of(log, heavy).fit < 95
 
 
 def test_an_identification_is_judged_over_the_horizon_that_its_logs_are_simulated_over(
-    quick_data, monkeypatch
+    data, monkeypatch
 ):
     monkeypatch.setattr(Simulations, "horizon", lambda self, estimate: 3.0)  # noqa: ARG005 - a method
-    data, estimator = read_data_set(read_manifest(quick_data / "manifest.yaml")), WeakForm()
+    estimator = WeakForm(terms=())
     found = identify(data, estimator)
     assert found.estimate.horizon == found.fit.horizon == 3.0
     assert judged(data, estimator).horizon == 3.0
+
+
+@pytest.fixture
+def swings():
+    return DataSet.of(steady(ROBOT, dict(list(SWINGS.items())[::2]))[::2])
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """Count the trajectories that are built."""
+    count = []
+
+    class Counted(Simulation):
+        def __init__(self, *arguments):
+            count.append(arguments[0].name)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(free_run, "Simulation", Counted)
+    return count
+
+
+def test_the_best_gain_is_the_true_one_and_each_trajectory_is_built_once(swings, built):
+    found = best_gain(replace(ROBOT, p4=math.nan), swings)
+    assert found == pytest.approx(ROBOT.p4, rel=1e-3)
+    assert sorted(built) == sorted(log.name for log in swings.logs)
+
+
+def test_comparisons_share_the_trajectories_and_say_whether_the_gain_was_fitted(swings, built):
+    fitted = try_parameters("sheet", replace(ROBOT, p4=math.nan), swings)
+    given = try_parameters("table", replace(ROBOT, p1=1.2 * ROBOT.p1), swings)
+    assert (fitted.gain_fitted, given.gain_fitted) == (True, False)
+    assert fitted.summary.worst > 99
+    assert given.summary.median < fitted.summary.median - 5
+    assert len(built) <= 2 * len(swings.logs)  # the grid follows the resonance, not the gain

@@ -6,6 +6,7 @@ import pytest
 
 from butterfly.identification.derived_quantities import WAYS, implied
 from butterfly.identification.physical import Lack, physical_parameters
+from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
 from butterfly.model.linear import Linearisation, resonance_frequency
@@ -18,7 +19,7 @@ from butterfly.model.parameters import (
     LumpedParameters,
     VoltageDrive,
 )
-from butterfly.model.prior import Prior
+from butterfly.model.prior import Known, Prior
 from butterfly.plant.robot import Robot
 from tests.identification.simulated import estimate_of
 
@@ -200,7 +201,7 @@ def test_an_estimate_without_uncertainties_has_values_only():
     assert "resistance" not in {each.name for each in found.found}
 
 
-def test_resonance_damping_and_decay_are_those_of_the_linearised_hand():
+def test_resonance_damping_decay_and_speed_per_volt_are_those_of_the_linearised_joint():
     found = _of_logs({})
     assert found["resonance"].value == pytest.approx(resonance_frequency(TRUTH), rel=1e-12)
     _, ratios, poles = control.damp(linearised(TRUTH), doprint=False)
@@ -209,15 +210,11 @@ def test_resonance_damping_and_decay_are_those_of_the_linearised_hand():
     units = {each.name: each.unit for each in found.found}
     assert units["resonance"] == "rad/s"
     assert units["speed_gain"] == "rad/s/V"
-
-
-def test_the_speed_per_volt_is_the_gain_from_input_to_velocity_at_low_frequency():
     values = np.array([0.6, 0.1, 0.0, 2.0])
     found = _of_logs({}, values, np.diag([1e-4, 1e-6, 0, 1e-4]), carrier=SLIDE)
-    omega = 1e-6
     parameters = LumpedParameters(**dict(zip(NAMES, values, strict=True)))
-    response = Linearisation.of(parameters).response(omega)
-    assert found["speed_gain"].value == pytest.approx(abs(1j * omega * response), rel=1e-6)
+    speed = abs(1j * 1e-6 * Linearisation.of(parameters).response(1e-6))  # per V, at low frequency
+    assert found["speed_gain"].value == pytest.approx(speed, rel=1e-6)
     assert found["speed_gain"].unit == "m/s/V"
     assert "resonance" not in {each.name for each in found.found}
 
@@ -248,3 +245,48 @@ def test_a_combination_is_told_where_what_it_is_made_of_is_not_known():
     sure = estimate_of(values, np.diag((1e-4 * values) ** 2), names=names)
     told = physical_parameters(sure, Prior(), InputKind.VOLTAGE, NO_ADDED_MASS).found
     assert not {each.name for each in told} & {"stiffness_ratio", "friction", "friction_speed"}
+
+
+def test_derivatives_are_exact_and_a_division_by_zero_is_no_number():
+    found = Quantities(names=("a", "b"), values=np.array([1.2, 0.3]), covariance=np.eye(2))
+    slopes = found.gradient(lambda of: of["a"] ** 3 * np.cos(of["b"]) / of["b"])
+    a, b = found.values
+    by_b = a**3 * (-np.sin(b) / b - np.cos(b) / b**2)
+    np.testing.assert_allclose(slopes, [3 * a**2 * np.cos(b) / b, by_b], rtol=1e-14)
+    told = Quantities.of({"a": Known(value=1.0), "b": Known(value=0.0, uncertainty=0.1)})
+    assert told.find(lambda of: of["a"] / of["b"]).value == np.inf
+
+
+def test_linear_relations_are_gaussian_conditioning_whether_they_were_used_or_not():
+    """Against the joint Gaussian of all, conditioned on x0 = c0 + 2 c1 by its closed form."""
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((3, 3))
+    lumped = Quantities(
+        names=("x", "y", "z"), values=np.array([1.0, 2, 3]), covariance=root @ root.T
+    )
+    causes = Quantities.of(
+        {"c": Known(value=0.3, uncertainty=0.4), "d": Known(value=0.5, uncertainty=0.2)}
+    )
+    formulas = {"x": lambda of: of["c"] + 2 * of["d"]}
+    whole = np.block([[lumped.covariance, np.zeros((3, 2))], [np.zeros((2, 3)), causes.covariance]])
+    values = np.concatenate([lumped.values, causes.values])
+    gap = np.array([1.0, 0, 0, -1, -2])
+    gain = whole @ gap / (gap @ whole @ gap)
+    expected = values - gain * (gap @ values), whole - np.outer(gain, gap @ whole)
+
+    fresh = lumped.told_of(causes, formulas, new=frozenset({"x"}))
+    informed = Quantities(
+        names=lumped.names, values=expected[0][:3], covariance=expected[1][:3, :3]
+    )
+    used = informed.told_of(causes, formulas, new=frozenset())
+    for found in (fresh, used):
+        assert found.names == ("x", "y", "z", "c", "d")
+        np.testing.assert_allclose(found.values, expected[0])
+        np.testing.assert_allclose(found.covariance, expected[1], atol=1e-14)
+
+
+def test_what_is_exact_learns_nothing():
+    lumped = Quantities(names=("x",), values=np.array([2.0]), covariance=np.array([[0.01]]))
+    causes = Quantities.of({"c": Known(value=1.0)})
+    found = lumped.told_of(causes, {"x": lambda of: 2 * of["c"]}, new=frozenset())
+    assert found.find(lambda of: of["c"]) == Known(value=1.0)

@@ -14,7 +14,7 @@ from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, PARAMETERS, TERMS, off
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SLOW, SWINGS, simulated, steady, wild
+from tests.identification.simulated import ROBOT, SLOW, SWINGS, noisy, simulated, steady, wild
 
 PRESENT = {
     "coulomb": {"coulomb": 1.2e-3},
@@ -62,8 +62,8 @@ def _assert_recovered(found, term, truth, tolerance):
 
 
 def _balanced(robot, term, terms):
-    swings = SLOW if term == "stribeck" else SWINGS
-    return HarmonicBalance(terms=terms)(DataSet.of(steady(robot, swings)))
+    logs = steady(robot, SLOW, duration=60.0) if term == "stribeck" else steady(robot, SWINGS)
+    return HarmonicBalance(terms=terms)(DataSet.of(logs))
 
 
 def _averaged(robot, term, terms):  # noqa: ARG001 - as the others
@@ -79,7 +79,7 @@ def _simulated(robot, term, terms):
 
 ELSEWHERE = {"tilt", "back_emf", "slow_delay", *LOOP_TERMS, *BASE_TERMS}
 """Terms with a test of their own: the first below, those of servos in test_servo_drive.py, that of
-clocks in test_delays_by_regime.py."""
+clocks in test_real_logs.py."""
 
 METHODS = {"harmonic-balance": _balanced, "weak-form": _averaged, "output-error": _simulated}
 
@@ -98,6 +98,20 @@ def test_a_term_is_recovered(method, term):
     if method == "weak-form":
         for speed in (robot.stribeck_velocity, 0.3, 2.0):
             assert found.parameters.level(speed) == pytest.approx(robot.level(speed), rel=0.05)
+
+
+@pytest.mark.parametrize("estimator", [HarmonicBalance(terms=()), WeakForm(terms=()), SIMULATED])
+def test_unit_sign_clock_and_order_change_p4_alone_and_fewer_samples_nothing(estimator):
+    robot, balanced = replace(ROBOT, delay=0.004), isinstance(estimator, HarmonicBalance)
+    clean = steady(robot, SWINGS) if balanced else wild(robot, duration=12.0)
+    logs = noisy(clean, 5e-4, np.random.default_rng(0))
+    moved = [replace(log, time=log.time + 7.0, input=-3.0 * log.input) for log in reversed(logs)]
+    coarse = [log.take(np.arange(0, log.time.size, 2)) for log in logs]
+    before, after, thinned = (estimator(DataSet.of(each)) for each in (logs, moved, coarse))
+    unit, errors = np.where(np.array(before.names) == "p4", -3.0, 1.0), before.standard_errors
+    np.testing.assert_array_less(abs(after.values * unit - before.values), 0.1 * errors)
+    np.testing.assert_array_less(abs(thinned.values - before.values), 5 * errors)
+    np.testing.assert_allclose(thinned.values[[0, 2, 3]], before.values[[0, 2, 3]], rtol=0.01)
 
 
 def test_output_error_recovers_the_size_of_a_tilt_and_says_that_its_sign_is_unknown():

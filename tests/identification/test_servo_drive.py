@@ -64,22 +64,17 @@ def test_back_emf_is_tried_of_drives_that_feel_it(input_kind):
     assert ("back_emf" in tried([log])) == (input_kind == "voltage")
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.003])
-@pytest.mark.parametrize("law", LOOPS)
+@pytest.mark.parametrize(
+    ("law", "lag"), [*((law, 0.0) for law in LOOPS), ("dynamixel-xl330", 0.003), ("moteus", 0.003)]
+)
 def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
     log = _log(law)
     own = OF_OUTPUT.get(LAWS[law].output, 0.09)
-    joint = replace(JOINT, p4=own, time_constant=0.0 if LOOPS[law].get("clock") else lag)
+    joint = replace(JOINT, p4=own, time_constant=lag)
     simulation = Simulation(log, joint)
     names = ["p1", "p2", "p3", "p4", "coulomb", "stribeck", "delay", "back_emf"]
     names += ["motor_friction", "load_friction", "dead_zone", "compression", "loop_kp", "loop_ki"]
-    names += [
-        "loop_kd",
-        "latency",
-        "zero",
-        "velocity",
-        *(["time_constant"] if joint.time_constant else []),
-    ]
+    names += ["loop_kd", "latency", "zero", "velocity", *["time_constant"][: bool(lag)]]
     values, rows, mixture = simulation.linearised(names, joint, 0.1, 0.2)
     alone, *_ = simulation.linearised([], joint, 0.1, 0.2)
     np.testing.assert_allclose(alone, values, rtol=0, atol=1e-12)
@@ -93,17 +88,13 @@ def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
         return simulation.linearised(["p1"], at, point["zero"], point["velocity"])[0]
 
     for column, name in zip(found.T, names, strict=True):
-        least = np.inf
-        for share in (1e-5, 1e-6, 1e-7):
+        for share in (1e-6, 1e-5, 1e-7):
             h = share * (abs(getattr(joint, name, 1.0)) or 1.0)
             difference = (errors(name, h) - errors(name, -h)) / (2 * h)
-            size = np.linalg.norm(difference)
-            if size == 0.0:
-                assert np.linalg.norm(column) == 0.0
-                least = 0.0
-            else:
-                least = min(least, np.linalg.norm(difference - column) / size)
-        assert least < 1e-5, name
+            if np.linalg.norm(difference - column) <= 1e-5 * np.linalg.norm(difference):
+                break
+        else:
+            pytest.fail(name)
 
 
 @pytest.mark.parametrize("law", ["pid-torque", "cascade-torque"])
@@ -215,6 +206,9 @@ def test_d_answers_a_step_of_the_set_point_with_the_limit_for_a_period_at_most()
     log = driven(Log(TIME, input=goal, angle=0 * TIME, input_kind="setpoint", servo=servo))
     pushes = log.input.sum() * log.mean_step  # of a duty of 0.4 for a millisecond
     assert pushes == pytest.approx(0.4 * 1e-3, rel=0.01)
+    joint = LumpedParameters(p1=0.0066, p2=0.0, p3=0.0, p4=1.0)
+    angle = Simulation(log, joint).run(joint, 0.0).at(TIME)
+    assert joint.p1 * (np.diff(angle) / np.diff(TIME)).max() == pytest.approx(pushes, rel=0.02)
 
 
 def test_the_delay_of_a_servo_is_known_but_for_the_wait_for_its_next_look():
@@ -238,12 +232,14 @@ def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
     begun, _ = servo_start(_over, ((), ()), data.logs, first, data.known)
     assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
+    assert begun.parameters.motor_friction == begun.parameters.load_friction == 0.0  # not asked
 
 
 def test_a_first_guess_without_gravity_and_damping_is_one_to_begin_with():
     data = _simulated(GOAL, GOAL[::-1].copy())
     (first,) = islice(starts(data, ()), 1)
-    guess = replace(first, parameters=replace(first.parameters, p2=0.0, p3=0.0))
+    poor = replace(first.parameters, p1=1.5 * SIMPLE.p1, p2=0.0, p3=0.0)
+    guess = replace(first, parameters=poor)
     begun, _ = servo_start(_over, ((), ()), data.logs, guess, Prior.of({"p4": 0.09}))
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.05)
 
@@ -295,13 +291,8 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
     assert rows["by the drive alone, held out"][0] == fit_text(found.drive_fits["1"])
     (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]
     assert f"{rows['in the loop'][3]} mrad off on average; by the drive alone" in line
-    assert "servo loop (pid-voltage)" in " ".join(found.summary)
-    page = identification_page(found)
-    assert [fact.label for fact in page.facts][2] == "FIT, by the drive alone"
-    drawn = page.series["time"]
+    drawn = identification_page(found).series["time"]
     assert [trace.get("name") for trace in drawn.data][-1] == "set-point"
-    assert len(drawn.curves[0][0]) == 1 + len(drawn.data)
-    assert "Servo" in [table.title for table in found.tables()]
 
 
 @pytest.mark.parametrize(
@@ -310,9 +301,6 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
         ({"kp": 1}, "loop.law"),
         ({}, "loop.law"),
         ({"law": "pid-duty", "kp": -1}, "loop.kp"),
-        ({"law": "pid-duty", "kp": 1, "ki": (0, 1)}, "loop.ki"),
-        ({"law": "pid-duty", "kp": 1, "limit": True}, "loop.limit"),
-        ({"law": "pid-duty", "kp": "1", "limit": "much"}, "loop.limit"),
         ({"law": "dynamixel", "kp": 1}, "loop.law"),
         ({"law": "pid-duty", "gain": 1}, "loop.gain"),
         ({"law": "pid-duty"}, "loop.kp"),
@@ -326,8 +314,5 @@ def test_a_slip_in_a_loop_is_named(told, field):
     with pytest.raises(InputError) as refusal:
         ServoLoop.of(told)
     assert refusal.value.field == field
-
-
-def test_a_set_point_without_a_loop_is_refused():
     with pytest.raises(InputError, match="loop"):
         Log(TIME, input=GOAL, angle=GOAL, input_kind="setpoint")

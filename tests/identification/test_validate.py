@@ -19,7 +19,7 @@ from butterfly.identification.estimators import (
 )
 from butterfly.identification.estimators.multistart import starts
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.splits import Split
+from butterfly.identification.splits import Split, divide, excluding_interval, remedy
 from butterfly.identification.validate import (
     CrossValidation,
     bootstrap,
@@ -27,30 +27,52 @@ from butterfly.identification.validate import (
     cross_validate_choice,
     select_terms,
 )
+from butterfly.logs.log import Log, Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
-from tests.identification.simulated import RICH, ROBOT, SWINGS, steady
+from tests.identification.simulated import RICH, ROBOT, SLOW, SWINGS, noisy, steady, wild
 
 BALANCE = HarmonicBalance()
 
 
+@pytest.fixture(scope="module")
+def data():
+    """Logs of a robot with drag, which the harmonic balance chooses."""
+    logs = noisy(steady(replace(ROBOT, drag=8e-4), SWINGS), 1e-3, np.random.default_rng(0))
+    return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+
+
+@pytest.fixture(scope="module")
+def chosen(data):
+    return BALANCE(data)
+
+
 @pytest.mark.parametrize(("split", "parts"), [(Split.MASS, 3), (Split.FREQUENCY, 5)])
-def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real, split, parts):
+def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(
+    data, chosen, split, parts
+):
     """One estimate for all parts follows what is left out as it does what is not."""
     seen = []
 
     def spy(part):
-        seen.append({log.source for log in part.logs})
-        return real.estimate
+        seen.append({log.name for log in part.logs})
+        return chosen
 
-    result = cross_validate(real.data, spy, split)
+    result = cross_validate(data, spy, split)
     assert len(result.estimates) == len(seen) == parts
-    assert all(sum(log.source not in part for part in seen) == 1 for log in real.data.logs)
-    np.testing.assert_allclose(result.fits, real.data.simulations.fits(real.estimate))
+    assert all(sum(log.name not in part for part in seen) == 1 for log in data.logs)
+    np.testing.assert_allclose(result.fits, data.simulations.fits(chosen))
 
 
-def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
+def test_harmonic_balance_predicts_a_mass_it_has_not_seen(data):
+    assert cross_validate(data, BALANCE, Split.MASS).summary.worst > 98
+
+
+@pytest.mark.slow
+def test_harmonic_balance_predicts_masses_of_the_real_robot(real):
     for estimator, median, mean, worst in (
-        (HarmonicBalance(), 93.0, 91.2, 67),
+        (BALANCE, 93.0, 91.2, 67),
         (HarmonicBalance(terms=()), 92.3, 91.2, 66),
     ):
         summary = cross_validate(real.data, estimator, Split.MASS).summary
@@ -75,15 +97,13 @@ def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
     assert omegas.summary.median >= 96
 
 
-@pytest.mark.slow
-def test_a_term_is_chosen_only_if_it_helps_to_predict(real):
-    passed = select_terms(real.data, BALANCE, ("drag", "load", "stribeck"))
+def test_a_term_is_chosen_only_if_it_helps_to_predict(data):
+    passed = select_terms(data, BALANCE, ("drag", "load"))
     means = [structure.held_out[Split.MASS].mean for structure in passed]
     assert means == sorted(means)
-    assert passed[0].terms == ()
-    whole = BALANCE.with_terms(passed[-1].terms)(real.data)
-    full = FitSummary.of(real.data.simulations.fits(whole))
-    assert passed[-1].in_sample == full
+    assert [structure.terms for structure in passed] == [(), ("drag",)]
+    whole = BALANCE.with_terms(passed[-1].terms)(data)
+    assert passed[-1].in_sample == FitSummary.of(data.simulations.fits(whole))
 
 
 def test_a_gain_counts_where_it_is_more_than_its_own_standard_error():
@@ -100,25 +120,13 @@ def _validated(fits):
 
 
 @pytest.mark.slow
-def test_a_choice_is_judged_by_what_it_has_not_seen(real):
+def test_a_choice_is_judged_by_what_it_has_not_seen(data):
     terms = ("drag", "bias")
-    nested = cross_validate_choice(real.data, BALANCE, terms)
+    nested = cross_validate_choice(data, BALANCE, terms)
     assert len(nested.estimates) == 3
-    chosen = select_terms(real.data, BALANCE, terms)[-1].held_out[Split.MASS]
+    chosen = select_terms(data, BALANCE, terms)[-1].held_out[Split.MASS]
     assert nested.mean.mean == pytest.approx(chosen.mean, abs=2 * nested.mean.error)
     assert 0 < nested.mean.error < 3
-
-
-@pytest.mark.parametrize(
-    ("logs", "refusal"),
-    [
-        (14, r"same added mass .*; split frequency works"),  # one mass
-        (27, r"only one added mass remains.*; split freq"),
-    ],
-)
-def test_too_few_masses_are_refused_with_the_split_that_works(real, logs, refusal):
-    with pytest.raises(IdentifiabilityError, match=refusal):
-        cross_validate(real.data.take(range(logs)), BALANCE, Split.MASS)
 
 
 class DescribingFunctions(HarmonicBalance):
@@ -128,25 +136,33 @@ class DescribingFunctions(HarmonicBalance):
         return self.of_points(data.sines)
 
 
+@pytest.mark.slow
 def test_the_bootstrap_agrees_with_the_sandwich(real):
     estimator = DescribingFunctions(terms=())
     whole = estimator(real.data)
     drawn = bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
     spread = np.std(drawn.values, axis=0)
     np.testing.assert_allclose(spread / whole.standard_errors, 1.0, atol=0.35)
-    assert np.all(drawn.lower < whole.values)
-    assert np.all(whole.values < drawn.upper)
-    again = bootstrap(real.data, estimator, whole, repetitions=20, seed=1)
+
+
+def test_draws_spread_about_the_estimate_and_are_those_of_their_seed(data):
+    estimator = DescribingFunctions(terms=())
+    whole = estimator(data)
+    drawn = bootstrap(data, estimator, whole, repetitions=30, seed=1)
+    ratio = np.std(drawn.values, axis=0) / whole.standard_errors
+    assert np.all((ratio > 1 / 3) & (ratio < 3))
+    assert np.all((drawn.lower < whole.values) & (whole.values < drawn.upper))
+    again = bootstrap(data, estimator, whole, repetitions=20, seed=1)
     np.testing.assert_array_equal(again.values, drawn.values[:20])
     with pytest.raises(InputError, match="at least 20"):
-        bootstrap(real.data, estimator, whole, repetitions=3)
+        bootstrap(data, estimator, whole, repetitions=3)
 
 
 @pytest.mark.slow
-def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(real):
-    drawn = bootstrap(real.data, HarmonicBalance(), real.estimate, repetitions=20)
-    assert len(real.estimate.names) > len(PARAMETERS)
-    assert drawn.values.shape == (20, len(real.estimate.names))
+def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(data, chosen):
+    drawn = bootstrap(data, BALANCE, chosen, repetitions=20)
+    assert len(chosen.names) > len(PARAMETERS)
+    assert drawn.values.shape == (20, len(chosen.names))
 
 
 class Forgetful(Estimator):
@@ -182,9 +198,9 @@ def test_an_estimator_holds_the_terms_of_an_estimate_and_all_else_as_it_was(esti
     assert Linear().holding_terms_of(estimate) == Linear()  # which offers none
 
 
-def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
-    chosen = HarmonicBalance()(real.data)
-    held = HarmonicBalance().holding_terms_of(chosen)(real.data)
+def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(data, chosen):
+    held = BALANCE.holding_terms_of(chosen)(data)
+    assert "drag" in held.names
     assert held.names == chosen.names
     np.testing.assert_allclose(
         (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3
@@ -210,3 +226,134 @@ def test_terms_are_chosen_by_output_error_from_one_search_for_starts(monkeypatch
         assert found.held_out[Split.MASS].mean == pytest.approx(own.summary.mean, abs=0.02)
         fits = data.simulations.fits(OutputError(terms=found.terms)(data))
         assert found.in_sample.mean == pytest.approx(fits.mean(), abs=0.02)
+
+
+PLAIN = HarmonicBalance(terms=())
+HEAVY = AddedMass(mass=0.1, arm=0.1)
+
+
+def _other(*masses):
+    """Return logs of no sine."""
+    time = np.arange(400) * 0.01
+    return DataSet.of([Log(time, np.ones(400), np.sin(time), added_mass=mass) for mass in masses])
+
+
+@pytest.fixture(scope="module")
+def sines():
+    return DataSet.of(steady(ROBOT, SLOW))
+
+
+def _of(data, count):
+    masses = data.masses[:count]
+    return data.take([k for k, log in enumerate(data.logs) if log.added_mass in masses])
+
+
+def test_the_split_that_suits_the_logs_is_taken_and_said(sines):
+    bare = AddedMass()
+    for data, split, why in (
+        (sines, Split.MASS, "there are 3 added masses"),
+        (_of(sines, 2), Split.FREQUENCY, "only 2 added masses, but sines at"),
+        (_of(sines, 1), Split.FREQUENCY, "only one added mass, but sines at"),
+        (_other(bare, bare, bare), Split.LOG, "only one added mass, but 3 logs"),
+        (_other(bare, bare, HEAVY), Split.TIME, "only 2 added masses, and too few logs"),
+        (_other(bare), Split.TIME, "only one added mass, and too few logs"),
+    ):
+        division = divide(data)
+        assert division.split is split
+        assert why in division.why
+    known = _other(bare, bare, HEAVY).knowing(Prior.of({"p4": 1.0}))
+    assert divide(known).split is Split.LOG
+
+
+def test_every_sample_is_left_out_once(sines):
+    for split in (Split.MASS, Split.FREQUENCY, Split.LOG, Split.TIME):
+        left_out = [np.zeros(log.time.size, dtype=int) for log in sines.logs]
+        for samples in divide(sines, split).parts.values():
+            for number, stretch in samples.items():
+                left_out[number][stretch] += 1
+        assert all((count == 1).all() for count in left_out)
+    assert len(divide(sines, Split.LOG, 3).parts) == 3
+    assert len(divide(sines, folds=4).parts) == 4
+
+
+def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
+    whole = replace(sines.logs[0], excitation=None)
+    mixed = DataSet.of([*sines.logs, whole])
+    held = cross_validate(mixed, lambda _: PLAIN(sines), Split.FREQUENCY)
+    assert np.isnan(held.fits[-1])
+    assert np.isfinite(held.fits[:-1]).all()
+    assert np.isfinite(held.summary.median)
+
+
+@pytest.mark.parametrize(("kind", "least"), [("sines", 98), ("any motion", 99)])
+def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, kind, least):
+    data = _of(sines, 2) if kind == "sines" else DataSet.of(wild(ROBOT))
+    estimator, seen = PLAIN if kind == "sines" else WeakForm(terms=()), []
+
+    def spy(part):
+        seen.append(sum(float(log.time[-1] - log.time[0]) for log in part.logs))
+        return estimator(part)
+
+    held = cross_validate(data, spy, Split.TIME, folds=3)
+    assert list(held.estimates) == [f"stretch {k} of 3" for k in (1, 2, 3)]
+    assert max(seen) < 0.7 * sum(float(log.time[-1]) for log in data.logs)
+    assert held.summary.worst > least
+
+
+def test_refusals_name_what_works(sines):
+    for data, split, said in (
+        (_of(sines, 1), Split.MASS, "no log has an added mass: .*; split frequency works"),
+        (_other(AddedMass(), HEAVY), Split.FREQUENCY, "no log is a sine.*; split time works"),
+        (_other(AddedMass()), Split.LOG, "only one log.*; split time works"),
+        (_of(sines, 2), Split.MASS, r"only one added mass remains.*; split freq"),
+    ):
+        with pytest.raises(IdentifiabilityError, match=said):
+            cross_validate(data, PLAIN, split)
+    assert "frequency" in remedy(_of(sines, 2))
+
+
+def test_folds_that_cannot_be_are_refused(sines):
+    for split, folds, expected in (
+        (Split.MASS, 2, "with split frequency, log or time"),
+        (Split.TIME, 1, "at least 2"),
+        (Split.LOG, 99, "at most"),
+        (Split.LOG, "a", "a whole number"),
+        (Split.TIME, 2.5, "a whole number"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            divide(sines, split, folds)
+
+
+def test_neighbouring_frequencies_are_in_different_folds_whatever_the_order_of_the_logs():
+    time = np.arange(4000) * 0.01
+    omegas = np.random.default_rng(0).permutation(np.arange(1.0, 11.0))
+    sines = [Sine(omega=omega, amplitude=1.0) for omega in omegas.tolist()]
+    logs = [Log(time, each.sample(time), each.sample(time), excitation=each) for each in sines]
+    for part in divide(DataSet.of(logs), Split.FREQUENCY, folds=4).parts.values():
+        assert (np.diff(np.sort(omegas[list(part)])) >= 4).all()
+
+
+def _swinging(**properties):
+    time = np.arange(2000) * 0.01
+    return Log(time, np.cos(time), 0.3 * np.sin(2 * time), name="swing", **properties)
+
+
+def test_the_piece_after_a_stretch_begins_in_motion_with_what_was_commanded():
+    before, after = excluding_interval(_swinging(), slice(500, 1000))
+    assert (before.time[0], before.time[-1]) == (0.0, 4.99)
+    assert after.time[0] == 10.0
+    assert after.time.size == 1000
+    assert after.initial_state.velocity == pytest.approx(0.6 * np.cos(20), abs=0.01)
+    np.testing.assert_allclose(after.lead.input, np.cos(after.lead.time))
+    assert (before.name, after.name) == ("swing, before", "swing, after")
+    # What is too short, or holds no whole period of a sine, is left out.
+    for log, stretch, names in (
+        (_swinging(), slice(0, 1000), ["swing, after"]),
+        (_swinging(), slice(1990, 2000), ["swing, before"]),
+        (
+            _swinging(excitation=Sine(omega=2.0, amplitude=1.0)),
+            slice(1400, 1500),
+            ["swing, before"],
+        ),
+    ):
+        assert [piece.name for piece in excluding_interval(log, stretch)] == names

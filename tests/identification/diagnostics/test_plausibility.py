@@ -1,5 +1,6 @@
 """What no joint can have, and what does not follow the logs, is said; what is within errors not."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.derived_quantities import implied
-from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.plausibility import (
     judge_basis,
     judge_fit,
@@ -93,13 +94,8 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     for estimate in (both, known):
         said = judge_input(estimate, InputKind.VOLTAGE)
         assert [each.number for each in said] == pytest.approx([resistance] if accused else [])
+        assert all(each.kind is FindingKind.TORQUE_DRIVEN for each in said)
     assert judge_input(both, InputKind.TORQUE) == []
-
-
-def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
-    (said,) = judge_input(real.estimate, InputKind.VOLTAGE)
-    assert said.kind is FindingKind.TORQUE_DRIVEN
-    assert judge_input(real.estimate, InputKind.TORQUE) == []
 
 
 @pytest.mark.parametrize(
@@ -154,29 +150,19 @@ def _knowledge(**known):
     return judge_knowledge(estimate, data)
 
 
-MOTOR = {"torque_constant": 0.05, "resistance": (2.0, 0.02), "back_emf_constant": 0.05}
+TWO_GAINS = {"torque_constant": (0.05, 0.0005), "resistance": 2.0, "p4": (0.027, 0.0003)}
+DAMPING_APART = 3e-4 / np.hypot(0.0000145, 0.07 * 0.00025)  # below that of the back EMF
+GAINS_APART = 0.002 / np.hypot(0.00025, 0.0003)
+MORE = {"hand_mass": 0.005, "rotor_inertia": 1e-4}  # inertia than there is
 
 
 @pytest.mark.parametrize(
     ("known", "kind", "name", "apart"),
     [
-        # damping below that of the back EMF
-        (
-            {"back_emf_constant": 0.07},
-            FindingKind.CONTRADICTED,
-            "viscous_friction",
-            3e-4 / np.hypot(0.0000145, 0.07 * 0.00025),
-        ),
-        # more inertia of rotor or mass than there is
-        ({"hand_mass": 0.005, "rotor_inertia": 1e-4}, FindingKind.CONTRADICTED, "inertia", None),
+        ({"back_emf_constant": 0.07}, "contradicted", "viscous_friction", DAMPING_APART),
+        (MORE, FindingKind.CONTRADICTED, "inertia", None),
         ({"rotor_inertia": 0.005}, FindingKind.CONTRADICTED, "hand_inertia", None),
-        # two sources of the gain
-        (
-            {"torque_constant": (0.05, 0.0005), "resistance": 2.0, "p4": (0.027, 0.0003)},
-            FindingKind.TOLD_APART,
-            "p4",
-            0.002 / np.hypot(0.00025, 0.0003),
-        ),
+        (TWO_GAINS, FindingKind.TOLD_APART, "p4", GAINS_APART),
     ],
 )
 def test_what_is_known_and_cannot_all_be_true_is_remarked(known, kind, name, apart):
@@ -187,13 +173,28 @@ def test_what_is_known_and_cannot_all_be_true_is_remarked(known, kind, name, apa
         assert said.number == pytest.approx(apart, rel=0.05)
 
 
+def test_what_agrees_is_not_remarked():
+    motor = {"torque_constant": 0.05, "resistance": (2.0, 0.02), "back_emf_constant": 0.05}
+    hand = {"hand_mass": 0.1, "rotor_inertia": 1e-4, "p4": (0.0255, 0.0003)}
+    about_one_error = {"back_emf_constant": 0.059}
+    for known in ({}, motor | hand, about_one_error):
+        assert not _knowledge(**known)
+
+
 @pytest.mark.parametrize(
-    "known",
+    ("finding", "impossible", "forbids"),
     [
-        {},
-        MOTOR | {"hand_mass": 0.1, "rotor_inertia": 1e-4, "p4": (0.0255, 0.0003)},
-        {"back_emf_constant": 0.059},  # about one standard error
+        (Finding(FindingKind.NO_INERTIA, number=-1.0), True, True),
+        (Finding(FindingKind.NEGATIVE), True, True),
+        (Finding(FindingKind.EARLY, ("delay",)), False, False),
+        (Finding(FindingKind.POOR_FIT, number=-math.inf), True, True),
+        (Finding(FindingKind.POOR_FIT, number=30.0), False, True),
+        (Finding(FindingKind.UNIT_ERROR, ("degrees",), number=57.3), False, True),
+        (Finding(FindingKind.SUSPECTED, ("mass", "50 g", "3"), number=0.051), False, False),
+        (Finding(FindingKind.FEW_MASSES, number=2), False, False),
+        (Finding(FindingKind.PRIOR_APART, ("p1",), number=4.0), False, False),
+        (Finding(FindingKind.KNOWN_APART, ("p4",), number=0.03), False, False),
     ],
 )
-def test_what_agrees_is_not_remarked(known):
-    assert not _knowledge(**known)
+def test_only_what_no_joint_has_what_does_not_follow_and_slips_forbid(finding, impossible, forbids):
+    assert (finding.impossible, finding.forbids) == (impossible, forbids)

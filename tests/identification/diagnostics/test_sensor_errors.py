@@ -92,16 +92,6 @@ def _autoregressive(pole, shape, rng):
     return errors
 
 
-def test_an_autoregressive_process_has_the_powers_of_its_pole():
-    """rho(k) = a^k, within 4 of Bartlett's standard deviations."""
-    pole = 0.9
-    errors = _autoregressive(pole, (40_000, 1), np.random.default_rng(0))
-    found = correlations(errors, errors[:, 0], 30)[0][:, 0]
-    expected = pole ** np.arange(1, 31)
-    spread = np.sqrt((1 + pole**2) / (1 - pole**2) / 40_000)
-    np.testing.assert_allclose(found, expected, atol=4 * spread)
-
-
 def test_correlations_are_their_sums():
     rng = np.random.default_rng(1)
     errors, inputs = rng.standard_normal((200, 3)), rng.standard_normal(200) + 5

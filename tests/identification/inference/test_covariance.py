@@ -1,16 +1,21 @@
-"""Covariances against closed forms, and what widens them."""
+"""The one bounded least squares, its covariances, and what a misfit may have made of values."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from scipy.stats import t as student
 
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.blocks import cut
+from butterfly.identification.diagnostics.findings import Ending, FindingKind
+from butterfly.identification.equations import Regression, compressed
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import infer, misfit_over_value, outweighed
 from butterfly.model.parameters import AddedMass
-from tests.identification.cells import cells
+from butterfly.model.prior import Penalty
+from tests.identification.simulated import cells
 
 
 def _regression(rng, clusters, size):
@@ -19,28 +24,6 @@ def _regression(rng, clusters, size):
     flat = rows.reshape(-1, 2)
     estimate = np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]
     return rows, (flat @ estimate - noise.ravel()).reshape(clusters, size)
-
-
-def test_for_one_mean_the_degrees_of_freedom_are_students():
-    rng = np.random.default_rng(1)
-    values = rng.standard_normal((12, 1))
-    covariance, freedom = cluster_covariance(np.ones((12, 1, 1)), values - values.mean())
-    assert freedom[0] == pytest.approx(11)
-    assert covariance[0, 0] == pytest.approx(np.var(values, ddof=1) / 12)
-
-
-def test_it_is_unbiased_for_few_clusters():
-    rng = np.random.default_rng(2)
-    rows = rng.standard_normal((8, 3, 2))
-    flat = rows.reshape(-1, 2)
-    hat = flat @ np.linalg.inv(flat.T @ flat) @ flat.T
-    found = []
-    for _ in range(4000):
-        noise = rng.standard_normal(24)
-        found.append(cluster_covariance(rows, (noise - hat @ noise).reshape(8, 3))[0])
-    np.testing.assert_allclose(
-        np.mean(found, axis=0), np.linalg.inv(flat.T @ flat), rtol=0.05, atol=1e-3
-    )
 
 
 def test_units_of_the_columns_do_not_matter():
@@ -191,3 +174,134 @@ def test_limits_are_student_s_at_95_per_cent_and_hold_estimates_of_partial_data(
     left_out = [np.array([5.0, -2.1]), np.array([0.9, -9.0])]
     wider = honest_limits(values, covariance, freedom, left_out)
     np.testing.assert_array_equal(wider, ([lower[0], -9.0], [5.0, upper[1]]))
+
+
+NAMES, TRUTH = ("p1", "p2"), np.array([2.0, -1.0])
+RUNS, SAMPLES = 8, 200
+
+
+def _drifting(rng, drift):
+    """Rows, and what a fit to them leaves: noise, and a drift of each log."""
+    time = np.tile(np.arange(SAMPLES), RUNS)
+    rows = np.column_stack([np.sin(0.9 * time) + time / SAMPLES, rng.standard_normal(time.size)])
+    errors = 0.1 * rng.standard_normal(time.size) + drift * time / SAMPLES
+    target = rows @ TRUTH + errors
+    values = np.linalg.lstsq(rows, target, rcond=None)[0]
+    return rows, rows @ values - target, values
+
+
+def _of_runs(rows, residuals, values):
+    parts = zip(np.split(rows, RUNS), np.split(residuals, RUNS), strict=True)
+    return cells(NAMES, *compressed(parts), values=values)
+
+
+def test_a_misfit_is_weighed_beside_what_each_parameter_does_alone():
+    rows, residuals, values = _drifting(np.random.default_rng(0), 0.5)
+    found = misfit_over_value(_of_runs(rows, residuals, values))
+    for k in range(2):
+        other = rows[:, 1 - k]
+        alone = rows[:, k] - other * (other @ rows[:, k]) / (other @ other)
+        expected = np.linalg.norm(residuals) / (abs(values[k]) * np.linalg.norm(alone))
+        assert found[k] == pytest.approx(expected)
+
+
+def test_the_scale_and_values_that_look_precise_are_widened_by_a_misfit():
+    values, narrow = np.full(4, 2.0), np.array([0.5, 0.01, 0.01, 0.5])
+    limits = (values - narrow, values + narrow)
+    misfit = np.array([0.7, 0.4, 0.7, 0.7])
+    lower, upper = outweighed(misfit, values, limits, ("p1", "p2", "p3", "coulomb"))
+    np.testing.assert_allclose(lower, [0.6, 1.99, 0.6, 1.5])
+    np.testing.assert_allclose(upper, [3.4, 2.01, 3.4, 2.5])
+
+
+TERMS = ("p3", "p4", "compression")
+VALUES = np.array([-0.04, 0.5, 0.3])
+
+
+def _bounded(names=TERMS, truth=VALUES, about=None, noise=0.0, **more):
+    """Exact rows for some values, those of the product kind about others."""
+    rng = np.random.default_rng(0)
+    rows = rng.standard_normal((40, len(names))) * np.geomspace(1e-3, 1e3, len(names))
+    unknowns = truth.copy()
+    if "compression" in names:
+        unknowns[2] = truth[1] * (truth[2] - (about or {}).get("compression", 0.0))
+    target = rows @ unknowns + noise * rng.standard_normal(40)
+    cluster = np.arange(40) // 4
+    return Regression(
+        names=names, rows=rows, target=target, cluster=cluster, about=about or {}, **more
+    )
+
+
+@pytest.mark.parametrize("about", [0.0, 0.1, 0.3, 0.5])
+def test_a_parameter_that_enters_times_the_gain_is_found_about_any_value(about):
+    regression = _bounded(about={"compression": about})
+    solution = regression.solve()
+    np.testing.assert_allclose(solution.values, VALUES, rtol=1e-9)
+    assert not solution.on_bound.any()
+    spoilt = regression.target.copy()
+    spoilt[:4] += 100.0
+    part = replace(regression, target=spoilt).solve(np.arange(40) >= 4)
+    np.testing.assert_allclose(part.values, VALUES, rtol=1e-9)
+
+
+def test_its_jacobian_is_the_derivative_of_its_residuals_where_it_has_converged():
+    regression = _bounded(about={"compression": VALUES[2]})
+    numerical = [
+        (regression.residuals(VALUES + h) - regression.residuals(VALUES - h)) / (2 * h.sum())
+        for h in 1e-6 * np.eye(3)
+    ]
+    np.testing.assert_allclose(regression.jacobian(VALUES), np.transpose(numerical), rtol=1e-6)
+    np.testing.assert_allclose(regression.residuals(VALUES), 0.0, atol=1e-9)
+
+
+def test_bounds_are_kept_as_nonnegative_least_squares_keeps_them():
+    names = ("p2", "coulomb", "drag")
+    regression = _bounded(names, np.array([1.0, -0.2, 0.3]), noise=0.1)
+    solution = regression.solve()
+    expected = nnls(regression.rows, regression.target)[0]
+    np.testing.assert_allclose(solution.values, expected, rtol=1e-6, atol=1e-9)
+    assert solution.on_bound.tolist() == (solution.values == 0).tolist()
+    assert solution.on_bound[1]
+
+
+def test_a_value_below_its_bound_is_on_it_whatever_it_was_about_and_whoever_set_it():
+    solution = _bounded(truth=np.array([-0.04, 0.5, -0.2]), about={"compression": 0.1}).solve()
+    assert solution.values[2] == 0.0
+    assert solution.on_bound.tolist() == [False, False, True]
+    solution = _bounded(("p3", "p4"), np.array([-0.04, -0.5]), least={"p4": 0.0}).solve()
+    assert solution.values[1] == 0.0
+    assert solution.values[0] < 0
+
+
+def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared():
+    rng = np.random.default_rng(1)
+    jacobian = rng.standard_normal((60, 3))
+    residuals = rng.standard_normal(60)
+    rows, left = compressed(cut(jacobian, residuals, np.arange(60) % 12, 1))
+    bounds = {"on_bound": np.array([False, True, True]), "lower": np.array([-np.inf, 0.0, -np.inf])}
+    values = np.array([3.0, 0.05, 1.0])
+    solved = cells(("p1", "coulomb", "zero"), rows, left, values=values, **bounds)
+    left_out = {"heavy": np.array([9.0, 0.1])}
+    found = infer(solved, method="any", left_out=left_out, shared=2)
+    assert found.names == ("p1", "coulomb")
+    assert found.covariance.shape == (2, 2)
+    assert found.lower[1] == 0.0
+    assert found.upper[0] == 9.0
+    assert found.on_bound == ("coulomb",)
+    (bound,) = [each for each in found.findings if each.kind is FindingKind.ON_BOUND]
+    assert bound.parameters == ("coulomb",)
+    scores = [
+        np.linalg.inv(jacobian.T @ jacobian) @ jacobian[k::12].T @ residuals[k::12]
+        for k in range(12)
+    ]
+    plain = np.sum([np.outer(s, s) for s in scores], axis=0)[:2, :2]
+    ratio = np.diag(found.covariance) / np.diag(plain)
+    assert np.all((ratio > 1) & (ratio < 2))  # CR2 is somewhat wider than CR0
+
+
+def test_what_is_known_of_a_value_is_known_of_its_multiple_by_as_many_standard_deviations():
+    """3 (x - 1) of an x of 2 with a standard deviation of 0.5 is 3 with one of 1.5."""
+    prior = Penalty(mean=np.array([2.0]), weight=np.array([1 / 0.5**2]))
+    turned = prior.turned(np.array([3.0]), np.array([1.0]))
+    assert turned.mean[0] == pytest.approx(3.0)
+    assert turned.weight[0] == pytest.approx(1 / 1.5**2)
