@@ -1,5 +1,7 @@
 """The robot that the tests of the plant drive, how they drive it, and what they compare it with."""
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -68,6 +70,7 @@ def mujoco_alone(model, commands, start=0.0):
     return np.array(states), model.opt.timestep
 
 
+@cache
 def skip_where_nothing_is_drawn():
     try:
         Painter(robot(), ADDED, 32).__exit__()

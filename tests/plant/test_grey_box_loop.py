@@ -6,7 +6,7 @@ from threading import get_ident
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
@@ -141,17 +141,18 @@ def _assert_same_bits(logs, others):
             assert getattr(log, name) == getattr(other, name)
 
 
-@given(rig=SETUPS, added=MASSES, excitation=EXCITATIONS, count=st.integers(40, 250))
+@settings(max_examples=40)
+@given(rig=SETUPS, added=MASSES, excitation=EXCITATIONS, count=st.integers(40, 150))
 def test_it_gives_the_wrapper_s_log_to_the_bit(rig, added, excitation, count):
     runs, duration = [(added, excitation), (AddedMass(), excitation)], count * rig.clock.step
     _assert_same_bits(_compiled(rig, runs, duration), _wrapped(rig, runs, duration))
 
 
-def test_a_minute_at_1_khz_is_the_wrapper_s_to_the_bit():
+def test_many_cycles_at_1_khz_are_the_wrapper_s_to_the_bit():
     """Long enough for the stamps to round, so that no two cycles are of quite the same length."""
     rig = replace(PLAIN, encoder=Encoder(noise=1e-4), path=CommandPath(delay=0.0023))
     runs = [(ADDED, Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=0.3))]
-    _assert_same_bits(_compiled(rig, runs, 60.0), _wrapped(rig, runs, 60.0))
+    _assert_same_bits(_compiled(rig, runs, 17.0), _wrapped(rig, runs, 17.0))
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-4])
