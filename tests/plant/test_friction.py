@@ -50,7 +50,7 @@ def test_drag_bias_cogging_offset_and_tilt_are_right_to_1e_9(joint):
         brake = 2e-4 * v + 1e-4 * abs(v) * v
         return [v, (motor + _pull(x) - 2e-3 + ripple - brake) / INERTIA]
 
-    log = play(joint(robot(hand=TILTED, **SMOOTH), ADDED, angle=0.3), 10.0)
+    log = play(joint(robot(hand=TILTED, **SMOOTH), ADDED, angle=0.3), 4.0)
     np.testing.assert_allclose(log.angle, integrated(log, rhs, [0.3, 0.0]), atol=1e-9)
     assert np.ptp(log.angle) > 0.5
 
@@ -67,7 +67,7 @@ def test_bristles_equal_an_independent_integrator(joint, error):
         torque = 0.05 / 2 * (voltage - 0.03 * v) - 5.0 * z - 0.01 * slip - 1e-4 * v
         return [v, (torque + _pull(x)) / INERTIA, slip]
 
-    log = play(joint(robot(hand=TILTED, **LUGRE), ADDED, angle=0.2))
+    log = play(joint(robot(hand=TILTED, **LUGRE), ADDED, angle=0.2), 2.0)
     np.testing.assert_allclose(log.angle, integrated(log, rhs, [0.2, 0.0, 0.0]), atol=error)
     assert np.ptp(log.angle) > 0.2
 

@@ -22,10 +22,7 @@ ROUGH = replace(
     encoder=Encoder(noise=1e-3),
     faults=Faults(dropped=0.1, duplicated=0.1),
 )
-REGIMES = (
-    ClockRegime(begin=0.1, step=8e-4, delay=2.5e-3),
-    ClockRegime(begin=0.2, step=1.2e-3),
-)
+REGIMES = (ClockRegime(begin=0.1, step=8e-4, delay=2.5e-3), ClockRegime(begin=0.2, step=1.2e-3))
 STEP_BY_STEP = {
     "jitter": replace(PLAIN, clock=Clock(jitter=1e-4)),
     "delay": replace(PLAIN, path=CommandPath(delay=0.0033)),

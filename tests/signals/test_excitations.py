@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import chirp, max_len_seq
 
@@ -28,6 +28,7 @@ def test_a_stepped_sine_keeps_its_phase_and_takes_each_frequency():
     np.testing.assert_allclose(values[10_000:], 0.3 * np.sin(phase + 9 * (late - 10)), atol=1e-9)
 
 
+@settings(max_examples=20)
 @given(
     harmonics=st.sets(st.integers(1, 40), min_size=1, max_size=15),
     peak=st.floats(0.01, 10),

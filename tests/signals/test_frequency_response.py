@@ -5,7 +5,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
@@ -37,12 +37,12 @@ def test_gain_and_phase_of_a_known_response(sine_log):
     assert point.drift == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize("step", [0.001, 0.01, 0.04])
+@pytest.mark.parametrize("step", [0.002, 0.01, 0.04])
 def test_a_held_input_s_half_sample_of_delay_is_taken_out(sine_log, step):
     """Lemma 3: only what a zero-order hold puts in obeys the discrete transfer function."""
     system = control.ss(control.tf([SYSTEM.p4], [SYSTEM.p1, SYSTEM.p2, SYSTEM.p3]))
     sampled = control.sample_system(system, step, "zoh")
-    time = np.arange(0, 60, step)
+    time = np.arange(0, 40, step)
     inputs = 0.1 * np.sin(5 * time)
     angle = control.forced_response(sampled, time, inputs).outputs
     log = replace(
@@ -84,6 +84,7 @@ def test_the_input_s_phasor_is_that_of_the_held_sine_as_the_samples_of_two_rates
     assert np.angle(both.input) == pytest.approx(-omega * late, rel=0.06, abs=1e-4)
 
 
+@settings(max_examples=10)
 @given(scale=st.floats(0.01, 100), shift=st.floats(-50, 50), offset=st.floats(-3, 3))
 def test_the_gain_follows_the_input_s_unit_and_sign_and_nothing_else(
     sine_log, scale, shift, offset
