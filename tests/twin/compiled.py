@@ -96,9 +96,10 @@ def library(header, name, folder):
     It can change one parameter, by its number.
     """
     (folder / f"{name}.h").write_text(header, encoding="ascii")
-    source, made = folder / "run.c", folder / f"{name}.so"
+    source, unlinked, made = (folder / each for each in ("run.c", "run.o", f"{name}.so"))
     source.write_text(RUN.format(name))
-    compile_with("cc", "-std=c99", "-shared", "-fPIC", source, "-o", made, "-lm")
+    compile_with("cc", "-std=c99", "-fPIC", "-c", source, "-o", unlinked)
+    said("cc", "-shared", unlinked, "-o", made, "-lm")
     run, array = ctypes.CDLL(str(made)).run, np.ctypeslib.ndpointer(np.float64, flags="C")
     whole, number = ctypes.c_int, ctypes.c_double
     run.argtypes = [whole, array, number, number, whole, number, array]

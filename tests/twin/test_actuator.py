@@ -64,6 +64,12 @@ def test_a_motor_s_curve_clips_as_its_limit_of_voltage_does():
             7.4 * 400 * 4096 / (2 * math.pi) / (256 * 885),  # V/rad by ROBOTIS's units
             0.0,
         ),
+        (
+            {"law": "dynamixel-x-velocity", "kp": 100, "supply": 12.0},
+            InputKind.VOLTAGE,
+            0.0,
+            12.0 * 100 * (9.5492966 / 0.229) / (128 * 885),  # 1 rad/s is 9.55 rpm; a unit 0.229
+        ),
         ({"law": "pid-torque", "kp": 3.0, "kd": 0.2}, InputKind.TORQUE, 3.0, 0.2),
         ({"law": "cascade-torque", "kp": 3.0, "kd": 0.2}, InputKind.TORQUE, 0.6, 0.2),
         ({"law": "speed-torque", "kp": 3.0}, InputKind.TORQUE, 0.0, 3.0),
@@ -110,8 +116,7 @@ def test_friction_at_rest_and_in_motion_have_their_fields():
 @pytest.mark.parametrize(("kind", "limit"), [("delayed", math.inf), ("motor", 0.4)])
 def test_mjlab_moves_a_joint_by_them_with_the_printed_error(kind, limit):
     actuator = pytest.importorskip("mjlab.actuator", reason="mjlab is not installed")
-    entity, sim = pytest.importorskip("mjlab.entity"), pytest.importorskip("mjlab.sim")
-    torch = pytest.importorskip("torch")
+    entity, sim, torch = map(pytest.importorskip, ("mjlab.entity", "mjlab.sim", "torch"))
     joint = twin(kind, limit=limit)
     written = write_as("actuator", joint, STEPS)
     told = json.loads(written.text)["mjlab"]
