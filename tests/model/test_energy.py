@@ -32,7 +32,7 @@ def _torque(p, x, v, u):
     )
 
 
-@pytest.mark.parametrize("velocity", [-1.3, -0.4, 0.5, 1.7])
+@pytest.mark.parametrize("velocity", [-1.3, 0.5])
 def test_the_torques_of_the_table_are_those_of_the_equation(velocity):
     angle, command = 0.6, 0.02
     loaded = SLIDING.with_added_mass(ADDED)
