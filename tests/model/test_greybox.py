@@ -22,8 +22,8 @@ def test_without_coulomb_friction_it_tends_to_an_independent_integrator_with_ord
         return [v, (torque - p.p2 * v - p.p3 * math.sin(x)) / p.p1]
 
     for step in (0.02, 0.01, 0.0025):
-        time = np.arange(0, 4 + step / 2, step)
-        exact = solve_ivp(rates, (0, time[-1]), [0.3, 0], "DOP853", time, rtol=1e-13, atol=1e-14)
+        time = np.arange(0, 2 + step / 2, step)
+        exact = solve_ivp(rates, (0, time[-1]), [0.3, 0], "DOP853", time, rtol=1e-12, atol=1e-13)
         angle, _ = simulate(p, time, 0.5 * np.sin(4 * instants(time)), 0.3)
         errors.append(np.abs(angle - exact.y[0]).max())
     assert errors[2] < 1e-9

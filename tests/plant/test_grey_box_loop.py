@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 from threading import get_ident
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,38 +14,23 @@ from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, V
 from butterfly.plant.motor import LARGEST_COMMAND, CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
-from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import BandLimitedNoise, Clock, Encoder, Faults
 from butterfly.signals.excitations import FreeDecay, Multisine, Prbs, Table
-from tests.plant.setting import ADDED, SINE, robot
+from tests.model.joints import some
+from tests.plant.setting import ADDED, SINE, robot, simulated, wrapped
 
-
-def _some(kind, **ranges):
-    """Builds of a kind with numbers in ranges, each now and then 0."""
-    zero = st.just(0.0)
-    return st.builds(kind, **{name: zero | st.floats(*ends) for name, ends in ranges.items()})
-
-
-HANDS = _some(
-    partial(Hand, mass=0.2, inertia=3e-3),
-    com_distance=(-0.08, 0.08),
-    com_offset=(-0.02, 0.02),
-    tilt=(0, 0.5),
-)
-DRIVES = st.just(TorqueDrive(gain=0.03)) | _some(
-    partial(VoltageDrive, resistance=2.0, torque_constant=0.05),
-    back_emf_constant=(0, 0.1),
-    inductance=(1e-4, 2e-2),
-)
+PLACES = {"com_distance": (-0.08, 0.08), "com_offset": (-0.02, 0.02), "tilt": (0, 0.5)}
+HANDS = some(partial(Hand, mass=0.2, inertia=3e-3), **PLACES)
+MOTOR = partial(VoltageDrive, resistance=2.0, torque_constant=0.05)
+DRIVES = some(MOTOR, back_emf_constant=(0, 0.1), inductance=(1e-4, 2e-2))
+DRIVES |= st.just(TorqueDrive(gain=0.03))
 DRY = {"coulomb": (1e-5, 3e-3), "stribeck": (0, 1e-3)}
 WAVY = {"bias": (-1e-3, 1e-3), "cogging": (-1e-3, 1e-3), "cogging_cosine": (-1e-3, 1e-3)}
-FRICTIONS = _some(Friction, **DRY, **WAVY, viscous=(0, 2e-3), load=(0, 1e-3), drag=(0, 1e-4))
-BRISTLES = st.builds(
-    Friction,
-    coulomb=st.floats(1e-4, 3e-3),
-    stribeck=st.floats(0, 1e-3),
-    bristle_stiffness=st.floats(0.1, 10),
-    bristle_damping=st.floats(0, 1e-3),
+FRICTIONS = some(Friction, **DRY, **WAVY, viscous=(0, 2e-3), load=(0, 1e-3), drag=(0, 1e-4))
+FRICTIONS |= some(
+    partial(Friction, coulomb=1e-3, bristle_stiffness=2.0),
+    stribeck=(0, 1e-3),
+    bristle_damping=(0, 1e-3),
 )
 SIZES, RATES = st.floats(1e-3, 2), st.floats(0.5, 40)
 EXCITATIONS = st.one_of(
@@ -74,26 +58,15 @@ def clocks(draw):
 
 SETUPS = st.builds(
     Rig,
-    robot=st.builds(Robot, hand=HANDS, drive=DRIVES, friction=FRICTIONS | BRISTLES),
+    robot=st.builds(Robot, hand=HANDS, drive=DRIVES, friction=FRICTIONS),
     simulator=st.just(Simulator.GREY_BOX),
     clock=clocks(),
     encoder=ENCODERS,
-    path=_some(partial(CommandPath, limit=0.8), **PATHS),
-    faults=_some(Faults, dropped=(0, 0.2), duplicated=(0, 0.2)),
+    path=some(partial(CommandPath, limit=0.8), **PATHS),
+    faults=some(Faults, dropped=(0, 0.2), duplicated=(0, 0.2)),
 )
 
 PLAIN = Rig(robot=robot(coulomb=3e-4), simulator=Simulator.GREY_BOX)
-
-
-def _compiled(rig, runs, duration, *, threads=1):
-    seeds = np.random.SeedSequence(3).spawn(len(runs))
-    return list(simulate_runs(rig, runs, duration, seeds, threads=threads))
-
-
-def _wrapped(rig, runs, duration):
-    seeds = np.random.SeedSequence(3).spawn(len(runs))
-    generators = map(np.random.default_rng, seeds)
-    return [rig.play(*run, duration, rng) for run, rng in zip(runs, generators, strict=True)]
 
 
 def _assert_same_bits(logs, others):
@@ -104,34 +77,27 @@ def _assert_same_bits(logs, others):
             assert getattr(log, name) == getattr(other, name)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     rig=SETUPS,
-    added=_some(AddedMass, mass=(0, 0.2), arm=(0, 0.15)),
+    added=some(AddedMass, mass=(0, 0.2), arm=(0, 0.15)),
     excitation=EXCITATIONS,
     count=st.integers(40, 150),
 )
 def test_it_gives_the_wrapper_s_log_to_the_bit(rig, added, excitation, count):
     runs, duration = [(added, excitation), (AddedMass(), excitation)], count * rig.clock.step
-    _assert_same_bits(_compiled(rig, runs, duration), _wrapped(rig, runs, duration))
+    _assert_same_bits(simulated(rig, runs, duration), wrapped(rig, runs, duration))
 
 
 def test_many_cycles_at_1_khz_are_the_wrapper_s_to_the_bit():
     """Long enough for the stamps to round, so that no two cycles are of quite the same length."""
     rig = replace(PLAIN, encoder=Encoder(noise=1e-4), path=CommandPath(delay=0.0023))
     runs = [(ADDED, Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=0.3))]
-    _assert_same_bits(_compiled(rig, runs, 17.0), _wrapped(rig, runs, 17.0))
+    _assert_same_bits(simulated(rig, runs, 17.0), wrapped(rig, runs, 17.0))
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-4])
-def test_any_number_of_threads_gives_the_same_logs(jitter):
-    runs = [(ADDED, Sine(omega=1.0 + k, amplitude=0.3)) for k in range(20)]
-    rig = replace(PLAIN, clock=Clock(jitter=jitter), encoder=Encoder(noise=1e-3))
-    one, three = (_compiled(rig, runs, 1.0, threads=k) for k in (1, 3))
-    _assert_same_bits(one, three)
-
-
-def test_it_takes_no_more_threads_than_it_may():
+def test_any_number_of_threads_gives_the_same_logs_but_it_takes_no_more_than_it_may(jitter):
     idents = set()
 
     class Noted(FreeDecay):
@@ -139,9 +105,11 @@ def test_it_takes_no_more_threads_than_it_may():
             idents.add(get_ident())
             return super().sample(time)
 
-    runs = [(ADDED, Noted(angle=0.1 + 0.01 * k)) for k in range(12)]
-    _compiled(PLAIN, runs, 0.1, threads=1)
+    runs = [(ADDED, Noted(angle=0.1 + 0.01 * k)) for k in range(20)]
+    rig = replace(PLAIN, clock=Clock(jitter=jitter), encoder=Encoder(noise=1e-3))
+    one = simulated(rig, runs, 0.5, threads=1)
     assert len(idents) == 1
+    _assert_same_bits(one, simulated(rig, runs, 0.5, threads=3))
 
 
 REFUSED = {
@@ -156,7 +124,7 @@ REFUSED = {
 @pytest.mark.parametrize(("rig", "excitation"), REFUSED.values(), ids=REFUSED)
 def test_what_the_wrapper_refuses_is_refused_in_the_same_words(rig, excitation):
     errors = []
-    for simulate in (_compiled, _wrapped):
+    for simulate in (simulated, wrapped):
         with pytest.raises(InputError) as caught:
             simulate(rig, [(ADDED, excitation)], 2.0)
         errors.append(str(caught.value))

@@ -11,15 +11,13 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.twin.twin import Twin
 
-STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2")
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1")
 TICK = 2.0**-14  # s
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler is installed")
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
 RUN = """#include "{0}.h"
-void run(int n, const double *commands, double angle, double velocity, int which, double value,
-         double *angles);
 void run(int n, const double *commands, double angle, double velocity, int which, double value,
          double *angles) {{
     {0}_parameters p = {0}_identified();

@@ -55,27 +55,22 @@ def test_a_motor_s_curve_clips_as_its_limit_of_voltage_does():
     assert told["damping"] + told["viscous_damping"] == pytest.approx(p.p2)
 
 
+OF_ANGLE = 7.4 * 400 * 4096 / (2 * math.pi) / (256 * 885)  # V/rad by ROBOTIS's units:
+OF_SPEED = 12.0 * 100 * (9.5492966 / 0.229) / (128 * 885)  # 1 rad/s is 9.55 rpm, a unit 0.229
+
+
 @pytest.mark.parametrize(
-    ("loop", "kind", "stiffness", "damping"),
+    ("loop", "stiffness", "damping"),
     [
-        (
-            {"law": "dynamixel-xl330", "kp": 400, "supply": 7.4},
-            InputKind.VOLTAGE,
-            7.4 * 400 * 4096 / (2 * math.pi) / (256 * 885),  # V/rad by ROBOTIS's units
-            0.0,
-        ),
-        (
-            {"law": "dynamixel-x-velocity", "kp": 100, "supply": 12.0},
-            InputKind.VOLTAGE,
-            0.0,
-            12.0 * 100 * (9.5492966 / 0.229) / (128 * 885),  # 1 rad/s is 9.55 rpm; a unit 0.229
-        ),
-        ({"law": "pid-torque", "kp": 3.0, "kd": 0.2}, InputKind.TORQUE, 3.0, 0.2),
-        ({"law": "cascade-torque", "kp": 3.0, "kd": 0.2}, InputKind.TORQUE, 0.6, 0.2),
-        ({"law": "speed-torque", "kp": 3.0}, InputKind.TORQUE, 0.0, 3.0),
+        ({"law": "dynamixel-xl330", "kp": 400, "supply": 7.4}, OF_ANGLE, 0.0),
+        ({"law": "dynamixel-x-velocity", "kp": 100, "supply": 12.0}, 0.0, OF_SPEED),
+        ({"law": "pid-torque", "kp": 3.0, "kd": 0.2}, 3.0, 0.2),
+        ({"law": "cascade-torque", "kp": 3.0, "kd": 0.2}, 0.6, 0.2),
+        ({"law": "speed-torque", "kp": 3.0}, 0.0, 3.0),
     ],
 )
-def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, kind, stiffness, damping):
+def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, stiffness, damping):
+    kind = InputKind.VOLTAGE if "supply" in loop else InputKind.TORQUE
     made = _content(servo=ServoLoop.of(loop), kind=kind)
     for fields in (made["mjlab"]["fields"], made["isaaclab"]["fields"]):
         assert fields["stiffness"] == pytest.approx(0.04 * stiffness)

@@ -128,7 +128,7 @@ np.save("moved.npy", [commands, c.mover(2.0**-9, 1)(twin, np.zeros(64), commands
 @needs_cc
 def test_a_term_that_is_added_to_the_kernel_is_in_c_as_well(tmp_path):
     package = tmp_path / "butterfly"
-    hidden = shutil.ignore_patterns("__pycache__")
+    hidden = shutil.ignore_patterns("*.nb[ci]")
     shutil.copytree(Path(butterfly.__file__).parent, package, ignore=hidden)
     for name, (*changes,) in TERM.items():
         text = (package / name).read_text(encoding="utf-8")

@@ -59,16 +59,9 @@ def test_an_unknown_film_format_is_refused_before_anything_is_drawn(tmp_path):
         film(ROBOT, ADDED, TIMES, TIMES, tmp_path / "hand.avi")
 
 
-@pytest.mark.parametrize(
-    ("instant", "angle", "text"),
-    [
-        (3.251, 0.1234, "t = 3.25 s\nθ = +0.123 rad"),
-        (0.0, -1e-5, "t = 0.00 s\nθ = +0.000 rad"),
-        (61.0, -12.5664, "t = 61.00 s\nθ = -12.566 rad"),
-    ],
-)
-def test_time_and_angle_are_written_with_their_units(instant, angle, text):
-    assert caption_text(instant, angle, "θ") == text
+def test_time_and_angle_are_written_with_their_units_and_no_0_is_negative():
+    assert caption_text(3.251, -12.5664, "θ") == "t = 3.25 s\nθ = -12.566 rad"
+    assert caption_text(0.0, -1e-5, "θ") == "t = 0.00 s\nθ = +0.000 rad"
 
 
 @pytest.mark.parametrize("size", [240, 480, 1024])
@@ -97,7 +90,7 @@ def test_a_ghost_is_drawn_where_the_simulation_is_and_lets_the_solid_be_seen():
 
 
 def test_shadows_are_soft_and_edges_smooth_at_any_size():
-    for size in (480, 1080):
+    for size in (320, 1032):
         with Painter(ROBOT, ADDED, size) as painter:
             grey = np.asarray(painter.frame(0.6).convert("L")).astype(int)
         shadow = grey[int(0.93 * size) :, int(0.75 * size) :]
