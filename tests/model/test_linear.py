@@ -98,7 +98,7 @@ def test_the_nonlinear_system_is_the_whole_equation(robot):
     commands = 0.3 * np.sin(4 * time)
     system = bridge.nonlinear_system(robot)
     start = np.eye(1, system.nstates)[0] * 0.3
-    finely = {"rtol": 1e-8, "atol": 1e-10, "max_step": 5e-3}
+    finely = {"rtol": 1e-8, "atol": 1e-10, "max_step": 1e-2}
     moved = control.input_output_response(
         system, time, commands, start, solve_ivp_method="LSODA", solve_ivp_kwargs=finely
     )

@@ -46,23 +46,21 @@ def test_the_header_moves_as_the_compiled_kernel(kind, seed, tmp_path):
 
 
 @needs_cc
-@pytest.mark.parametrize(
-    ("name", "factor"),
-    [("coulomb", 0.0), ("stribeck", 0.0), ("p1", 0.7), ("delay", 0.0), ("delay", 1.6)],
-)
-def test_a_parameter_that_is_varied_moves_it_as_in_the_kernel(name, factor, tmp_path):
+def test_a_parameter_that_is_varied_moves_it_as_in_the_kernel(tmp_path):
     twin, step, commands = drawn(1, "stribeck")
     header = c.header(twin, step, 1, ())
     named = re.findall(r"double (\w+); /\*", header.split("_parameters;")[0])
-    value = factor * getattr(twin.parameters, name)
-    other = replace(twin, parameters=replace(twin.parameters, **{name: value}))
-    ours = c.mover(step, 1)(other, np.zeros(64), commands, 0.2, 0.5)
-    moved = library(header, twin.identifier, tmp_path)(commands, 0.2, 0.5, named.index(name), value)
-    assert np.abs(moved - ours).max() < EXACT
+    move, p = library(header, twin.identifier, tmp_path), twin.parameters
+    varied = {"coulomb": 0.0, "stribeck": 0.0, "p1": 0.7 * p.p1, "delay": 0.0}
+    for name, value in (*varied.items(), ("delay", 1.6 * p.delay)):
+        other = replace(twin, parameters=replace(p, **{name: value}))
+        ours = c.mover(step, 1)(other, np.zeros(64), commands, 0.2, 0.5)
+        moved = move(commands, 0.2, 0.5, named.index(name), value)
+        assert np.abs(moved - ours).max() < EXACT
 
 
 @needs_cc
-@pytest.mark.parametrize("kind", ["smooth", "stribeck", "bristles", "lag", "slide"])
+@pytest.mark.parametrize("kind", ["stribeck", "bristles", "slide"])
 def test_it_moves_as_our_simulation_within_the_error_that_it_prints(kind, tmp_path):
     twin, step, _ = drawn(2, kind)
     made = write_as("c", twin, Options(timestep=step))

@@ -147,8 +147,8 @@ def test_the_twin_of_an_experiment_is_measured_on_its_runs(quick):
 def test_the_twin_of_a_real_log_moves_alone(real_manifest):
     """It sticks harder than it slides, and its stamps are its own."""
     whole = read_entry(real_manifest, real_manifest.logs[20])
-    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 0.5)))
-    parameters = LumpedParameters(p1=0.0034, p2=3e-3, p3=0.04, p4=0.5, delay=0.004, **STICKS)
+    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 0.8)))
+    parameters = LumpedParameters(p1=0.0034, p2=1e-3, p3=0.04, p4=1.0, delay=0.004, **STICKS)
     recorded = [(log, Setting(parameters=parameters, zero=log.angle[0], velocity=0.0))]
     twin = replace(_twin(parameters), added=log.added_mass, recorded=lambda: recorded)
     for step, most in ((2e-4, 2e-4), (2e-3, 2e-3)):
