@@ -27,19 +27,16 @@ def _content(kind="smooth", /, **more):
     return json.loads(write_as("actuator", twin(kind, **more), STEPS).text)
 
 
+CLASSES = {"smooth": "IdealPDActuatorCfg", "delayed": "DelayedPDActuatorCfg"}
+
+
 @pytest.mark.parametrize(
-    ("kind", "limit", "name"),
-    [
-        ("smooth", math.inf, "IdealPDActuatorCfg"),
-        ("smooth", 5.0, "IdealPDActuatorCfg"),
-        ("delayed", 5.0, "DelayedPDActuatorCfg"),
-        ("motor", 5.0, "DCMotorCfg"),
-    ],
+    ("kind", "limit"), [("smooth", math.inf), ("smooth", 5.0), ("delayed", 5.0), ("motor", 5.0)]
 )
-def test_isaac_lab_s_classes_have_all_fields(kind, limit, name):
+def test_isaac_lab_s_classes_have_all_fields(kind, limit):
     told = _content(kind, limit=limit)["isaaclab"]
-    assert told["class"] == name
-    assert told["fields"].keys() <= ISAAC_LAB | OWN.get(name, set())
+    assert told["class"] == CLASSES.get(kind, "DCMotorCfg")
+    assert told["fields"].keys() <= ISAAC_LAB | OWN.get(told["class"], set())
     assert told["fields"].get("effort_limit", math.inf) == pytest.approx(0.04 * limit)
 
 
