@@ -1,6 +1,7 @@
 """Joints for the tests of the model, and what drives them."""
 
 import numpy as np
+from hypothesis import strategies as st
 
 from butterfly.model.greybox import Readings
 from butterfly.model.parameters import LumpedParameters
@@ -17,6 +18,12 @@ SLIDING = LumpedParameters(
 
 LAG = {"back_emf": 3e-4, "time_constant": 0.0043}  # no whole number of steps, which would change
 BRISTLES = {"bristle_stiffness": 2.0, "bristle_damping": 1e-3}
+
+
+def some(kind, **ranges):
+    """Hypothesis's builds of a kind with numbers in ranges, each of them now and then 0."""
+    zero = st.just(0.0)
+    return st.builds(kind, **{name: zero | st.floats(*ends) for name, ends in ranges.items()})
 
 
 def instants(time):

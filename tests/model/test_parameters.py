@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -39,10 +40,8 @@ def test_back_emf_adds_to_the_damping_as_in_6():
 @given(mass=positive, arm=positive, first=positive)
 def test_added_masses_on_one_arm_add_up(mass, arm, first):
     bare = LumpedParameters(p1=1, p2=1, p3=1, p4=1)
-    both = bare.with_added_mass(AddedMass(mass=first, arm=arm)).with_added_mass(
-        AddedMass(mass=mass, arm=arm)
-    )
-    together = bare.with_added_mass(AddedMass(mass=first + mass, arm=arm))
+    one, other, sum_ = (AddedMass(mass=each, arm=arm) for each in (first, mass, first + mass))
+    both, together = bare.with_added_mass(one).with_added_mass(other), bare.with_added_mass(sum_)
     assert both.p1 == pytest.approx(together.p1)
     assert both.p3 == pytest.approx(together.p3)
 
@@ -57,22 +56,16 @@ def test_impossible_values_are_refused_by_name(bad):
         VoltageDrive(resistance=bad, torque_constant=1, back_emf_constant=1)
 
 
-@given(
-    p1=positive,
-    p2=positive,
-    p3=st.floats(-1, 1),
-    p4=positive,
-    coulomb=positive,
-    aside=st.floats(-1, 1),
-    share=st.floats(1.1, 100),
-    motor=st.sampled_from([{}, {"back_emf": 1.0}, {"back_emf": 1.0, "time_constant": 0.01}]),
-)
-def test_a_hand_found_for_lumped_parameters_has_them(
-    *, p1, p2, p3, p4, coulomb, aside, share, motor
-):
-    own = {name: value * (p2 if name == "back_emf" else 1) for name, value in motor.items()}
-    wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb, p3_offset=aside, **own)
-    least = (math.hypot(p3, aside) / 9.81) ** 2 / p1
+TERMS = dict.fromkeys(("p1", "p2", "p4", "coulomb"), positive)
+TERMS |= dict.fromkeys(("p3", "p3_offset"), st.floats(-1, 1))
+MOTORS = [{}, {"back_emf": 1.0}, {"back_emf": 1.0, "time_constant": 0.01}]
+
+
+@given(st.fixed_dictionaries(TERMS), st.floats(1.1, 100), st.sampled_from(MOTORS))
+def test_a_hand_found_for_lumped_parameters_has_them(terms, share, motor):
+    wanted = LumpedParameters(**terms, **motor)
+    wanted = replace(wanted, back_emf=wanted.back_emf * wanted.p2)
+    least = (math.hypot(wanted.p3, wanted.p3_offset) / 9.81) ** 2 / wanted.p1
     found = Robot.of_lumped(wanted, mass=max(share * least, 1e-3)).lumped
     assert vars(found) == pytest.approx(vars(wanted), rel=1e-9, abs=1e-12)
 
@@ -107,24 +100,16 @@ def test_a_slide_carries_masses_and_an_upright_axis_no_moments_but_weight():
 
 def test_one_added_mass_is_one_in_every_spelling():
     kilograms = AddedMass(mass=0.052, arm=0.15)
-    spellings = [
+    for other in (
         AddedMass(mass=52 * 1e-3 * (1 + 1e-15), arm=15 * 1e-2),
-        AddedMass(mass=0.052, arm=0.15, mass_uncertainty=1e-12),
-        AddedMass(mass=0.052, arm=0.15, arm_uncertainty=1e-3),
-    ]
-    for other in spellings:
+        AddedMass(mass=0.052, arm=0.15, mass_uncertainty=1e-12, arm_uncertainty=1e-3),
+    ):
         assert other == kilograms
         assert hash(other) == hash(kilograms)
         assert other.inertia_and_moment == kilograms.inertia_and_moment
         assert str(other) == str(kilograms)
-    assert len({kilograms, *spellings}) == 1
     assert sorted([AddedMass(mass=0.1, arm=0.1), kilograms])[0] is kilograms
-    for other in (
-        {"mass": 0.0521},
-        {"arm": 0.1501},
-        {"own_inertia": 1e-6},
-        {"gravity": 0.0},
-        {"joint": JointKind.SLIDE},
-    ):
-        assert AddedMass(**{"mass": 0.052, "arm": 0.15} | other) != kilograms
+    others = {"mass": 0.0521, "arm": 0.1501, "own_inertia": 1e-6, "gravity": 0.0}
+    for name, value in (others | {"joint": JointKind.SLIDE}).items():
+        assert AddedMass(**{"mass": 0.052, "arm": 0.15, name: value}) != kilograms
     assert kilograms != 0.052

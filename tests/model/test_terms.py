@@ -10,15 +10,7 @@ from scipy.integrate import quad
 
 from butterfly.model.kernel.equation import Constants, friction_at, rates
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
-from butterfly.model.terms import (
-    BASE_TERMS,
-    DRIVE,
-    GEAR,
-    LOOP_TERMS,
-    TERMS,
-    DriveTerms,
-    FrictionTerms,
-)
+from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
 
@@ -33,17 +25,8 @@ YIELDED = {"compression": lambda c: COMMAND / (1 + c * COMMAND), "dead_zone": la
 
 STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]
-SETTING = [
-    "p1",
-    "delay",
-    "slow_delay",
-    "slow_interval",
-    "stribeck_velocity",
-    "cogging_periods",
-    "tilt",
-    "mass_inertia",
-]
-SETTING += LOOP_TERMS
+SETTING = ["p1", "delay", "slow_delay", "slow_interval", "stribeck_velocity", "cogging_periods"]
+SETTING += ["tilt", "mass_inertia", *LOOP_TERMS]
 
 
 def _motion(angle, velocity, **more):
@@ -59,6 +42,11 @@ def test_every_parameter_of_the_model_has_a_row_and_every_row_a_parameter():
         assert row.unit
         assert row.meaning
         assert not row.offered or row.basis is not None or row.size is not None
+
+
+def test_all_but_velocity_frequency_and_periods_may_be_0():
+    above = {name for name, row in TERMS.items() if row.lower > 0}
+    assert above == {"stribeck_velocity", "base_frequency", "cogging_periods"}
 
 
 @pytest.mark.parametrize("name", [n for n, row in TERMS.items() if row.potential])
@@ -175,16 +163,13 @@ def test_a_drive_s_fundamental_on_a_sine_is_the_describing_function(size):
     lost = -4 / math.pi * math.sqrt(1 - share**2)
     assert complex(slopes["dead_zone"][0]) == pytest.approx(1j * lost, rel=1e-2)
     _, slopes = DriveTerms().of_sines(np.array([size * 1j]))
-    assert complex(slopes["compression"][0]) == pytest.approx(
-        -8j / (3 * math.pi) * size**2, rel=1e-4
-    )
+    slope = -8j / (3 * math.pi) * size**2
+    assert complex(slopes["compression"][0]) == pytest.approx(slope, rel=1e-4)
 
 
 def test_a_drive_loses_its_dead_zone_and_then_saturates():
-    both, command = (
-        DriveTerms(dead_zone=0.1, compression=0.5),
-        np.array([-0.6, -0.05, 0.0, 0.1, 1.1]),
-    )
+    both = DriveTerms(dead_zone=0.1, compression=0.5)
+    command = np.array([-0.6, -0.05, 0.0, 0.1, 1.1])
     np.testing.assert_allclose(both.delivered(command), [-0.4, 0.0, 0.0, 0.0, 2 / 3], atol=1e-15)
     for name, slope in both.slopes(command).items():
         more = replace(both, **{name: getattr(both, name) + 1e-7}).delivered(command)
@@ -192,7 +177,7 @@ def test_a_drive_loses_its_dead_zone_and_then_saturates():
 
 
 def test_friction_is_refused_below_the_bounds_of_the_table():
-    for name in [field.name for field in fields(FrictionTerms)]:
+    for name in {field.name for field in fields(Friction)} & {*TERMS}:
         if TERMS[name].lower == 0:
             with pytest.raises(ValueError, match=name):
                 Friction(**{"coulomb": 1.0, name: -1e-3})

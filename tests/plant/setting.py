@@ -1,5 +1,7 @@
 """The robot that the tests of the plant drive, how they drive it, and what they compare it with."""
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from butterfly.plant.mjcf import built, text_of
 from butterfly.plant.motor import ControlLoop
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.watch.picture import Painter, RenderingError
 
@@ -68,6 +71,20 @@ def mujoco_alone(model, commands, start=0.0):
     return np.array(states), model.opt.timestep
 
 
+def simulated(rig, runs, duration, threads=1):
+    """The logs of runs, by compiled loops."""
+    seeds = np.random.SeedSequence(3).spawn(len(runs))
+    return list(simulate_runs(rig, runs, duration, seeds, threads=threads))
+
+
+def wrapped(rig, runs, duration):
+    """The same logs by the motor wrapper, from cycle to cycle."""
+    seeds = np.random.SeedSequence(3).spawn(len(runs))
+    generators = map(np.random.default_rng, seeds)
+    return [rig.play(*run, duration, rng) for run, rng in zip(runs, generators, strict=True)]
+
+
+@cache
 def skip_where_nothing_is_drawn():
     try:
         Painter(robot(), ADDED, 32).__exit__()

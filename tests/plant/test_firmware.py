@@ -34,14 +34,14 @@ TABLE = Table(time=(0.0, 0.2, 1.1), values=(0.4, -0.5, 0.3))
 REST = InitialState(0.0, 0.0)
 
 
-def _rig(law, simulator=Simulator.MUJOCO, drive=MOTOR, more=None, **friction):
-    servo = ServoLoop.of({"law": law, **LOOPS[law], **(more or {})})
+def _rig(law, simulator=Simulator.MUJOCO, drive=MOTOR, **friction):
+    servo = ServoLoop.of({"law": law, **LOOPS[law]})
     own = robot(TorqueDrive(gain=0.5) if "current" in law else drive, **friction)
     return Rig(robot=own, simulator=simulator, encoder=FINE, clock=Clock(step=0.01), servo=servo,
                torque_off=((1.0, 1.3),))  # fmt: skip
 
 
-def _log(rig, duration=2.5, signal=SINE):
+def _log(rig, duration=2.0, signal=SINE):
     (log,) = simulate_runs(rig, [(ADDED, signal)], duration, [np.random.SeedSequence(0)])
     return log
 
@@ -117,6 +117,11 @@ def test_the_firmware_looks_at_its_own_clock_and_holds_in_between():
     assert joint.is_open is False
 
 
+def test_a_loop_is_simulated_at_its_clock_or_at_a_multiple_below_half_a_millisecond():
+    for clock, updates in ((4e-4, (4e-4, 1)), (2e-4, (4e-4, 1)), (4e-3, (1e-3, 4))):
+        assert ServoLoop.of({"law": "pid-duty", "kp": 1, "clock": clock}).updates(1e-3) == updates
+
+
 def test_a_delay_is_one_of_the_set_point_and_flaws_of_the_drive_lie_behind_the_firmware():
     path = CommandPath(delay=0.013, dead_zone=0.2, compression=0.1)
     rig = replace(_rig("pid-voltage", Simulator.GREY_BOX), path=path)
@@ -144,7 +149,7 @@ def test_a_supply_that_sags_is_recorded_and_multiplies_the_duty():
 def test_torque_off_takes_the_back_emf_with_it(simulator, inductance):
     motor = replace(MOTOR, back_emf_constant=0.3, inductance=inductance)
     rig = replace(_rig("pid-voltage", simulator, drive=motor), torque_off=((0.3, 9.0),))
-    log = _log(rig)
+    log = _log(rig, 2.5)
     bare = replace(rig.robot, drive=TorqueDrive(gain=1.0)).loaded(ADDED)
     late = log.angle[log.time > 0.5]
     decay = np.ptp(late[-80:]) / np.ptp(late[:80])

@@ -5,27 +5,13 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
-from butterfly.model.linear import Linearisation
-from butterfly.model.parameters import Friction, Hand
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Clutch
-from tests.plant.setting import (
-    ADDED,
-    FINE,
-    JOINTS,
-    MOTOR,
-    integrated,
-    mjcf,
-    mujoco_alone,
-    play,
-    robot,
-)
-from tests.signals.sines import fit_sine
+from tests.plant.setting import ADDED, FINE, JOINTS, MOTOR, integrated, play, robot
 
 pytestmark = pytest.mark.slow
 
@@ -36,8 +22,8 @@ def _robot(time_constant, back_emf=0.03, **friction):
 
 
 @pytest.mark.parametrize("back_emf", [0.03, 0.0])
-@pytest.mark.parametrize(("cycle", "duration"), [(0.01, 2.0), (0.001, 2.0)])
-def test_the_angle_is_right_to_1e_8_at_a_time_constant_of_1_ms(back_emf, cycle, duration):
+@pytest.mark.parametrize("cycle", [0.01, 0.001])
+def test_the_angle_is_right_to_1e_8_at_a_time_constant_of_1_ms(back_emf, cycle):
     driven = _robot(1e-3, back_emf)
     loaded, drive = driven.loaded(ADDED), driven.drive
 
@@ -47,18 +33,11 @@ def test_the_angle_is_right_to_1e_8_at_a_time_constant_of_1_ms(back_emf, cycle, 
         back = drive.back_emf_constant * v
         return [v, torque / loaded.p1, (voltage - drive.resistance * i - back) / drive.inductance]
 
-    logs = [play(joint(driven, ADDED), duration, step=cycle) for joint in JOINTS]
+    logs = [play(joint(driven, ADDED), 2.0, step=cycle) for joint in JOINTS]
     exact = integrated(logs[0], rhs, [0.0, 0.0, 0.0])
     for log in logs:
         np.testing.assert_allclose(log.angle, exact, atol=1e-8)
     assert np.ptp(exact) > 0.1
-
-
-@pytest.mark.parametrize("joint", JOINTS)
-def test_a_vanishing_inductance_is_the_reduced_model(joint):
-    limit, *angles = (play(joint(_robot(te), ADDED)).angle for te in (0.0, 4e-3, 2e-3, 1e-3))
-    gaps = [np.abs(each - limit).max() for each in angles]
-    np.testing.assert_allclose(np.divide(gaps[:-1], gaps[1:]), 2, atol=0.1)
 
 
 @pytest.mark.parametrize("joint", JOINTS)
@@ -69,18 +48,6 @@ def test_the_current_read_is_the_state_and_obeys_the_armature(joint):
     assert motor.read().current == 0.0
     motor.wait(0.005)
     assert motor.read().current == pytest.approx(0.5 * (1 - math.exp(-0.5)), rel=1e-6)
-
-
-def test_the_frequency_response_has_the_armature_s_lag():
-    light = replace(_robot(0.02), hand=Hand(mass=0.01, com_distance=0.0, inertia=0.003))
-    log = play(GreyBoxJoint(light), 40.0, amplitude=0.05, omega=9.0, step=1e-3)
-    rows = log.time > 40 - 10 * 2 * np.pi / 9
-    angle, voltage = (
-        fit_sine(log.time[rows], x[rows], 9.0).fundamental for x in (log.angle, log.input)
-    )
-    hold = np.exp(-0.5j * 9 * 1e-3)
-    exact = complex(Linearisation.of(light.lumped).response(9.0))
-    assert angle / (voltage * hold) == pytest.approx(exact, rel=1e-4)
 
 
 def test_threads_do_not_disturb_each_other():
@@ -107,28 +74,11 @@ def test_threads_do_not_disturb_each_other():
     assert together == alone
 
 
-@pytest.mark.parametrize(
-    "friction",
-    [
-        {"coulomb": 5e-4},
-        {"coulomb": 5e-4, "stribeck": 3e-4},
-        {"coulomb": 5e-4, "stribeck": 3e-4, "bristle_stiffness": 1.0},
-    ],
-)
-def test_current_clutch_bristles_and_sticking_go_together(friction):
-    rigid = replace(_robot(2e-3), friction=Friction(viscous=2e-4, **friction))
+@pytest.mark.parametrize("more", [{}, {"stribeck": 3e-4}, {"bristle_stiffness": 1.0}])
+def test_current_clutch_bristles_and_sticking_go_together(more):
+    rigid = _robot(2e-3, coulomb=5e-4, **more)
     tight = replace(rigid, clutch=Clutch(backlash=1e-5, rotor_inertia=1e-3))
     exact = play(GreyBoxJoint(rigid, ADDED), 2.0).angle
     assert np.ptp(exact) > 0.1
     for each in (rigid, tight):
         np.testing.assert_allclose(play(MujocoJoint(each, ADDED), 2.0).angle, exact, atol=2e-3)
-
-
-@pytest.mark.parametrize("back_emf", [0.03, 0.0])
-def test_an_exported_robot_with_inductance_loads_in_plain_mujoco_with_a_current(back_emf):
-    text = mjcf(_robot(1e-3, back_emf), ADDED)
-    assert mujoco.MjModel.from_xml_string(text).na == 1
-    reduced = GreyBoxJoint(_robot(0.0, back_emf), ADDED)
-    reduced.advance(0.2, 0.1)
-    states, _ = mujoco_alone(text, [0.2] * 100)
-    assert states[-1, 0] == pytest.approx(reduced.angle, rel=0.05)

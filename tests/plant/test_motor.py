@@ -73,15 +73,12 @@ def test_the_current_is_that_of_the_armature_and_unknown_for_a_torque_drive():
     assert math.isnan(SimulatedMotor(GreyBoxJoint(robot(TorqueDrive(gain=1)))).read().current)
 
 
-def test_a_replayed_log_comes_back_sample_by_sample(sine_log):
+def test_a_replayed_log_comes_back_sample_by_sample_and_no_longer(sine_log):
     with ControlLoop(ReplayMotor(sine_log), clock=Clock(step=1e-3)) as loop:
         again = loop.run(lambda reading: reading.angle, 39.999)
     np.testing.assert_allclose(again.angle, sine_log.angle, atol=1e-9)
     np.testing.assert_array_equal(again.input, again.angle)
     assert again.input_kind is sine_log.input_kind
-
-
-def test_a_replay_beyond_the_log_s_end_is_refused(sine_log):
     with (
         ControlLoop(ReplayMotor(sine_log)) as loop,
         pytest.raises(InputError, match="a longer log"),
@@ -97,20 +94,10 @@ class _Recorder(SimulatedMotor):
         super().stop()
 
 
-def _fails():
-    raise ZeroDivisionError
-
-
-@pytest.mark.parametrize(
-    ("late", "error"),
-    [
-        (lambda: math.nan, pytest.raises(InputError, match="control law: command")),
-        (lambda: math.inf, pytest.raises(InputError, match="control law: command")),
-        (_fails, pytest.raises(ZeroDivisionError)),
-    ],
-)
-def test_a_law_that_fails_or_is_not_finite_stops_the_motor(late, error):
+@pytest.mark.parametrize("late", [lambda: math.nan, lambda: math.inf, lambda: 1 / 0])
+def test_a_law_that_fails_or_is_not_finite_stops_the_motor(late):
     motor = _Recorder(GreyBoxJoint(ROBOT))
+    error = pytest.raises((InputError, ZeroDivisionError), match=r"law: command|division")
     with error, ControlLoop(motor) as loop:
         loop.run(lambda reading: late() if reading.time > 0.1 else 0.1, 1.0)
     assert motor.stopped
@@ -160,9 +147,8 @@ def test_the_page_on_hardware_works_as_printed(tmp_path):
     assert not drive.is_alive()
     assert log.input_kind is InputKind.TORQUE
     assert log.time[0] == pytest.approx(0.002)
-    np.testing.assert_allclose(
-        log.input, np.clip(0.2 * np.sin(20 * log.time), -0.15, 0.15), atol=1e-12
-    )
+    clipped = np.clip(0.2 * np.sin(20 * log.time), -0.15, 0.15)
+    np.testing.assert_allclose(log.input, clipped, atol=1e-12)
     assert drive.commands[-1] == 0.0
     assert np.ptp(log.angle) > 1e-3
     assert (tmp_path / "log.mat").exists()

@@ -46,7 +46,7 @@ def test_a_replayed_input_moves_the_joint_as_an_independent_integrator_does(
     joint, delay, intersample
 ):
     """A held mean in place of the input's course within an interval costs its square."""
-    inputs = 0.3 * np.sin(4.0 * 0.002 * np.arange(1500))
+    inputs = 0.3 * np.sin(4.0 * 0.002 * np.arange(500))
     log = _log(intersample, 0.002, inputs, jitter=0.3)
     exact = _integrated(log, delay)
     assert np.ptp(exact) > 0.1
@@ -66,7 +66,7 @@ def test_a_compressing_drive_with_a_dead_zone_delivers_less(joint):
 
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_replay_starts_at_rest_where_the_joint_was_put_and_can_be_repeated(joint):
-    log, put = _log(ZERO, 0.002, np.zeros(500)), joint(ROBOT, ADDED, angle=0.2)
+    log, put = _log(ZERO, 0.002, np.zeros(50)), joint(ROBOT, ADDED, angle=0.2)
     first = replay_input(put, log)
     assert first[0] == 0.2
     assert abs(first[1] - 0.2) < 1e-3

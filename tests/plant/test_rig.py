@@ -9,23 +9,15 @@ from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, SimulatedMotor, Simulator
 from butterfly.plant.robot import Clutch
-from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, ClockRegime, Encoder, Faults
 from butterfly.signals.excitations import Chirp, FreeDecay, Multisine
-from tests.plant.setting import ADDED, FINE, MOTOR, SINE, robot
+from tests.plant.setting import ADDED, FINE, MOTOR, SINE, robot, simulated, wrapped
 
 PLAIN = Rig(robot=robot(coulomb=3e-4))
 STICKS = {"coulomb": 3e-4, "stribeck": 3e-4}
-ROUGH = replace(
-    PLAIN,
-    path=CommandPath(compression=0.1),
-    encoder=Encoder(noise=1e-3),
-    faults=Faults(dropped=0.1, duplicated=0.1),
-)
-REGIMES = (
-    ClockRegime(begin=0.1, step=8e-4, delay=2.5e-3),
-    ClockRegime(begin=0.2, step=1.2e-3),
-)
+ROUGH = replace(PLAIN, path=CommandPath(compression=0.1), encoder=Encoder(noise=1e-3))
+ROUGH = replace(ROUGH, faults=Faults(dropped=0.1, duplicated=0.1))
+REGIMES = (ClockRegime(begin=0.05, step=8e-4, delay=2.5e-3), ClockRegime(begin=0.1, step=1.2e-3))
 STEP_BY_STEP = {
     "jitter": replace(PLAIN, clock=Clock(jitter=1e-4)),
     "delay": replace(PLAIN, path=CommandPath(delay=0.0033)),
@@ -54,26 +46,19 @@ RUNS = [
 NAMES = ["run000_50g_4rads", "run001_0g_signal", "run002_50g_signal", "run003_50g_signal"]
 
 
-def _logs(rig, runs, threads=1):
-    seeds = np.random.SeedSequence(3).spawn(len(runs))
-    return list(simulate_runs(rig, runs, 0.3, seeds, threads=threads))
-
-
 @pytest.mark.parametrize("name", RIGS)
 def test_runs_give_the_log_of_the_wrapper_without_going_through_it(name, monkeypatch):
     """Whatever the number of threads; bit for bit, but where MuJoCo does whole runs."""
     rig = RIGS[name]
     with monkeypatch.context() as patch:
         patch.delattr(SimulatedMotor, "read")
-        logs, others = _logs(rig, RUNS), _logs(rig, RUNS, threads=3)
+        logs, others = (simulated(rig, RUNS, 0.15, threads) for threads in (1, 3))
     assert (name in STEP_BY_STEP) == (not rig.runs_in_mujoco)
     assert [log.name for log in logs] == NAMES
-    seeds = np.random.SeedSequence(3).spawn(len(RUNS))
-    for log, other, run, seed in zip(logs, others, RUNS, seeds, strict=True):
-        single = rig.play(*run, 0.3, np.random.default_rng(seed))
-        if name in STEP_BY_STEP:
-            for column in ("time", "input", "angle", "velocity"):
-                assert getattr(log, column).tobytes() == getattr(single, column).tobytes(), column
+    singles = wrapped(rig, RUNS, 0.15)
+    for log, other, single, run in zip(logs, others, singles, RUNS, strict=True):
+        for column in ("time", "input", "angle", "velocity") if name in STEP_BY_STEP else ():
+            assert getattr(log, column).tobytes() == getattr(single, column).tobytes(), column
         np.testing.assert_array_equal(log.angle, other.angle)
         np.testing.assert_allclose(log.time, single.time, atol=1e-12)
         np.testing.assert_allclose(log.input, single.input, atol=1e-12)
@@ -84,13 +69,8 @@ def test_runs_give_the_log_of_the_wrapper_without_going_through_it(name, monkeyp
 
 
 def test_a_law_meets_the_clock_path_encoder_and_faults_of_the_rig():
-    rig = replace(
-        PLAIN,
-        clock=Clock(step=0.002, jitter=3e-4),
-        path=CommandPath(limit=0.1),
-        encoder=Encoder(steps=1000),
-        faults=Faults(dropped=0.2),
-    )
+    rig = replace(PLAIN, clock=Clock(step=0.002, jitter=3e-4), path=CommandPath(limit=0.1))
+    rig = replace(rig, encoder=Encoder(steps=1000), faults=Faults(dropped=0.2))
     log = rig.run(lambda _: 5.0, 0.4, 1.0, ADDED, rng=np.random.default_rng(0))
     assert np.all(log.input == 0.1)
     assert log.time.size == pytest.approx(400, abs=40)
@@ -115,4 +95,4 @@ def test_a_mass_that_cannot_be_carried_is_refused_by_every_way_to_run(
 ):
     rig = Rig(robot=driven, simulator=simulator, clock=Clock(jitter=jitter))
     with pytest.raises(InputError, match=named):
-        _logs(rig, [(added, SINE)])
+        simulated(rig, [(added, SINE)], 0.15)

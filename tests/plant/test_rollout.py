@@ -8,7 +8,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import AddedMass, TorqueDrive, VoltageDrive
 from butterfly.plant.mjcf import compile_model, mount
-from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.rig import Rig
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.excitations import FreeDecay, Table
@@ -36,10 +36,13 @@ def _run(driven, *, duration=20.0, clock=Clock(), encoder=FINE, seed=0, signal=S
 )
 def test_without_coulomb_friction_mujoco_is_the_grey_box_on_a_jittered_clock(drive):
     driven = robot(drive)
-    log = _run(driven, duration=70.0, clock=Clock(jitter=2e-4))
+    log = _run(driven, duration=5.0, clock=Clock(jitter=2e-4))
     assert np.ptp(log.angle) > 0.2
     exact, _ = grey_box(driven.loaded(ADDED), log.time, log.input)
     np.testing.assert_allclose(log.angle, exact, atol=1e-9)
+    kind = InputKind.TORQUE if isinstance(drive, TorqueDrive) else InputKind.VOLTAGE
+    assert (log.input_kind, log.added_mass, log.excitation) == (kind, ADDED, SINE)
+    np.testing.assert_allclose(log.input, 0.5 * np.sin(4 * log.time), atol=1e-15)
 
 
 def test_a_slow_clock_is_integrated_in_small_steps():
@@ -52,9 +55,9 @@ def test_a_slow_clock_is_integrated_in_small_steps():
 
 def test_with_coulomb_friction_the_swing_at_resonance_agrees_within_half_a_percent():
     driven = robot(coulomb=1e-3)
-    log = _run(driven, duration=60.0, signal=Sine(omega=5.15, amplitude=0.3))
+    log = _run(driven, duration=15.0, signal=Sine(omega=5.15, amplitude=0.3))
     exact, _ = grey_box(driven.loaded(ADDED), log.time, log.input)
-    rows = log.time > 30
+    rows = log.time > 10
     ours, theirs = (
         fit_sine(log.time[rows], angle[rows], 5.15).amplitude for angle in (log.angle, exact)
     )
@@ -76,15 +79,6 @@ def test_a_mounted_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, a
     loaded = robot().loaded(added)
     assert inertia[0, 0] == pytest.approx(loaded.p1, rel=1e-14)
     assert data.qfrc_bias[0] == pytest.approx(loaded.p3 * np.sin(angle), rel=1e-12, abs=1e-16)
-
-
-def test_the_log_says_what_drove_it_and_what_it_carried():
-    log = _run(robot(), duration=1.0)
-    assert log.input_kind is InputKind.VOLTAGE
-    assert _run(robot(TorqueDrive(gain=0.02)), duration=1.0).input_kind is InputKind.TORQUE
-    assert (log.added_mass, log.excitation) == (ADDED, SINE)
-    assert log.name == "run000_50g_4rads"
-    np.testing.assert_allclose(log.input, 0.5 * np.sin(4 * log.time), atol=1e-15)
 
 
 def test_a_seed_fixes_everything():
@@ -115,8 +109,6 @@ def test_mujoco_s_coulomb_friction_hardly_creeps_at_rest():
     assert np.abs(_run(robot(coulomb=2e-3), signal=push).angle).max() < 1e-5
 
 
-@pytest.mark.parametrize("simulator", Simulator)
-def test_a_simulation_that_diverges_is_refused(simulator):
-    rig = Rig(robot=robot(bias=1e6), simulator=simulator)
+def test_a_simulation_that_diverges_is_refused():
     with pytest.raises(InputError, match="diverged"):
-        list(simulate_runs(rig, [(ADDED, SINE)], 1.0, np.random.SeedSequence(0).spawn(1)))
+        _run(robot(bias=1e6), duration=1.0)

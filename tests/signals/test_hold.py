@@ -71,15 +71,15 @@ def test_the_sums_of_a_held_input_against_parabolas_are_the_integrals(seed, dela
 
 def test_the_sums_of_a_held_sine_against_a_smooth_signal_converge_with_fourth_order():
     """Of a sine, stamped between the samples; the smooth signal is a cosine under a bump."""
+
+    def smooth(t):
+        return np.maximum(1 - (t - 3.1) ** 2, 0) ** 4 * np.cos(3 * t)
+
     errors = []
     for step in (0.08, 0.04, 0.02):
-        time = np.arange(0, 6, step) + 0.01
-        inputs = np.sin(5 * time)
         grid = np.arange(0, 6, step)
-
-        def smooth(t):
-            return np.maximum(1 - (t - 3.1) ** 2, 0) ** 4 * np.cos(3 * t)
-
+        time = grid + 0.01
+        inputs = np.sin(5 * time)
         nodes, weights = np.polynomial.legendre.leggauss(12)
         inner = time[:-1, None] + np.diff(time)[:, None] * (nodes + 1) / 2
         integral = inputs[:-1] @ (smooth(inner) @ weights / 2 * np.diff(time))
@@ -95,18 +95,21 @@ def test_the_values_of_a_continuous_input_stand_for_it_in_sums():
     np.testing.assert_array_equal(found, np.interp(grid, TIME, INPUTS))
 
 
+def _slope(time, inputs, edges, kind, step):
+    """The parabolas' slope by a delay, as a difference."""
+    later, earlier = (hold.parabolas(time, inputs, edges - by, kind)[0] for by in (step, -step))
+    return (later - earlier) / (2 * step)
+
+
 @pytest.mark.parametrize("kind", [ZERO, FIRST])
 @given(delay=st.floats(-0.2, 0.4))
 def test_the_slope_of_a_parabola_is_that_by_a_delay(kind, delay):
     edges = np.array([0.1, 0.25, 0.5, 0.77, 0.78, 1.25, 1.6])
     found = hold.parabolas(TIME, INPUTS, edges - delay, kind)
     step = 1e-7
-    there, back = (
-        hold.parabolas(TIME, INPUTS, edges - delay - sign * step, kind)[0] for sign in (1, -1)
-    )
+    difference = _slope(TIME, INPUTS, edges - delay, kind, step)
     stamps = np.abs(TIME[:, None] - (edges - delay)).min(axis=0) < 2 * step
     smooth = ~(stamps[1:] | stamps[:-1])  # a stamp on an edge makes a kink
-    difference = (there - back) / (2 * step)
     np.testing.assert_allclose(found[1][smooth], difference[smooth], rtol=1e-4, atol=1e-3)
 
 
@@ -115,9 +118,7 @@ def test_where_stamps_fall_on_the_grid_a_delay_is_felt_as_between_them(count):
     """The derivative there is the mean of those on both sides, whatever rounding says."""
     time = 0.01 * np.arange(200)
     inputs = np.sin(7 * time)
-    delay, step = 0.01 * count, 1e-8
-    there, back = (
-        hold.parabolas(time, inputs, time - delay - sign * step, ZERO)[0] for sign in (1, -1)
-    )
-    found = hold.parabolas(time, inputs, time - delay, ZERO)[1]
-    np.testing.assert_allclose(found, (there - back) / (2 * step), rtol=1e-4, atol=1e-4)
+    edges = time - 0.01 * count
+    found = hold.parabolas(time, inputs, edges, ZERO)[1]
+    expected = _slope(time, inputs, edges, ZERO, 1e-8)
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import savgol_filter
@@ -31,6 +31,7 @@ def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed, slope
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), slopes=st.booleans())
 def test_averages_are_those_over_the_instants_of_each_interval(seed, slopes):
     grid, angle, velocity, instants, values = _random(seed)

@@ -11,15 +11,13 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.twin.twin import Twin
 
-STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2")
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1")
 TICK = 2.0**-14  # s
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler is installed")
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
 RUN = """#include "{0}.h"
-void run(int n, const double *commands, double angle, double velocity, int which, double value,
-         double *angles);
 void run(int n, const double *commands, double angle, double velocity, int which, double value,
          double *angles) {{
     {0}_parameters p = {0}_identified();
@@ -96,9 +94,10 @@ def library(header, name, folder):
     It can change one parameter, by its number.
     """
     (folder / f"{name}.h").write_text(header, encoding="ascii")
-    source, made = folder / "run.c", folder / f"{name}.so"
+    source, unlinked, made = (folder / each for each in ("run.c", "run.o", f"{name}.so"))
     source.write_text(RUN.format(name))
-    compile_with("cc", "-std=c99", "-shared", "-fPIC", source, "-o", made, "-lm")
+    compile_with("cc", "-std=c99", "-fPIC", "-c", source, "-o", unlinked)
+    said("cc", "-shared", unlinked, "-o", made, "-lm")
     run, array = ctypes.CDLL(str(made)).run, np.ctypeslib.ndpointer(np.float64, flags="C")
     whole, number = ctypes.c_int, ctypes.c_double
     run.argtypes = [whole, array, number, number, whole, number, array]

@@ -43,12 +43,14 @@ def twin(kind="smooth", /, added=MASS, **more):
     return Twin(**made | more)
 
 
-def moved(model, driven=DRIVEN, joint=0):
-    """(n + 1,) angles of a joint of a model whose first actuator is driven."""
-    data = mujoco.MjData(model)
+def moved(model, driven=DRIVEN, by="ctrl", which=0):
+    """(n + 1,) angles of the joint of a model that is driven by one of its inputs."""
+    data, joint = mujoco.MjData(model), 0
+    if by == "ctrl":
+        joint = model.jnt_qposadr[model.actuator_trnid[which, 0]]
     angles = [0.0]
     for command in driven:
-        data.ctrl[0] = command
+        getattr(data, by)[which] = command
         mujoco.mj_step(model, data)
         angles.append(data.qpos[joint])
     return np.array(angles)

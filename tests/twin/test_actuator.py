@@ -27,19 +27,16 @@ def _content(kind="smooth", /, **more):
     return json.loads(write_as("actuator", twin(kind, **more), STEPS).text)
 
 
+CLASSES = {"smooth": "IdealPDActuatorCfg", "delayed": "DelayedPDActuatorCfg"}
+
+
 @pytest.mark.parametrize(
-    ("kind", "limit", "name"),
-    [
-        ("smooth", math.inf, "IdealPDActuatorCfg"),
-        ("smooth", 5.0, "IdealPDActuatorCfg"),
-        ("delayed", 5.0, "DelayedPDActuatorCfg"),
-        ("motor", 5.0, "DCMotorCfg"),
-    ],
+    ("kind", "limit"), [("smooth", math.inf), ("smooth", 5.0), ("delayed", 5.0), ("motor", 5.0)]
 )
-def test_isaac_lab_s_classes_have_all_fields(kind, limit, name):
+def test_isaac_lab_s_classes_have_all_fields(kind, limit):
     told = _content(kind, limit=limit)["isaaclab"]
-    assert told["class"] == name
-    assert told["fields"].keys() <= ISAAC_LAB | OWN.get(name, set())
+    assert told["class"] == CLASSES.get(kind, "DCMotorCfg")
+    assert told["fields"].keys() <= ISAAC_LAB | OWN.get(told["class"], set())
     assert told["fields"].get("effort_limit", math.inf) == pytest.approx(0.04 * limit)
 
 
@@ -55,21 +52,22 @@ def test_a_motor_s_curve_clips_as_its_limit_of_voltage_does():
     assert told["damping"] + told["viscous_damping"] == pytest.approx(p.p2)
 
 
+OF_ANGLE = 7.4 * 400 * 4096 / (2 * math.pi) / (256 * 885)  # V/rad by ROBOTIS's units:
+OF_SPEED = 12.0 * 100 * (9.5492966 / 0.229) / (128 * 885)  # 1 rad/s is 9.55 rpm, a unit 0.229
+
+
 @pytest.mark.parametrize(
-    ("loop", "kind", "stiffness", "damping"),
+    ("loop", "stiffness", "damping"),
     [
-        (
-            {"law": "dynamixel-xl330", "kp": 400, "supply": 7.4},
-            InputKind.VOLTAGE,
-            7.4 * 400 * 4096 / (2 * math.pi) / (256 * 885),  # V/rad by ROBOTIS's units
-            0.0,
-        ),
-        ({"law": "pid-torque", "kp": 3.0, "kd": 0.2}, InputKind.TORQUE, 3.0, 0.2),
-        ({"law": "cascade-torque", "kp": 3.0, "kd": 0.2}, InputKind.TORQUE, 0.6, 0.2),
-        ({"law": "speed-torque", "kp": 3.0}, InputKind.TORQUE, 0.0, 3.0),
+        ({"law": "dynamixel-xl330", "kp": 400, "supply": 7.4}, OF_ANGLE, 0.0),
+        ({"law": "dynamixel-x-velocity", "kp": 100, "supply": 12.0}, 0.0, OF_SPEED),
+        ({"law": "pid-torque", "kp": 3.0, "kd": 0.2}, 3.0, 0.2),
+        ({"law": "cascade-torque", "kp": 3.0, "kd": 0.2}, 0.6, 0.2),
+        ({"law": "speed-torque", "kp": 3.0}, 0.0, 3.0),
     ],
 )
-def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, kind, stiffness, damping):
+def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, stiffness, damping):
+    kind = InputKind.VOLTAGE if "supply" in loop else InputKind.TORQUE
     made = _content(servo=ServoLoop.of(loop), kind=kind)
     for fields in (made["mjlab"]["fields"], made["isaaclab"]["fields"]):
         assert fields["stiffness"] == pytest.approx(0.04 * stiffness)
@@ -110,8 +108,7 @@ def test_friction_at_rest_and_in_motion_have_their_fields():
 @pytest.mark.parametrize(("kind", "limit"), [("delayed", math.inf), ("motor", 0.4)])
 def test_mjlab_moves_a_joint_by_them_with_the_printed_error(kind, limit):
     actuator = pytest.importorskip("mjlab.actuator", reason="mjlab is not installed")
-    entity, sim = pytest.importorskip("mjlab.entity"), pytest.importorskip("mjlab.sim")
-    torch = pytest.importorskip("torch")
+    entity, sim, torch = map(pytest.importorskip, ("mjlab.entity", "mjlab.sim", "torch"))
     joint = twin(kind, limit=limit)
     written = write_as("actuator", joint, STEPS)
     told = json.loads(written.text)["mjlab"]

@@ -86,8 +86,8 @@ def test_bam_s_own_code_moves_it_in_its_loop_as_we_do(model, bam):
     time = np.arange(0.0, 3.0, 1e-3)
     goal = 0.9 * np.sin(2 * time + time**2)
     enabled = np.where((time > 1.5) & (time < 1.8), 0.0, 1.0)
-    log = Log(time, input=goal, angle=0 * time, input_kind="setpoint", servo=SERVO,
-              enabled=enabled, added_mass=CARRIED)  # fmt: skip
+    how = {"input_kind": "setpoint", "servo": SERVO, "enabled": enabled, "added_mass": CARRIED}
+    log = Log(time, input=goal, angle=0 * time, **how)
     ours = Simulation(driven(log), joint).run(joint, 0.0).at(time)
     entries = [
         {"goal_position": g, "position": 0.0, "torque_enable": bool(e)}

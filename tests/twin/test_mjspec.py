@@ -9,7 +9,7 @@ import pytest
 
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.model.parameters import LumpedParameters
-from tests.twin.moving import DRIVEN, MASS, PARAMETERS, STEP, moved
+from tests.twin.moving import MASS, PARAMETERS, STEP, moved
 
 ARM = """
 <mujoco>
@@ -31,14 +31,6 @@ ARM = """
 OPEN_ARM = Path(sys.prefix, "share/openarm_mujoco/v2/openarm_bimanual.xml")
 """A public robot, of the package openarm-mujoco."""
 INERT = 1e9  # kg m², of joints that do not give way
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _brief():
-    """A joint without logs is measured for ten seconds, not for a minute."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("butterfly.twin.accuracy._MINUTE", 10.0)
-        yield
 
 
 @pytest.fixture(scope="module", params=[{}, {"coulomb": 2e-3, "delay": 0.004, "spring": 0.02}])
@@ -76,18 +68,6 @@ def _on_arm(arm, part, site):
     return arm.compile()
 
 
-def _moved_on(model):
-    motor = model.actuator("wrist_motor").id
-    joint = model.jnt_qposadr[model.actuator_trnid[motor, 0]]
-    data = mujoco.MjData(model)
-    angles = [0.0]
-    for command in DRIVEN:
-        data.ctrl[motor] = command
-        mujoco.mj_step(model, data)
-        angles.append(data.qpos[joint])
-    return np.array(angles)
-
-
 @pytest.mark.parametrize("arm", ["two links", "OpenArm"])
 def test_on_an_arm_that_is_held_still_it_moves_as_alone(alone, printed, arm):
     if arm == "OpenArm" and not OPEN_ARM.exists():
@@ -96,7 +76,8 @@ def test_on_an_arm_that_is_held_still_it_moves_as_alone(alone, printed, arm):
     if arm == "OpenArm":
         spec, site = mujoco.MjSpec.from_file(str(OPEN_ARM)), "left_ee_control_point"
     angles = moved(alone.compile())
-    error = np.abs(_moved_on(_on_arm(spec, alone.copy(), site)) - angles).max()
+    whole = _on_arm(spec, alone.copy(), site)
+    error = np.abs(moved(whole, which=whole.actuator("wrist_motor").id) - angles).max()
     assert error < printed
     assert np.ptp(angles) > 0.1
 

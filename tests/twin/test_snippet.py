@@ -44,6 +44,7 @@ def test_pasted_into_a_body_without_numbers_it_moves_as_the_exported_model(kind)
 def test_the_armature_makes_up_for_what_one_s_own_body_lacks():
     joint = twin("delayed")
     text = write_as("snippet", joint).text
+    assert f"<!--  {inertial(joint)}  -->" in text  # the one to uncomment
     p1, p3 = joint.loaded.p1, joint.loaded.p3
     own, arm = p1 / 3, 0.02  # which has the gravity moment, and a third of the inertia
     mass = p3 / 9.81 / arm
@@ -52,11 +53,6 @@ def test_the_armature_makes_up_for_what_one_s_own_body_lacks():
     assert f"armature = {p1:.6g} - I" in text
     theirs = moved(_pasted(text, body, armature=str(p1 - own)))
     np.testing.assert_allclose(theirs, moved(_pasted(text, inertial(joint))), atol=1e-9)
-
-
-def test_the_body_in_its_comment_is_the_one_to_uncomment():
-    joint = twin("smooth")
-    assert f"<!--  {inertial(joint)}  -->" in write_as("snippet", joint).text
 
 
 def test_what_swings_moves_as_its_parameters_say():

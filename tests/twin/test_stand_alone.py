@@ -12,7 +12,8 @@ from butterfly.api.inspected import robot_of
 from butterfly.errors import InputError
 from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.log import Intersample, Log
+from butterfly.logs.reading import read_entry
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters, TorqueDrive
 from butterfly.model.servo import ServoLoop
 from butterfly.plant.mjcf import text_of
@@ -27,15 +28,11 @@ PLAIN = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
 
 
 def _log(inputs, intersample=Intersample.ZERO_ORDER_HOLD):
-    return Log(
-        time=1e-3 * np.arange(inputs.size),
-        input=inputs,
-        angle=np.zeros(inputs.size),
-        input_kind=InputKind.TORQUE,
-        intersample=intersample,
-        added_mass=ADDED,
-        name="log",
-    )
+    time, how = 1e-3 * np.arange(inputs.size), {"added_mass": ADDED, "intersample": intersample}
+    return Log(time, input=inputs, angle=0 * time, input_kind="torque", name="log", **how)
+
+
+BRIEF = _log(0.01 * np.sin(4e-3 * np.arange(300)))
 
 
 def _twin(parameters, log=None, **more):
@@ -44,19 +41,12 @@ def _twin(parameters, log=None, **more):
     return Twin(parameters=parameters, added=ADDED, recorded=lambda: recorded, **more)
 
 
-def _moved(text, log, zero=0.0):
+def _moved(text, log):
     """Angles and their instants: MuJoCo alone, step by step, under the input's means."""
     model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    data.qpos[0] = log.angle[0] - zero
-    step = model.opt.timestep
-    instants = np.arange(log.time[0], log.time[-1] + 1e-9, step)
-    angles = [data.qpos[0]]
-    for command in hold.mean(log.time, log.input, instants, log.intersample).tolist():
-        data.ctrl[0] = command
-        mujoco.mj_step(model, data)
-        angles.append(data.qpos[0])
-    return zero + np.array(angles), instants
+    instants = np.arange(log.time[0], log.time[-1] + 1e-9, model.opt.timestep)
+    commands = hold.mean(log.time, log.input, instants, log.intersample)
+    return mujoco_alone(model, commands, log.angle[0])[0][:, 0], instants
 
 
 def _drawn(seed, kind):
@@ -69,34 +59,30 @@ def _drawn(seed, kind):
     )
     coulomb = p3 * draw(0.001, 0.03)
     level = {"coulomb": coulomb, "stribeck": coulomb * draw(0.3, 1)}
+    pulled = {"coulomb": coulomb, "bias": p3 * draw(-0.03, 0.03), "drag": p1 * draw(0, 0.05)}
+    pulled |= {"p3_offset": p3 * draw(-0.03, 0.03)}
+    pulled |= {"cogging": p3 * draw(-0.02, 0.02), "cogging_periods": 7.0}
+    bristles = {"bristle_stiffness": p3 * draw(3, 30), "bristle_damping": p1 * draw(1, 5)}
     terms = {
         "smooth": {},
         "dry": {"coulomb": coulomb, "load": 1e-4},
-        "pulled": {
-            "coulomb": coulomb,
-            "bias": p3 * draw(-0.03, 0.03),
-            "drag": p1 * draw(0, 0.05),
-            "p3_offset": p3 * draw(-0.03, 0.03),
-            "cogging": p3 * draw(-0.02, 0.02),
-            "cogging_periods": 7.0,
-        },
-        "sticking": level | {"stribeck_velocity": draw(0.05, 0.5)},
-        "bristles": level
-        | {"bristle_stiffness": p3 * draw(3, 30), "bristle_damping": p1 * draw(1, 5)},
+        "pulled": pulled,
+        "sticking": level | {"stribeck_velocity": 0.2},
+        "bristles": level | bristles,
     }
     parameters = replace(parameters, **terms[kind])
-    time = 1e-3 * np.arange(2000)
+    time = 1e-3 * np.arange(1200)
     most = p3 / parameters.p4 * (0.05 + 4 * parameters.holding / p3)
     inputs = most * (np.sin(0.9 * omega * time) + 0.5 * np.sin(1.4 * omega * time))
     if seed % 2:
         return parameters, _log(inputs, Intersample.FIRST_ORDER_HOLD)
     inputs = most * np.round(inputs / most, 1)  # steps, and a stretch without any
-    inputs[1000:1200] = 0
+    inputs[600:750] = 0
     return parameters, _log(inputs)
 
 
-KINDS = ["smooth", "dry", "pulled", "sticking", "bristles"]
-WORST = {  # rad, over two seconds, at steps of 0.5 and 5 ms
+STICKS = {"coulomb": 8e-4, "stribeck": 4e-4, "stribeck_velocity": 0.2}
+WORST = {  # rad, over 1.2 s, at steps of 0.5 and 5 ms
     "smooth": (1e-6, 1e-2),
     "dry": (2e-4, 1e-2),
     "pulled": (2e-4, 1e-2),
@@ -105,8 +91,8 @@ WORST = {  # rad, over two seconds, at steps of 0.5 and 5 ms
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("seed", "integrator"), [(0, "RK4"), (1, "RK4"), (1, "implicitfast")])
+@pytest.mark.parametrize("kind", WORST)
+@pytest.mark.parametrize(("seed", "integrator"), [(0, "RK4"), (1, "implicitfast")])
 def test_the_file_moves_alone_as_far_from_our_free_run_as_it_says(kind, seed, integrator):
     parameters, log = _drawn(seed, kind)
     ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
@@ -122,10 +108,13 @@ def test_the_file_moves_alone_as_far_from_our_free_run_as_it_says(kind, seed, in
             assert written.accuracy.worst < most
 
 
-@pytest.mark.parametrize(("step", "most", "gained"), [(1e-3, 1e-6, 1e3), (5e-3, 1e-3, 1.5)])
-def test_a_delay_is_written_in_the_way_that_is_nearest(step, most, gained):
+@pytest.mark.parametrize(
+    ("delay", "step", "most", "gained"),
+    [(0.0033, 1e-3, 1e-6, 1e3), (0.0033, 5e-3, 1e-3, 1.5), (0.004, 1e-3, 1e-6, 1e3)],
+)
+def test_a_delay_is_written_in_the_way_that_is_nearest(delay, step, most, gained):
     parameters, log = _drawn(0, "smooth")
-    parameters = replace(parameters, delay=0.0033)
+    parameters = replace(parameters, delay=delay)
     asked = Options(timestep=step)
     error = write_as("mjcf", _twin(parameters, log), asked).accuracy.worst
     assert error < most
@@ -135,48 +124,34 @@ def test_a_delay_is_written_in_the_way_that_is_nearest(step, most, gained):
     assert np.abs(moved - ours.at(instants)).max() > gained * error
 
 
-def test_a_delay_in_whole_steps_is_exact():
-    parameters, log = _drawn(1, "smooth")
-    exact = _twin(replace(parameters, delay=0.004), replace(log, intersample="zero_order_hold"))
-    assert write_as("mjcf", exact, Options(timestep=0.001)).accuracy.worst < 1e-6
-
-
-@pytest.mark.parametrize(
-    "driven",
-    [
-        robot(viscous=1e-3, coulomb=3e-4),
-        robot(replace(MOTOR, inductance=2e-3), coulomb=3e-4),
-        robot(TorqueDrive(gain=0.025), viscous=1e-3, coulomb=3e-4),
-    ],
-    ids=["voltage", "inductance", "torque"],
-)
-def test_any_drive_is_delayed_without_help(driven):
-    twin = _twin(replace(driven.lumped, delay=0.00213), robot=driven)
-    log = replace(_log(0.5 * np.sin(4e-3 * np.arange(1500))), input_kind=driven.input_kind)
-    recorded = [(log, Setting(parameters=twin.parameters, zero=0.0))]
-    written = write_as("mjcf", replace(twin, recorded=lambda: recorded), Options(timestep=2.5e-4))
+@pytest.mark.parametrize("drive", [MOTOR, replace(MOTOR, inductance=2e-3), TorqueDrive(gain=0.025)])
+def test_any_drive_is_delayed_without_help(drive):
+    driven = robot(drive, viscous=1e-3, coulomb=3e-4)
+    log = replace(_log(0.5 * np.sin(4e-3 * np.arange(700))), input_kind=driven.input_kind)
+    twin = _twin(replace(driven.lumped, delay=0.00213), log, robot=driven)
+    written = write_as("mjcf", twin, Options(timestep=2.5e-4))
     assert written.left_out == ()
     assert written.accuracy.worst < 3e-4
 
 
-def test_the_twin_of_an_experiment_is_measured_on_its_runs():
-    twin = robot_of("quickstart", hand_mass=None, added_mass=0.05, arm=None).twin
-    some = twin.recorded()[::8]
+def test_the_twin_of_an_experiment_is_measured_on_its_runs(quick):
+    twin = robot_of(quick, hand_mass=None, added_mass=0.05, arm=None).twin
+    recorded = twin.recorded()
+    some = recorded[:: len(recorded) // 2]
     twin = replace(twin, recorded=lambda: some)
     accuracy = write_as("mjcf", twin).accuracy
-    assert [*accuracy.errors] == ["run000_0g_2rads", "run008_50g_2rads", "run016_120g_2rads"]
+    assert [*accuracy.errors] == [log.name for log, _ in some]
     assert accuracy.worst < 1e-4
 
 
-def test_the_twin_of_the_real_robot_moves_alone(real):
-    """It sticks harder than it slides, and its logs have stamps of their own."""
-    whole = real.data.logs[20]
-    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 1.5)))
-    parameters = real.estimate.parameters
-    assert parameters.stribeck > 0
+def test_the_twin_of_a_real_log_moves_alone(real_manifest):
+    """It sticks harder than it slides, and its stamps are its own."""
+    whole = read_entry(real_manifest, real_manifest.logs[20])
+    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 0.8)))
+    parameters = LumpedParameters(p1=0.0034, p2=1e-3, p3=0.04, p4=1.0, delay=0.004, **STICKS)
     recorded = [(log, Setting(parameters=parameters, zero=log.angle[0], velocity=0.0))]
-    twin = Twin(parameters=parameters, added=log.added_mass, recorded=lambda: recorded)
-    for step, most in ((1e-4, 1e-4), (2e-3, 2e-3)):
+    twin = replace(_twin(parameters), added=log.added_mass, recorded=lambda: recorded)
+    for step, most in ((2e-4, 2e-4), (2e-3, 2e-3)):
         assert write_as("mjcf", twin, Options(timestep=step)).accuracy.worst < most
 
 
@@ -213,19 +188,13 @@ def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
         ({"delay": 2e-5}, r"The delay of 0\.02 ms is not included: it is shorter than a step"),
         ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
         ({"dead_zone": 0.02}, r"move ctrl by up to 0\.02 towards 0 yourself"),
-        (
-            {"slow_delay": 9e-4, "slow_interval": 1e-3},
-            r"The delay is 0 ms, that of fast sampling; in slow sampling it is 0\.9 ms",
-        ),
-        (
-            {"motor_friction": 0.1, "load_stribeck": 0.2},
-            "Not included: motor_friction, load_stribeck",
-        ),
+        ({"slow_delay": 9e-4, "slow_interval": 1e-3}, r"fast sampling; in slow .* is 0\.9 ms"),
+        ({"motor_friction": 0.1, "load_stribeck": 0.2}, "Not .*: motor_friction, load_stribeck"),
     ],
 )
 def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(more, said, tmp_path):
     parameters = replace(PLAIN, **more)
-    written = write_as("mjcf", _twin(parameters, _log(0.01 * np.sin(4e-3 * np.arange(300)))))
+    written = write_as("mjcf", _twin(parameters, BRIEF))
     (sentence,) = written.left_out
     assert re.search(said, sentence)
     assert f"<!-- {sentence} -->" in written.text
@@ -233,23 +202,19 @@ def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(more, said, t
         IdentifiedModel(parameters).export(tmp_path / "twin.xml")
 
 
-def test_rounding_and_a_servo_s_loop_are_left_out_and_named():
-    twin = _twin(PLAIN, resolution=0.01, servo=ServoLoop.of({"law": "dynamixel-x", "kp": 400}))
-    rounding, loop = stand_alone(twin).left_out
+def test_rounding_and_a_servo_s_loop_are_left_out_and_named_and_a_limit_is_a_range():
+    servo = ServoLoop.of({"law": "dynamixel-x", "kp": 400})
+    made = stand_alone(_twin(PLAIN, resolution=0.01, servo=servo, limit=3.5))
+    rounding, loop = made.left_out
     assert "set ctrl to multiples of 0.01" in rounding
     assert "The servo's loop (dynamixel-x) is not included" in loop
-
-
-def test_a_limit_of_the_command_is_its_range():
-    np.testing.assert_array_equal(
-        _model(_twin(PLAIN, limit=3.5)).actuator("motor").ctrlrange, [-3.5, 3.5]
-    )
+    model = mujoco.MjModel.from_xml_string(text_of(made.root))
+    assert [*model.actuator("motor").ctrlrange] == [-3.5, 3.5]
 
 
 def test_a_clutch_is_a_joint_with_play():
-    loose = replace(
-        robot(TorqueDrive(gain=1), coulomb=1e-3), clutch=Clutch(backlash=0.01, rotor_inertia=3e-4)
-    )
+    clutch = Clutch(backlash=0.01, rotor_inertia=3e-4)
+    loose = robot(TorqueDrive(gain=1), clutch=clutch, coulomb=1e-3)
     assert _model(_twin(loose.lumped, robot=loose)).njnt == 2
 
 
@@ -276,9 +241,8 @@ def test_a_slide_is_a_slide_of_its_own_mass():
 
 def test_a_twin_takes_numbers_of_any_kind():
     plain = replace(PLAIN, coulomb=0.003, delay=0.004)
-    drawn = replace(plain, **{name: np.float64(number) for name, number in vars(plain).items()})
-    log = _log(0.01 * np.sin(4e-3 * np.arange(300)))
-    texts = [write_as("mjcf", _twin(each, log)).text for each in (plain, drawn)]
+    drawn = LumpedParameters(**{name: np.float64(each) for name, each in vars(plain).items()})
+    texts = [write_as("mjcf", _twin(each, BRIEF)).text for each in (plain, drawn)]
     assert texts[0] == texts[1]
     assert mujoco.MjModel.from_xml_string(texts[0]).nhistory
 
@@ -292,11 +256,10 @@ def _drawn_about(seed, **more):
 
 def test_each_model_moves_as_the_grey_box_with_its_draw_delay_and_stribeck_included():
     drawn = [_drawn_about(seed, drag=1e-5, bias=1e-3, stribeck=2e-4) for seed in range(4)]
-    commands = 0.02 * np.sin(5e-3 * np.arange(2000))
+    commands = 0.02 * np.sin(5e-3 * np.arange(1000))
     ends = []
-    for parameters, text in zip(
-        drawn, models(drawn, _twin(drawn[0]), Options(timestep=1e-3)), strict=True
-    ):
+    texts = models(drawn, _twin(drawn[0]), Options(timestep=1e-3))
+    for parameters, text in zip(drawn, texts, strict=True):
         states, step = mujoco_alone(text, commands)
         time = step * np.arange(commands.size + 1)
         late = hold.mean(time[:-1], commands, time - parameters.delay, Intersample.ZERO_ORDER_HOLD)
@@ -318,10 +281,11 @@ def test_a_body_too_light_for_its_parameters_is_made_heavier_or_refused():
 
 @pytest.mark.parametrize("form", [name for name in FORMS if name != "bam"])
 def test_a_joint_that_nothing_drives_is_exported_too(form):
-    falls = replace(PLAIN, p4=0.0)
-    written = write_as(form, _twin(falls))
+    written = write_as(form, _twin(replace(PLAIN, p4=0.0)))
     assert written.text
     assert written.accuracy is None or written.accuracy.worst < 1e-4
+    says_so = "p4 is unknown" in " ".join(written.left_out)
+    assert says_so or form not in {"snippet", "urdf", "actuator"}
 
 
 @pytest.mark.parametrize("form", ["mjcf", "snippet", "urdf"])

@@ -27,49 +27,38 @@ SEED = np.random.SeedSequence(5)
 
 
 class _Wall:
-    """A clock on the wall that goes on by ``tick`` s whenever somebody looks."""
+    """A clock on the wall that is moved by hand."""
 
-    def __init__(self, tick=0.0):
-        self.now, self.tick = 100.0, tick
+    now = 100.0
 
     def __call__(self):
-        self.now += self.tick
         return self.now
-
-
-def _watched(rig, excitation=SINE, duration=0.5):
-    """Samples that are stepped, and angles that are shown, in real time by a wall clock."""
-    run = LiveRun(rig, ADDED, excitation, duration, SEED)
-    seen, shown = [run.sample], [run.data.qpos[0]]
-    forward = run.advance
-
-    def advance():
-        forward()
-        seen.append(run.sample)
-        shown.append(run.data.qpos[0])
-
-    run.advance = advance
-    wall = _Wall()
-    pace = RealTime(run, wall)
-    while run.elapsed < 0.9 * duration:
-        pace.catch_up()
-        assert run.elapsed <= wall.now - 100.0 + 0.004
-        wall.now += 0.01
-    return np.array(seen), np.array(shown)
 
 
 @pytest.mark.parametrize("simulator", Simulator)
 @pytest.mark.parametrize("excitation", [SINE, FreeDecay(angle=0.5)])
 def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation):
+    """Samples that are stepped, and angles that are shown, in real time by a wall clock."""
     rig = replace(ROUGH, simulator=simulator)
+    run, wall = LiveRun(rig, ADDED, excitation, 0.5, SEED), _Wall()
+    seen, forward = [(*run.sample, run.data.qpos[0])], run.advance
+
+    def advance():
+        forward()
+        seen.append((*run.sample, run.data.qpos[0]))
+
+    run.advance = advance
+    pace = RealTime(run, wall)
+    while run.elapsed < 0.45:
+        pace.catch_up()
+        assert run.elapsed <= wall.now - 100.0 + 0.004
+        wall.now += 0.01
     (log,) = simulate_runs(rig, [(ADDED, excitation)], 0.5, [SEED])
-    seen, shown = _watched(rig, excitation)
-    count = len(seen)
-    assert count > 0.85 * log.time.size
-    np.testing.assert_array_equal(seen[:, 0], log.time[:count])
-    np.testing.assert_array_equal(seen[:, 1], log.input[:count])
-    np.testing.assert_array_equal(seen[:, 2], log.angle[:count])
-    np.testing.assert_allclose(shown, seen[:, 2], atol=1e-3)  # encoder and its noise apart
+    assert len(seen) > 0.85 * log.time.size
+    for values, column in zip(np.transpose(seen), (log.time, log.input, log.angle), strict=False):
+        np.testing.assert_array_equal(values, column[: len(seen)])
+    angles, shown = np.transpose(seen)[2:]
+    np.testing.assert_allclose(shown, angles, atol=1e-3)  # encoder and its noise apart
     assert np.ptp(shown) > 0.02
 
 
@@ -88,22 +77,17 @@ def test_a_viewer_gets_a_model_with_light_and_camera_that_shows_the_hand_turned(
 
 @pytest.mark.parametrize("simulator", Simulator)
 def test_at_its_end_and_when_a_viewer_resets_it_the_run_starts_again(simulator):
-    rig = replace(ROUGH, simulator=simulator)
-    run = LiveRun(rig, ADDED, SINE, 0.1, SEED)
-    first = [run.sample]
-    for _ in range(50):
-        run.advance()
-        first.append(run.sample)
-    run.advance()
-    assert run.sample == first[0]
+    run = LiveRun(replace(ROUGH, simulator=simulator), ADDED, SINE, 0.1, SEED)
+
+    def samples(count):
+        return [run.advance() or run.sample for _ in range(count)]
+
+    first = [run.sample, *samples(50)]
+    assert samples(1) == first[:1]
     assert run.elapsed == pytest.approx(first[-1][0])
-    for sample in first[1:20]:
-        run.advance()
-        assert run.sample == sample
+    assert samples(19) == first[1:20]
     mujoco.mj_resetData(run.model, run.data)
-    for sample in first:
-        run.advance()
-        assert run.sample == sample
+    assert samples(51) == first
 
 
 def test_a_frame_ends_even_if_a_sample_costs_more_than_it_lasts():
