@@ -18,14 +18,25 @@ def result(data):
 
 
 @pytest.fixture(scope="session")
+def few(data):
+    """What is identified from four logs."""
+    return bf.identify(data.take([0, 2, 3, 5]), terms=())
+
+
+@pytest.fixture(scope="session")
+def by_thesis(data):
+    """What a method finds that has no covariance."""
+    return bf.identify(data.take([0, 2, 3, 5, 6, 8]), "thesis")
+
+
+@pytest.fixture(scope="session")
 def predicted(data, result):
     return bf.predict(data, result, draws=60)
 
 
 @pytest.fixture(scope="session")
 def results(data, result, predicted):
-    others = results_of(data, result)
-    return others | {"prediction": predicted}
+    return results_of(data, result) | {"prediction": predicted}
 
 
 def results_of(data, found):
@@ -33,9 +44,9 @@ def results_of(data, found):
     return {
         "identification": found,
         "physical": found.physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05),
-        "validation": bf.validate(data),
+        "validation": bf.validate(data, terms=()),
         "design": bf.design(found),
-        "comparison": bf.compare(found, logs=[0, 1]),
+        "comparison": bf.compare(found, logs=[0]),
         "prediction": bf.predict(data, found, bands=False),
         "draws": bf.draws(found, 40),
     }

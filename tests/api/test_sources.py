@@ -36,7 +36,7 @@ def test_a_manifest_its_folder_and_what_was_identified_from_it_are_the_same_data
     quick_data, tmp_path
 ):
     expected = _names(quick_data)
-    assert len(expected) == 12
+    assert len(expected) == 9
     shutil.copytree(quick_data, tmp_path / "there/logs")
     saved = _saved(tmp_path / "result.json", quick_data)
     moved = _saved(tmp_path / "there/result.json", quick_data, root="logs")

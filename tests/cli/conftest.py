@@ -6,8 +6,10 @@ import sys
 
 import pytest
 
+import butterfly as bf
 from butterfly import progress
 from butterfly.cli import main, output
+from tests.verdicts import follow_nothing
 
 
 @pytest.fixture(scope="session")
@@ -53,3 +55,24 @@ def place(answer, quick_data, tmp_path_factory):
 def saved(place):
     """A saved identification of `quick_data`."""
     return place / "saved.json"
+
+
+@pytest.fixture(scope="session")
+def unfit(saved, tmp_path_factory):
+    """A saved identification of `quick_data` that does not follow the logs well enough."""
+    file = tmp_path_factory.mktemp("unfit") / "saved.json"
+    with pytest.MonkeyPatch.context() as patch:
+        follow_nothing(patch)
+        bf.identify(saved, "harmonic-balance", terms=()).save(file)
+    return file
+
+
+@pytest.fixture
+def told(butterfly, saved, monkeypatch):
+    """Run `identify` as if it found a result that is given."""
+
+    def run(found, *options):
+        monkeypatch.setattr(bf, "identify", lambda *_, **__: found)
+        return butterfly("identify", saved, *options)
+
+    return run

@@ -3,11 +3,12 @@
 import csv
 import json
 import re
-import shutil
 
+import mujoco
+import numpy as np
 import pytest
-import yaml
 
+import butterfly as bf
 from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance_regression
 from butterfly.logs.manifest import read_manifest
@@ -16,24 +17,19 @@ from tests.cli.one_line import assert_one_line_error, done
 GIVEN = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
 
 SAYS = {
-    "identify {data} -m harmonic-balance": ("harmonic",),
-    "identify {data} -m output-error --loss soft_l1": ("output",),
+    "identify {data} -m output-error --terms= --loss soft_l1": ("output",),
     "identify {data} -m weak-form": ("weak",),
     "identify {data} -m linear": ("linear",),
-    "validate {data} --split mass --bootstrap 20": (
-        *("Held out by mass: as requested", "12 of 12"),
+    "validate {data} --terms= --split mass --bootstrap 20": (
+        *("Held out by mass: as requested", "9 of 9"),
         *(r"^ +p1 .*kg m²$", "bootstrap over logs"),
     ),
-    "validate {data} --split frequency": ("out by frequency: as requested", "12 of 12"),
+    "validate {data} --terms= --split frequency": ("out by frequency: as requested", "9 of 9"),
     "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
-    "residual {data}": ("of 12 logs",),
+    "residual {data}": ("of 9 logs",),
     "design {data} --limit 3": (r"^ +3  ",),
     "predict {data} --with {saved}": ("median FIT",),
     "predict {quick} --with {saved} --bands --draws 40": ("no measurement to compare",),
-    f"predict {{data}} --with {GIVEN}": (
-        r"\AUse with care: p1, p4, p2, p3, coulomb and delay without an interval\.$",
-        r"\A.*\n12 logs predicted from the initial angle",
-    ),
 }
 """Patterns of what answers say."""
 
@@ -58,11 +54,10 @@ REFUSED = {
     "predict nowhere --with {saved}": "nowhere",
     f"predict {{data}} --with {GIVEN} --out d.csv": "an identification to draw from",
     "compare {saved} {data}": "two runs of sweeps",
-    **{
-        f"{command} {{data}} --log={numbers}": "numbers from 0"
-        for command in ("compare", "residual", "inspect")
-        for numbers in ("0,99", "-1", "x")
-    },
+    "design {saved} --method linear": "no such option with a saved result",
+    "compare {saved} --log=0,99": "numbers from 0",
+    "residual {saved} --log=-1": "numbers from 0",
+    "inspect {data} --log=x": "numbers from 0",
     **{
         f"{command} {{data}} --holdout nowhere*": "nowhere*"
         for command in ("residual", "design", "compare", "validate", "select")
@@ -93,48 +88,35 @@ def test_what_cannot_be_is_refused_in_a_line(ask, words):
 def test_simulated_logs_are_identified_like_any_folder(butterfly, quick_in_mujoco, tmp_path):
     folder = tmp_path / "logs"
     assert butterfly("simulate", quick_in_mujoco, "--out", folder)[0] == 0
-    out = done(butterfly("identify", folder, "--against", "p1=0.004,p2=0.001,p3=0.05", "-v"))
-    assert "12 logs, 3 added masses, " in out
+    told = ("--terms=", "--against", "p1=0.004,p2=0.001,p3=0.05", "-v")
+    out = done(butterfly("identify", folder, *told))
+    assert "4 logs, 2 added masses, " in out
     assert "best p4" in out
-
-
-def test_a_folder_without_manifest_needs_an_arm_and_then_works(butterfly, quick_data, tmp_path):
-    folder = tmp_path / "named"
-    folder.mkdir()
-    entries = yaml.safe_load((quick_data / "manifest.yaml").read_text())["logs"]
-    for entry in entries:
-        grams, omega = f"{1e3 * entry['added_mass']:g}", f"{entry['omega']:g}".replace(".", "_")
-        digits = f"{entry['amplitude']:g}".replace(".", "")
-        shutil.copy(quick_data / entry["file"], folder / f"Data_{grams}__{omega}__{digits}.mat")
-    assert_one_line_error(butterfly("identify", folder), folder, "arm")
-    assert butterfly("identify", folder, "--arm", 0.104)[0] == 0
-    assert butterfly("manifest", folder, "--arm", 0.104)[0] == 0
-    assert butterfly("identify", folder)[0] == 0
 
 
 def test_several_files_are_one_data_set(butterfly, quick_data):
     files = [quick_data / each.file for each in read_manifest(quick_data / "manifest.yaml").logs]
-    code, out, err = butterfly("identify", *files, "--method", "linear", "-v")
-    assert (code in {0, 3}, err) == (True, "")
-    assert "12 logs, 3 added masses, " in out
+    assert "9 logs, 3 added masses, " in done(butterfly("identify", *files, "--terms=", "-v"))
 
 
-def test_the_real_logs_are_identified_from_the_shipped_manifest(butterfly, logs_folder):
-    out = done(butterfly("identify", "real-logs", "--root", logs_folder, "-v"))
-    assert "41 logs, 3 added masses, " in out
-    assert "2.47" in out
+def test_the_real_logs_are_those_of_the_shipped_manifest(
+    butterfly, logs_folder, saved, monkeypatch
+):
+    found, given = bf.load(saved), []
+    monkeypatch.setattr(bf, "identify", lambda data, *_, **__: given.append(data) or found)
+    done(butterfly("identify", "real-logs", "--root", logs_folder))
+    assert len(given[0].logs) == 41
+    assert len(given[0].masses) == 3
 
 
 def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
-    butterfly, quick_data, monkeypatch, tmp_path
+    butterfly, quick_data, monkeypatch
 ):
     monkeypatch.setattr(harmonic_balance_regression, "MOST", 1)
-    report = tmp_path / "report.html"
-    code, out, err = butterfly("identify", quick_data, "--report", report)
+    code, out, err = butterfly("identify", quick_data, "--terms=")
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
     assert "95 % interval" in out
     assert out.startswith("Do not use: The fit did not converge.\n")
-    assert report.exists()
 
 
 @pytest.mark.slow
@@ -143,27 +125,29 @@ def test_absurd_parameters_are_compared_without_filling_the_memory(ask, told):
     assert told in done(ask(f"identify {{data}} --against {told}"))
 
 
-def test_the_data_of_a_saved_result_are_data(answer, quick_data, saved):
-    assert answer("identify", saved)[1] == answer("identify", quick_data)[1]
-
-
 def test_a_saved_result_is_the_estimate(answer, saved, tmp_path):
-    """Values that no data would give are those that are compared, exported and looked at."""
+    """Values that no data would give are those that are looked at, compared and exported."""
     content = json.loads(saved.read_text())
+    del content["data"]["manifest"]["logs"][2:]
     row = content["parameters"]["p3"]
     row["value"] *= 1.5
     other = tmp_path / "other.json"
     other.write_text(json.dumps(content))
-    assert "0.07357" in answer("inspect", other)[1]
+    assert "0.0735" in answer("inspect", other)[1]
     for words in (("residual",), ("compare", "--log", 0)):
         _, out, err = answer(*words, other, "--json", "-")
         assert json.loads(out)["parameters"]["p3"]["value"] == pytest.approx(row["value"]), err
-    out = tmp_path / "twin.xml"
-    assert answer("export", other, "--out", out)[0] == 0
-    assert answer("export", saved, "--out", tmp_path / "right.xml")[0] == 0
-    assert out.read_text() != (tmp_path / "right.xml").read_text()
-    result = answer("design", other, "--method", "linear")
-    assert_one_line_error(result, "no such option with a saved result")
+    out = done(answer("export", other, "--out", tmp_path / "twin.xml"))
+    assert "left out" not in out  # of the few microseconds that were found where there are none
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "twin.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[0], data.ctrl[0] = 0.5, 1.0
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((1, 1))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[0, 0] == pytest.approx(0.00325, rel=0.02)
+    assert data.qfrc_bias[0] == pytest.approx(row["value"] * np.sin(0.5), rel=1e-3)
+    assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
 
 
 def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
@@ -175,7 +159,7 @@ def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
 
 def test_a_weighed_hand(answer, quick_data, tmp_path):
     page = tmp_path / "r.html"
-    told = ("--known", "hand_mass=0.1+-0.001", "--report", page)
+    told = ("--terms=", "--known", "hand_mass=0.1+-0.001", "--report", page)
     out = done(answer("identify", quick_data, *told))
     value, error = re.search(r"com_distance +([\d.]+) +([\d.]+)", out).groups()
     assert float(value) == pytest.approx(0.05, rel=0.01)
@@ -185,9 +169,9 @@ def test_a_weighed_hand(answer, quick_data, tmp_path):
     assert numbers["com_distance"]["value"] == pytest.approx(float(value), rel=1e-3)
 
 
-def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
+def test_residuals_of_one_log_are_drawn(answer, saved, tmp_path):
     plot = tmp_path / "residual.html"
-    out = done(answer("residual", quick_data, "--log", 2, "--plot", plot))
+    out = done(answer("residual", saved, "--log", 2, "--plot", plot))
     assert "residuals of" in out
     text = plot.read_text(encoding="utf-8")
     assert "Residual torque" in text
@@ -196,21 +180,22 @@ def test_residuals_of_one_log_are_drawn(answer, quick_data, tmp_path):
 
 def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
     saved = tmp_path / "result.json"
-    out = done(answer("identify", quick_data, "--holdout", "run000*", "--save", saved, "-v"))
-    assert "11 logs, 3 added masses, " in out
+    told = ("--holdout", "run000*", "--terms=", "--save", saved, "-v")
+    out = done(answer("identify", quick_data, *told))
+    assert "8 logs, 3 added masses, " in out
     assert re.search(r"Held out: run000\S*, not used for the fit, has a FIT of 9\d\.\d %", out)
     content = json.loads(saved.read_text())
     (held,) = content["held_out"]
     assert held not in content["fits"]
     assert content["data"]["manifest"]["holdout"] == [held]
-    out = done(answer("validate", saved, "--split", "log", "--folds", 3))
+    out = done(answer("validate", saved, "--terms=", "--split", "log", "--folds", 3))
     assert "held out by name" in out
-    assert "11 of 11" in out
+    assert "8 of 8" in out
 
 
-def test_both_simulators_are_compared_with_the_logs_and_reported(answer, quick_data, tmp_path):
+def test_both_simulators_are_compared_with_the_logs_and_reported(answer, saved, tmp_path):
     report = tmp_path / "compare.html"
-    out = done(answer("compare", quick_data, "--log", "0,3", "--report", report))
+    out = done(answer("compare", saved, "--log", "0,3", "--report", report))
     assert "MuJoCo" in out
     assert "grey box" in out
     assert f"Report: {report}" in out
@@ -250,17 +235,11 @@ def test_logs_are_predicted_with_bands_draws_and_a_page(answer, quick_data, save
     assert (tmp_path / "p.json").exists()
 
 
-def test_given_parameters_that_do_not_move_like_the_robot_are_not_to_be_used(answer, quick_data):
-    code, said, _ = answer("predict", quick_data, "--with", GIVEN.replace("0.00325", "0.01"))
-    assert code == ExitCode.NOT_TO_BE_USED
-    assert said.startswith("Do not use: The model does not follow the logs")
-
-
 @pytest.fixture(scope="module")
 def by_weak_form(answer, quick_data, tmp_path_factory):
     """A saved identification whose errors have degrees of freedom of their own."""
     file = tmp_path_factory.mktemp("weak-form") / "saved.json"
-    answer("identify", quick_data, "--method", "weak-form", "--save", file)
+    answer("identify", quick_data, "--method", "weak-form", "--terms=", "--save", file)
     return file
 
 

@@ -24,9 +24,11 @@ def _words(command, data, place):
     told = {
         "select": (data, "--method", "harmonic-balance", "--candidates", "drag"),
         "identify": (data, "--against", "p1=0.003,p2=0.0014,p3=0.05"),
-        "validate": (data, "--terms", "", "--bootstrap", 20),
+        "validate": (data, "--terms="),
         "predict": (data, "--with", saved),
-        "compare": (data, "--log", "0"),
+        "residual": (saved,),
+        "compare": (saved, "--log", "0"),
+        "design": (saved,),
         "run": (data.parent / "quick.yaml", "--out", results),
         "reproduce": ("thesis",),
         "results list": (place / "results",),
@@ -79,11 +81,9 @@ def _assert_tells_an_estimate(said):
 
 
 def test_from_python_a_result_tells_the_same(answer, quick_data):
-    for command, result in (("identify", bf.identify), ("validate", bf.validate)):
-        words = (command, quick_data, "--method", "harmonic-balance", "--terms", "")
-        said = json.loads(answer(*words, "--json", "-")[1])
-        found = result(quick_data, "harmonic-balance", terms=())
-        assert said == json.loads(json.dumps(found.to_dict()))
+    said = json.loads(answer("identify", quick_data, "--terms=", "--json", "-")[1])
+    found = bf.identify(quick_data, terms=())
+    assert said == json.loads(json.dumps(found.to_dict()))
     assert {each["without"] for each in said["left_out"]} == {
         "no added mass",
         "50 g at 104 mm",
@@ -107,7 +107,7 @@ def test_the_file_beside_a_report_tells_the_same_and_can_be_read_again(answer, q
         _ = loaded.data
     assert bf.load(file, root=quick_data).data.logs
     assert_one_line_error(answer("identify", file), "--root")
-    code, out, _ = answer("identify", file, "--root", quick_data, "--quiet")
+    code, out, _ = answer("identify", file, "--root", quick_data, "--terms=", "--quiet")
     assert (code, out.count("\n"), out[:6]) == (0, 2, "Good: ")
 
 
@@ -119,12 +119,12 @@ def test_bad_input_leaves_standard_output_empty(answer, tmp_path, command):
     assert answer(*words)[1] == ""
 
 
-@pytest.mark.parametrize("words", [("--quiet", "identify"), ("identify", "-q")])
-def test_quietly_the_verdict_is_printed_alone(butterfly, quick_data, tmp_path, words):
-    saved = tmp_path / "saved.json"
-    code, out, err = butterfly(*words, quick_data, "--save", saved)
+@pytest.mark.parametrize("words", [("--quiet", "residual"), ("residual", "-q")])
+def test_quietly_the_verdict_is_printed_alone(butterfly, saved, tmp_path, words):
+    file = tmp_path / "told.json"
+    code, out, err = butterfly(*words, saved, "--json", file)
     assert (code, out.count("\n"), out[:6], err) == (ExitCode.DONE, 2, "Good: ", "")
-    assert saved.exists()
+    assert file.exists()
 
 
 def test_quietly_nothing_is_printed_where_there_is_no_verdict_but_what_was_asked_for(
@@ -156,7 +156,7 @@ def test_json_is_whole_where_letters_are_lacking(quick_data):
 
 def test_a_command_says_what_its_budget_left_out(answer, quick_data):
     file = quick_data / "manifest.yaml"
-    words = ("identify", file, "--method", "output-error")
+    words = ("identify", file, "--method", "output-error", "--terms=")
     code, out, _ = answer(*words, "--budget", "1e-9")
     assert "Search stopped after 1e-09 s. Skipped: iterations of a fit" in out
     assert code == ExitCode.NOT_TO_BE_USED

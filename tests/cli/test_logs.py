@@ -43,8 +43,8 @@ def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, qu
     out = done(butterfly("inspect", quick_data, "--log", 2, "--plot", plot))
     assert plot.stat().st_size > 8e5
     assert butterfly("inspect", file)[1] in out
-    assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "12 logs", "--log N")
-    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "logs", "from 0 to 11")
+    assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "9 logs", "--log N")
+    assert_one_line_error(butterfly("inspect", quick_data, "--log", 9), "logs", "from 0 to 8")
 
 
 def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_data, tmp_path):
@@ -69,21 +69,12 @@ def test_of_a_log_of_which_nothing_says_that_it_is_a_sine_the_zero_is_a_guess(bu
 
 
 def test_inspect_says_where_the_hand_hangs_and_how_that_is_known(butterfly, log_file, quick_data):
-    assert "Encoder zero: 0.0003 rad" in butterfly("inspect", quick_data)[1]
-    assert "(steady swing)" in butterfly("inspect", quick_data)[1]
+    out = butterfly("inspect", quick_data)[1]
+    assert re.search(r"Encoder zero: \S?0\.000\d rad", out)
+    assert "(steady swing)" in out
     out = butterfly("inspect", quick_data, "--zero", "0.1+-0.02")[1]
     assert "Encoder zero: 0.1000 ± 0.02 rad (given)." in out
     assert_one_line_error(butterfly("inspect", log_file, "--zero", "left"), "zero", "left")
-
-
-def test_a_log_that_a_manifest_beside_it_does_not_list_is_read_all_the_same(
-    butterfly, quick_data, tmp_path
-):
-    folder = shutil.copytree(quick_data, tmp_path / "data")
-    first, second, *_ = [entry.file for entry in read_manifest(folder / "manifest.yaml").logs]
-    (folder / second).unlink()
-    (folder / first).rename(folder / "other.mat")
-    assert butterfly("inspect", folder / "other.mat")[0] == 0
 
 
 @pytest.fixture
@@ -107,8 +98,9 @@ def loose(sine_log, tmp_path):
 COLUMNS = ("--columns", "time=t,input=volts,angle=phi", "--units", "time=ms,angle=deg")
 
 
-def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose):
-    code, out, err = butterfly("inspect", loose, *COLUMNS)
+def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose, tmp_path):
+    path = tmp_path / "found.json"
+    code, out, err = butterfly("inspect", loose, *COLUMNS, "--json", path)
     assert code == 2
     assert "1 unusable" in err
     rows = [line.split()[:3] for line in out.splitlines() if ".txt" in line]
@@ -117,23 +109,15 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
         ["c_away.txt", "note", "4000"],
         ["a_good.txt", "ok", "4000"],
     ]
+    found = json.loads(path.read_text())["logs"]
+    assert [each["condition"] for each in found] == ["do not use", "note", "ok"]
+    assert found[0]["findings"][0]["hint"]
+    assert found[2]["step"] == pytest.approx(0.01)
+    assert json.loads(butterfly("inspect", loose, *COLUMNS, "--json", "-")[1])["logs"] == found
     assert "swings +1 turn from the others" in " ".join(out.split())
     assert "--repair unwrap" in out
     out = done(butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap"))
     assert "by a turn, undone; the angle spans 2.5 turns" in " ".join(out.split())
-
-
-def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path):
-    path = tmp_path / "found.json"
-    butterfly("inspect", loose, *COLUMNS, "--json", path)
-    found = json.loads(path.read_text())["logs"]
-    _, out, _ = butterfly("inspect", loose, *COLUMNS, "--json", "-")
-    assert json.loads(out)["logs"] == found
-    conditions = {each["log"]: each["condition"] for each in found}
-    expected = {"b_round.txt": "do not use", "c_away.txt": "note", "a_good.txt": "ok"}
-    assert conditions == expected
-    assert found[0]["findings"][0]["hint"]
-    assert found[2]["step"] == pytest.approx(0.01)
 
 
 def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, loose):

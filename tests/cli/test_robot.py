@@ -55,18 +55,18 @@ ROUGH = {
 }
 
 
-@pytest.mark.parametrize("changes", [{}, {"path": {"limit": 0.02}}, ROUGH])
+@pytest.mark.parametrize("changes", [{"path": {"limit": 0.02}}, ROUGH])
 def test_a_film_draws_the_log_that_simulate_writes(
     butterfly, quick_in_mujoco, tmp_path, painted, changes
 ):
     plant = yaml.safe_load(quick_in_mujoco.read_text())["plant"] | changes
     experiment = changed(quick_in_mujoco, duration=4.0, seed=7, plant=plant)
     film = tmp_path / "hand.gif"
-    asked = ("--run", 5, "--seconds", 3, "--fps", 20, "--size", 32)
+    asked = ("--run", 3, "--seconds", 3, "--fps", 20, "--size", 32)
     code, out, _ = butterfly("show", experiment, "--out", film, *asked)
     assert (code, out) == (0, f"Film: {film}\n")
     assert butterfly("simulate", experiment, "--out", tmp_path / "logs")[0] == 0
-    (path,) = (tmp_path / "logs").glob("run005_*.mat")
+    (path,) = (tmp_path / "logs").glob("run003_*.mat")
     time, _, angle, _ = loadmat(path)["D"].T
     instants = np.arange(time[0], time[time <= time[0] + 3][-1], 1 / 20)
     np.testing.assert_array_equal(painted, np.interp(instants, time, angle))
@@ -101,22 +101,23 @@ def test_a_run_is_filmed(butterfly, quick, tmp_path, ending):
     assert np.abs(frames[0].astype(float) - frames[-1]).max() > 30
 
 
-@pytest.mark.parametrize("source", ["quickstart", "saved"])
-def test_a_robot_is_drawn_and_turns_with_its_angle(butterfly, saved, tmp_path, source):
+def test_a_robot_is_drawn_and_turns_with_its_angle(butterfly, saved, tmp_path):
+    """Be it an experiment's or an identified one."""
     _needs_drawing()
     pictures = []
-    named = saved if source == "saved" else source
-    for added, angle in ((0.0, 0.8), (0.05, 0.8), (0.05, 0.8), (0.05, -0.8)):
-        path = tmp_path / f"{len(pictures)}.png"
+    quick, path = "quickstart", tmp_path / "drawn.png"
+    for source, added, angle in (
+        *((quick, 0.0, 0.8), (quick, 0.05, 0.8), (saved, 0.05, 0.8), (saved, 0.05, -0.8)),
+    ):
         asked = ("--added-mass", added, "--angle", angle, "--size", 96)
-        out = done(butterfly("show", named, "--out", path, *asked))
+        out = done(butterfly("show", source, "--out", path, *asked))
         assert f"Picture: {path}\n" in out
         with Image.open(path) as picture:
             pictures.append(np.asarray(picture.convert("RGB")).astype(int))
-    bare, right, again, left = (np.argwhere(p[..., 0] - p[..., 2] > 60) for p in pictures)
+    bare, right, too, left = (np.argwhere(p[..., 0] - p[..., 2] > 60) for p in pictures)
     assert bare.size == 0
-    assert right[:, 1].mean() > 48 > left[:, 1].mean()  # of the pivot
-    np.testing.assert_array_equal(right, again)
+    assert left[:, 1].mean() < 48 < right[:, 1].mean()  # of the pivot
+    assert too[:, 1].mean() == pytest.approx(right[:, 1].mean(), abs=2)
     assert pictures[0].shape == (96, 96, 3)
 
 
@@ -129,11 +130,18 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, quick, tmp_path
     assert "5.1306 rad/s" in out
     assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
     assert re.search(r"p4 +0\.025 N m/V", out)
+    path = {"resolution": 0.01, "delay": 0.0021, "limit": 5.0}
+    plant = yaml.safe_load(quick.read_text())["plant"] | {"path": path}
+    changed(quick, plant=plant, duration=4.0, excitations=[{"omega": 3.0, "amplitude": 0.2}])
     out = done(answer("export", quick, "--out", tmp_path / "q.xml"))
-    assert f"Twin: {tmp_path / 'q.xml'}, the butterfly's hand in steps of 2 ms by RK4." in out
+    twin = rf"Twin: {tmp_path / 'q.xml'}, the butterfly's hand in steps of \S+ ms by RK4\."
+    assert re.search(twin, " ".join(out.split()))
     assert "Largest error against our own simulation: " in out
+    assert "MuJoCo does not round commands" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
     assert model.dof_damping[0] == 2e-4
+    assert model.actuator("motor").ctrlrange[1] == 5.0
+    assert model.nhistory > 0
 
 
 def test_a_servo_is_exported_for_bam(answer, tmp_path):
@@ -146,22 +154,6 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
     assert_one_line_error(
         answer("export", "servo", "--actuator", "mx64", "--out", tmp_path / "s.xml"), "--to bam"
     )
-
-
-@pytest.mark.parametrize("source", ["saved", "data"])
-def test_the_twin_is_exported_and_moves_as_identified(answer, saved, quick_data, tmp_path, source):
-    named = saved if source == "saved" else quick_data
-    out = done(answer("export", named, "--out", tmp_path / "t.xml"))
-    assert "left out" not in out  # of the few microseconds that were found where there are none
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
-    data = mujoco.MjData(model)
-    data.qpos[0], data.ctrl[0] = 0.5, 1.0
-    mujoco.mj_forward(model, data)
-    inertia = np.zeros((1, 1))
-    mujoco.mj_fullM(model, data, inertia)
-    assert inertia[0, 0] == pytest.approx(0.00325, rel=0.02)
-    assert data.qfrc_bias[0] == pytest.approx(0.04905 * np.sin(0.5), rel=0.02)
-    assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -194,16 +186,6 @@ def test_a_mass_that_the_parameters_do_not_allow_is_refused_by_its_option(
     assert_one_line_error(ran, "--hand-mass", "0.33")
 
 
-def test_what_an_exported_model_cannot_do_is_said(butterfly, quick, tmp_path):
-    path = {"resolution": 0.01, "delay": 0.0021, "limit": 5.0}
-    changed(quick, plant=yaml.safe_load(quick.read_text())["plant"] | {"path": path})
-    out = done(butterfly("export", quick, "--out", tmp_path / "t.xml"))
-    assert "MuJoCo does not round commands" in out
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
-    assert model.actuator("motor").ctrlrange[1] == 5.0
-    assert model.nhistory > 0
-
-
 def test_what_is_neither_experiment_nor_data_set_is_refused(answer, tmp_path):
     path = tmp_path / "other.yaml"
     path.write_text("colour: blue")
@@ -215,9 +197,8 @@ def test_a_run_that_does_not_exist_cannot_be_filmed(butterfly, tmp_path):
     assert_one_line_error(result, "--run", "got 24", "from 0 to 23")
 
 
-def test_a_log_is_drawn_beside_its_free_run(butterfly, quick_data, tmp_path, painted):
-    saved, film, still = (tmp_path / name for name in ("r.json", "log.gif", "log.png"))
-    done(butterfly("identify", quick_data, "--save", saved))
+def test_a_log_is_drawn_beside_its_free_run(butterfly, saved, tmp_path, painted):
+    film, still = tmp_path / "log.gif", tmp_path / "log.png"
     result = bf.load(saved)
     out = done(butterfly("show", saved, "--log", 2, "--out", film, "--seconds", 1, "--fps", 10))
     assert out.startswith("Good: p1 ±")
@@ -231,7 +212,7 @@ def test_a_log_is_drawn_beside_its_free_run(butterfly, quick_data, tmp_path, pai
     worst = np.argmax(abs(run.simulated - run.log.angle))
     assert painted[-1] == (run.log.angle[worst], run.simulated[worst])
     for asked, message in (
-        (("show", saved, "--log", 99, "--out", film), "got 99; expected a number from 0 to 11"),
+        (("show", saved, "--log", 99, "--out", film), "got 99; expected a number from 0 to 8"),
         (("show", saved, "--log", 1), "--out: got missing"),
         (("show", "quickstart", "--log", 1, "--out", film), "a saved result"),
     ):

@@ -7,16 +7,15 @@ import pytest
 
 import butterfly as bf
 from butterfly.cli.output import ExitCode
-from butterfly.experiment.methods import ESTIMATORS
+from butterfly.identification.estimators import harmonic_balance_regression
 from butterfly.report.finding_texts import estimate_sentences
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import changed
 from tests.verdicts import follow_nothing, impossible_data
 
-REPORTED = {"validate", "select", "design"}
 COMMANDS = {
     "identify": (),
-    "validate": (),
+    "validate": ("--terms=",),
     "select": ("--method", "harmonic-balance", "--candidates", "drag"),
     "residual": (),
     "design": ("--limit", 1),
@@ -24,49 +23,62 @@ COMMANDS = {
     "validate of several": ("--method", "harmonic-balance,linear"),
     "predict": (),
 }
+FITTING = {"identify", "validate", "select", "validate of several"}
+"""Commands that fit; the others judge by what was saved."""
 
 
-def _arguments(butterfly, command, data, folder, identified=None):
-    """Words of a command about data; those that foretell need what was identified before."""
-    told = (data,)
-    if command == "predict":
-        saved = folder / "saved.json"
-        butterfly("identify", identified or data, "--save", saved)
-        told = (data, "--with", saved)
-    if command == "inspect":
-        told = (folder / "saved.json",)
-        butterfly("identify", identified or data, "--save", *told)
-    told += ("--report", folder / "r.html") if command in REPORTED else ()
-    return (command.partition(" ")[0], *told, *COMMANDS.get(command, ()))
+def _arguments(command, data, saved):
+    """Words of a command about data, or about what was identified from them."""
+    about = {"predict": (data, "--with", saved)}.get(command, (saved,))
+    name = command.partition(" ")[0]
+    return (name, *([data] if command in FITTING else about), *COMMANDS.get(command, ()))
+
+
+@pytest.fixture
+def words(quick_data, saved, unfit):
+    """Words of a command about an estimate that is good, and about one that is not."""
+    return lambda command: [_arguments(command, quick_data, each) for each in (saved, unfit)]
 
 
 @pytest.fixture(scope="module")
 def impossible(quick_data, tmp_path_factory):
-    return impossible_data(quick_data, tmp_path_factory.mktemp("impossible") / "data")
+    """A saved identification with values that no joint has."""
+    folder = tmp_path_factory.mktemp("impossible")
+    found = bf.identify(impossible_data(quick_data, folder / "data"), terms=())
+    found.save(folder / "saved.json")
+    return folder / "saved.json"
+
+
+@pytest.fixture(scope="module")
+def by_thesis(quick_data):
+    """An identification by a method that does not estimate all."""
+    return bf.identify(bf.read(quick_data).take([0, 2, 3, 5, 6, 8]), "thesis")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_code_3(
-    butterfly, quick_data, tmp_path, monkeypatch, command
+    butterfly, words, tmp_path, monkeypatch, command
 ):
+    good, bad = words(command)
     monkeypatch.setenv("COLUMNS", "80")
-    out = done(butterfly(*_arguments(butterfly, command, quick_data, tmp_path)))
+    told = ("--report", tmp_path / "r.html") if command == "select" else ()
+    out = done(butterfly(*good, *told))
     first, model = out.splitlines()[:2]
     assert re.match("Good: (quickstart, harmonic-balance: )?p1 ±", first)
     assert re.fullmatch(r"Model: error \S+ % of the motion, \S+ times the sensor noise\.", model)
     assert_tables_fit(out)
-    if command in REPORTED:
+    if told:
         assert f"Report: {tmp_path / 'r.html'}" in out
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
         assert first[6:] in page
         assert model in page
     follow_nothing(monkeypatch)
-    code, out, err = butterfly(*_arguments(butterfly, command, quick_data, tmp_path))
+    code, out, err = butterfly(*bad)
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
-    first, *rest = out.splitlines()
+    first, model, *_ = out.splitlines()
     assert first.startswith("Do not use: ")
     assert "The model does not follow" in first
-    assert rest[0] == model
+    assert model.startswith("Model: error ")
     assert "p1 ±" not in out
 
 
@@ -74,8 +86,7 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
 def test_nothing_is_made_of_values_that_no_joint_has(
     butterfly, impossible, quick_data, tmp_path, command
 ):
-    data = quick_data if command == "predict" else impossible
-    words = _arguments(butterfly, command, data, tmp_path, impossible)
+    words = _arguments(command, quick_data, impossible)
     code, out, err = butterfly(*words, "--json", tmp_path / "told.json", "--quiet")
     assert (code, out) == (ExitCode.NOT_TO_BE_USED, "")
     told = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))
@@ -87,14 +98,11 @@ def test_nothing_is_made_of_values_that_no_joint_has(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["identify", "compare", "validate of several", "predict"])
-def test_the_numbers_and_the_page_say_the_verdict(
-    butterfly, quick_data, tmp_path, monkeypatch, command
-):
+def test_the_numbers_and_the_page_say_the_verdict(butterfly, words, tmp_path, monkeypatch, command):
     follow_nothing(monkeypatch)
     saved, report = tmp_path / "saved.json", tmp_path / "r.html"
-    words = _arguments(butterfly, command, quick_data, tmp_path)
-    words += ("--save", saved) if command == "identify" else ()
-    code, out, _ = butterfly(*words, "--report", report)
+    told = ("--save", saved) if command == "identify" else ()
+    code, out, _ = butterfly(*words(command)[1], *told, "--report", report)
     assert code == ExitCode.NOT_TO_BE_USED
     numbers = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))
     assert numbers["verdict"] == "do not use"
@@ -107,33 +115,34 @@ def test_the_numbers_and_the_page_say_the_verdict(
         assert reason in out
         assert reason in head
         assert reason not in after.partition("</section>")[0]
-    if command in {"identify", "predict"}:
+    if command == "identify":
         assert json.loads(saved.read_text(encoding="utf-8"))["verdict"] == "do not use"
 
 
 def test_what_is_left_over_of_an_estimate_not_to_be_used_says_so_in_numbers_and_plot(
-    butterfly, quick_data, tmp_path, monkeypatch
+    butterfly, unfit, tmp_path
 ):
-    follow_nothing(monkeypatch)
     plot, numbers = tmp_path / "r.html", tmp_path / "r.json"
-    code, _, _ = butterfly("residual", quick_data, "--json", numbers, "--log", 1, "--plot", plot)
+    code, _, _ = butterfly("residual", unfit, "--json", numbers, "--log", 1, "--plot", plot)
     assert code == ExitCode.NOT_TO_BE_USED
     assert json.loads(numbers.read_text(encoding="utf-8"))["verdict"] == "do not use"
     assert '<div class="verdict warning">' in plot.read_text(encoding="utf-8")
 
 
 def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkeypatch):
-    follow_nothing(monkeypatch)
+    monkeypatch.setattr(harmonic_balance_regression, "MOST", 1)
     out = tmp_path / "out"
-    for _ in ("fresh", "from its record"):
+    changed(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
+    for of_this in ("deviation", "already done"):
         code, said, err = butterfly("run", quick, "--out", out)
         assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
-        assert said.startswith("Do not use: ")
+        assert said.startswith("Do not use: The fit did not converge.\n")
+        assert of_this in said
     (record,) = out.glob("runs/*/*.json")
     (estimate,) = json.loads(record.read_text(encoding="utf-8"))["estimates"]
     assert estimate["verdict"] == "do not use"
     said = done(butterfly("results", "show", out, 0))
-    assert "harmonic-balance: Do not use: " in said
+    assert "harmonic-balance(no terms): Do not use: " in said
     assert said.index("Do not use: ") < said.index("95 % interval")
     code, said, _ = butterfly("compare", out / "0", out / "0")
     assert said.count("Do not use: ") == 2
@@ -152,16 +161,13 @@ def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monke
     assert sum(numbers["verdicts"]["harmonic-balance"].values()) == 2
 
 
-def test_the_fault_of_a_poor_method_is_no_slip_of_the_logs(butterfly, quick_data):
-    code, out, _ = butterfly("identify", quick_data, "--method", "thesis")
+def test_what_a_method_does_not_estimate_is_no_value_of_it(told, by_thesis, tmp_path):
+    """And the fault of a poor method is no slip of the logs."""
+    page = tmp_path / "r.html"
+    code, out, _ = told(by_thesis, "--report", page, "-v")
     assert code == ExitCode.NOT_TO_BE_USED
     assert "The model does not follow" in out.splitlines()[0]
     assert "degrees" not in out
-
-
-def test_what_a_method_does_not_estimate_is_no_value_of_it(butterfly, quick_data, tmp_path):
-    page = tmp_path / "r.html"
-    _, out, _ = butterfly("identify", quick_data, "--method", "thesis", "--report", page, "-v")
     assert "This method does not estimate coulomb or delay or p4" in out
     assert_tables_fit(out)
     _, table, *_ = out[out.index("quickstart: thesis") :].split("\n\n")
@@ -177,32 +183,31 @@ def _sentences(out):
     return out.partition("\n\n")[0].splitlines()
 
 
-@pytest.mark.parametrize("method", ["harmonic-balance", "linear", "thesis"])
+@pytest.mark.parametrize("good", [True, False])
 def test_two_lines_three_sentences_and_a_hint_are_printed_and_all_with_verbose(
-    answer, quick_data, method
+    told, saved, by_thesis, good
 ):
-    words = ("identify", quick_data, "--method", method)
-    values, model, *others, hint = _sentences(answer(*words)[1])
-    assert re.match("(Good|Use with care|Do not use): ", values)
+    found = bf.load(saved) if good else by_thesis
+    values, model, *others, hint = _sentences(told(found)[1])
+    assert values.startswith("Good: " if good else "Do not use: ")
     assert model.startswith("Model: error ")
     assert len(others) == 3
-    every = _sentences(answer(*words, "--verbose")[1])
+    every = _sentences(told(found, "--verbose")[1])
     assert every[:5] == [values, model, *others]
     assert hint == f"--verbose adds {len(every[5:])} more sentences."
-    found = bf.identify(quick_data, ESTIMATORS[method]()).estimate
-    assert {*estimate_sentences(found)} <= {*every}
+    assert {*estimate_sentences(found.estimate)} <= {*every}
     assert len({*every}) == len(every)
-    assert answer(*words, "--quiet")[1] == f"{values}\n{model}\n"
+    assert told(found, "--quiet")[1] == f"{values}\n{model}\n"
 
 
 def test_of_several_estimators_the_verdict_is_two_lines_and_sentences_name_theirs(
     butterfly, quick, tmp_path
 ):
-    methods = ("linear", "harmonic-balance")
+    methods = ("weak-form", "harmonic-balance")
     changed(quick, estimators=[{"method": method} for method in methods])
     words = ("run", quick, "--out", tmp_path / "out")
     values, model, other, *others, hint = _sentences(done(butterfly(*words)))
-    assert values.startswith("Good: linear: p1 ±")
+    assert values.startswith("Good: weak-form: p1 ±")
     assert model.startswith("Model: error ")
     assert other.startswith("harmonic-balance: Good: p1 ±")
     assert ". Model: error " in other
@@ -228,7 +233,11 @@ def test_an_estimator_that_fails_is_said_before_the_findings_of_the_others(
 
 def test_values_given_by_hand_have_a_verdict_of_one_line(answer, quick_data):
     given = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
-    out = done(answer("predict", quick_data, "--with", given))
-    assert out.startswith("Use with care: p1, p4, p2, p3, coulomb and delay without an interval.\n")
-    assert "Model:" not in out
-    assert answer("predict", quick_data, "--with", given, "-q")[1] == f"{out.splitlines()[0]}\n"
+    words = ("predict", quick_data, "--with")
+    verdict, model, *_ = done(answer(*words, given)).splitlines()
+    assert verdict == "Use with care: p1, p4, p2, p3, coulomb and delay without an interval."
+    assert model.startswith("9 logs predicted from the initial angle")
+    assert answer(*words, given, "-q")[1] == f"{verdict}\n"
+    code, said, _ = answer(*words, given.replace("0.00325", "0.01"), "-q")
+    assert code == ExitCode.NOT_TO_BE_USED
+    assert said.startswith("Do not use: The model does not follow the logs")

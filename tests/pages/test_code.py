@@ -9,6 +9,7 @@ import pytest
 import butterfly as bf
 from butterfly.cli.app import program
 from butterfly.files import shipped
+from tests.conftest import brief_quickstart
 from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
 
 ELSEWHERE = {
@@ -89,16 +90,24 @@ class _Reader:
         assert code == wanted, f"{command}: {err}"
 
 
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    """A folder with a quick start on four logs, and what it simulates: somebody's robot."""
+    folder = tmp_path_factory.mktemp("robot")
+    bf.simulate(brief_quickstart(folder, "grey-box", few=2), out=folder / "data")
+    return folder
+
+
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in WITH_CODE],
 )
-def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, quick, quick_data, monkeypatch):
-    monkeypatch.chdir(quick.parent)
+def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, robot, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     if page != "docs/your-robot.md":  # which makes it
-        (quick.parent / "my-robot").symlink_to(quick_data)
-    reader = _Reader(butterfly, quick)
-    reader.names.update(logs=bf.read(quick_data).logs)
+        (tmp_path / "my-robot").symlink_to(robot / "data")
+    reader = _Reader(butterfly, robot / "quick.yaml")
+    reader.names.update(logs=bf.read(robot / "data").logs)
     reader.follow(page)
     if page == "docs/your-robot.md":
         assert reader.names["error"] < 0.05  # of the motion, that its twin misses
