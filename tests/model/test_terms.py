@@ -19,7 +19,7 @@ from butterfly.model.terms import (
     DriveTerms,
     FrictionTerms,
 )
-from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
 
 ADDED = AddedMass(mass=0.4, arm=0.0)  # on the axis: it loads the bearing only
@@ -153,8 +153,7 @@ def _robot(name):
 
 
 def _mujoco_torque(robot, added, angle, velocity):
-    model = compile_model(robot)
-    mount(model, robot, added)
+    model = compile_model(robot, added)
     data = mujoco.MjData(model)
     data.ctrl[0] = COMMAND
     if robot.friction.sticks_harder:  # the joint sets it for each step

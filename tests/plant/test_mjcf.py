@@ -9,7 +9,7 @@ from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
-from butterfly.plant.mjcf import compile_model, disc_radius, mount
+from butterfly.plant.mjcf import compile_model, disc_radius
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
@@ -32,8 +32,7 @@ def _states(model):
 def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
     path = tmp_path / "twin.xml"
     path.write_text(mjcf(ROBOT, ADDED, scene=True))
-    model = compile_model(ROBOT)
-    mount(model, ROBOT, ADDED)
+    model = compile_model(ROBOT, ADDED)
     exported = mujoco.MjModel.from_xml_path(str(path))
     np.testing.assert_allclose(_states(exported), _states(model), rtol=0, atol=1e-12)
     assert np.ptp(_states(model)[:, 0]) > 0.1

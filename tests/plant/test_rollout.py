@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import AddedMass, TorqueDrive, VoltageDrive
-from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.mjcf import compile_model
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
@@ -63,11 +63,9 @@ def test_with_coulomb_friction_the_swing_at_resonance_agrees_within_half_a_perce
 
 @settings(max_examples=25)
 @given(mass=st.floats(0, 1), arm=st.floats(0, 0.2), angle=st.floats(-3, 3))
-def test_a_mounted_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, angle):
-    model = compile_model(robot())
+def test_an_added_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, angle):
     added = AddedMass(mass=mass, arm=arm)
-    mount(model, robot(), AddedMass(mass=0.7, arm=0.3))
-    mount(model, robot(), added)
+    model = compile_model(robot(), added)
     data = mujoco.MjData(model)
     data.qpos[0] = angle
     mujoco.mj_forward(model, data)
