@@ -98,7 +98,7 @@ def butterfly(monkeypatch, capsys):
 def _brief_quickstart(folder, simulator):
     content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
     content.update(duration=12.0, excitations=content["excitations"][::2])
-    content["plant"]["simulator"] = simulator
+    content["plant"] |= {"simulator": simulator, "run_in": 0.0}
     content["plant"]["clock"]["step"] = 0.004
     path = folder / "quick.yaml"
     path.write_text(yaml.safe_dump(content))

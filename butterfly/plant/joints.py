@@ -39,9 +39,7 @@ def counts_of(durations: Samples) -> NDArray[np.intp]:
     return np.ceil(durations / LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
 
 
-def held_between(
-    stamps: Samples, commands: Samples, arrivals: Samples
-) -> tuple[Samples, Samples]:
+def held_between(stamps: Samples, commands: Samples, arrivals: Samples) -> tuple[Samples, Samples]:
     """Return (m + 1,) instants in s, timestamps and arrivals, and (m,) commands between them.
 
     Each of (n,) commands is held from its arrival in s to the next, with none before.

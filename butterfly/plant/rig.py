@@ -30,7 +30,7 @@ from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.signals.excitations import Excitation, Table, initial_angle
 
-_RUN_IN_STEP = 5e-3  # s, at most
+_RUN_IN_STEP, _RUN_IN_PHASE = 5e-3, 0.25  # s and rad of the sine, at most
 
 
 class SimulatedMotor:
@@ -147,7 +147,7 @@ class Rig:
     supply: Table | None = None
     """Supply in V over time, if not that of the loop."""
     run_in: float = 0.0
-    """Time in s for which each sine drives the joint before its log begins."""
+    """Time in s for which each sine drives the joint before its log begins; not that of a servo."""
 
     @property
     def runs_in_mujoco(self) -> bool:
@@ -158,15 +158,13 @@ class Rig:
     def start(self, added: AddedMass, excitation: Excitation) -> tuple[float, float]:
         """Return the angle in rad and the velocity in rad/s at which a run begins.
 
-        It begins at rest, or where whole periods of a sine, `run_in` s or longer, take the
-        grey-box model from there.
+        It begins at rest, or where `run_in` s of its sine have taken the grey-box model from there.
         """
         at_rest = initial_angle(excitation), 0.0
-        if not (self.run_in and isinstance(excitation, Sine)):
+        if not (self.run_in and isinstance(excitation, Sine)) or self.servo is not None:
             return at_rest
-        period = math.tau / excitation.omega
-        periods, parts = math.ceil(self.run_in / period), math.ceil(period / _RUN_IN_STEP)
-        time = period * np.linspace(-periods, 0.0, periods * parts + 1)
+        step = max(min(_RUN_IN_STEP, _RUN_IN_PHASE / excitation.omega), self.clock.step)
+        time = np.linspace(-self.run_in, 0.0, math.ceil(self.run_in / step) + 1)
         late = self.path.delay + self.clock.step / 2  # a command is held for a cycle
         sampled = excitation.sample(time[:-1, None] + np.outer(np.diff(time), [0, 0.5, 1]) - late)
         inputs = self.path.delivered(self.path.shape_all(sampled))

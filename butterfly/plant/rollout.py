@@ -67,7 +67,7 @@ def simulate_runs(
 def _simulated(
     rig: Rig, jobs: Sequence[_Job], duration: float, threads: int, track: Track
 ) -> Iterator[Log]:
-    begun, size = _one_by_one, 1
+    begun, size = _alone, 1
     if rig.runs_in_mujoco:
         rounds = math.ceil(len(jobs) / (threads * _SIDE_BY_SIDE))
         begun, size = _side_by_side, math.ceil(len(jobs) / (threads * rounds))
@@ -81,11 +81,11 @@ def _simulated(
             yield from under_way.popleft().result()
 
 
-def _one_by_one(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[[], list[Log]]:
-    """Prepare runs with any robot and simulator."""
-    joints = [rig.joint(run[0], *rig.start(*run)) for run, _ in batch]  # MuJoCo compiles in turn
-    jobs = zip(joints, batch, strict=True)
-    return lambda: [_run(rig, joint, duration, job) for joint, job in jobs]
+def _alone(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[[], list[Log]]:
+    """Prepare one run with any robot and simulator."""
+    ((run, _),) = batch
+    joint = rig.joint(run[0], *rig.start(*run))  # MuJoCo compiles one by one
+    return lambda: [_run(rig, joint, duration, batch[0])]
 
 
 def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
@@ -128,9 +128,7 @@ class _Course(NamedTuple):
     rows: NDArray[np.intp]  # (n,) steps taken until each timestamp
 
 
-def _course(
-    rig: Rig, excitation: Excitation, duration: float, rng: np.random.Generator
-) -> _Course:
+def _course(rig: Rig, excitation: Excitation, duration: float, rng: np.random.Generator) -> _Course:
     """Plan a run: from sample to sample, and to each command that arrives between two."""
     if rig.clock.even and rig.path.delay == 0:
         count = rig.clock.count(duration)
@@ -156,7 +154,7 @@ def _side_by_side(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[
     own = [models[added] for (added, _), _ in batch]
     hinge, runs = hinge_of(own[0]), Batch(own[0], len(batch), 1)
     for name in MODEL_FIELDS:  # in which the added masses differ
-        values = [getattr(model, name, None) for model in models.values()]
+        values = [getattr(model, name, 0) for model in models.values()]
         if any(not np.array_equal(each, values[0]) for each in values[1:]):
             runs.expand(name)[:] = [getattr(model, name) for model in own]
     starts = np.array([rig.start(*run) for run, _ in batch])

@@ -93,6 +93,21 @@ def test_a_seed_fixes_everything():
     assert not np.array_equal(first.time, other.time)
 
 
+@pytest.mark.parametrize("simulator", Simulator)
+def test_a_sine_that_ran_in_is_in_steady_swing_from_its_first_sample_on(simulator):
+    driven = robot(coulomb=3e-4)
+    rig = Rig(robot=driven, simulator=simulator, encoder=FINE, run_in=60.0)
+    runs = [(ADDED, SINE), (ADDED, FreeDecay(angle=0.3))]
+    log, decay = simulate_runs(rig, runs, 12.0, np.random.SeedSequence(0).spawn(2))
+    period = 2 * np.pi / SINE.omega
+    first, last = (
+        fit_sine(log.time[rows], log.angle[rows], SINE.omega)
+        for rows in (log.time < period, log.time > log.time[-1] - period)
+    )
+    assert abs(first.fundamental - last.fundamental) < 2e-3 * last.amplitude
+    assert decay.angle[0] == pytest.approx(0.3)
+
+
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan")])
 def test_a_run_of_no_length_is_refused(duration):
     with pytest.raises(InputError, match="duration"):
