@@ -111,6 +111,9 @@ TEXTS ?= butterfly
 texts: $(VENV)/.development
 	$(BIN)/python -m tests.texts $(TEXTS)
 
+# The shipped robot in two short logs, where only an installation is tried.
+TWO_LOGS := tests/data/two-logs.yaml
+
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:
 	rm -rf dist build/wheel
@@ -119,14 +122,14 @@ wheel:
 	build/wheel/bin/pip install --quiet dist/*.whl
 	mkdir -p build/elsewhere
 	cd build/elsewhere && ../wheel/bin/butterfly --version
-	cd build/elsewhere && ../wheel/bin/butterfly run experiments/quickstart.yaml --out run
+	cd build/elsewhere && ../wheel/bin/butterfly run ../../$(TWO_LOGS) --force --out run
 
-# The lowest versions that pyproject.toml declares, and the quick start with them.
+# The lowest versions that pyproject.toml declares, and a run with them.
 lowest: | $(UV)
 	rm -rf build/lowest
 	$(UV) venv --quiet --python $(PYTHON) build/lowest
 	$(UV) pip install --quiet --python build/lowest/bin/python --resolution lowest-direct .
-	build/lowest/bin/butterfly run experiments/quickstart.yaml --out build/lowest/run
+	build/lowest/bin/butterfly run $(TWO_LOGS) --force --out build/lowest/run
 
 clean:
 	rm -rf $(VENV) build dist results

@@ -105,7 +105,7 @@ def brief_quickstart(folder, simulator, few=3):
     content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
     content.update(duration=12.0, excitations=content["excitations"][::3][:few])
     content["added_masses"] = content["added_masses"][:few]
-    content["plant"]["simulator"] = simulator
+    content["plant"] |= {"simulator": simulator, "run_in": 0.0}
     content["plant"]["clock"]["step"] = 0.005
     path = folder / "quick.yaml"
     path.write_text(yaml.safe_dump(content))

@@ -89,6 +89,8 @@ class PlantSpec(StrictModel):
     """Pairs of start and end times in s between which the servo is off."""
     supply: Table | None = None
     """Supply of the servo in V over time, if not that of the loop."""
+    run_in: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    """Time in s for which each sine drives the joint before its log begins; not that of a servo."""
 
     @property
     def servo(self) -> ServoLoop | None:
@@ -130,6 +132,7 @@ class PlantSpec(StrictModel):
             servo=self.servo,
             torque_off=self.torque_off,
             supply=self.supply,
+            run_in=self.run_in,
         )
 
     @model_validator(mode="after")

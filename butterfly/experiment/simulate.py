@@ -22,7 +22,6 @@ from butterfly.plant.robot import Shape
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
 from butterfly.progress import Track, untracked
-from butterfly.signals.excitations import initial_angle
 
 
 def simulate(
@@ -55,12 +54,13 @@ def planned_logs(experiment: Experiment) -> list[Log]:
         faults=Faults(),
     )
     runs = experiment.runs()
-    starts = [initial_angle(excitation) for _, excitation in runs]
     logs = simulate_runs(plain, runs, experiment.duration, experiment.seeds())
-    return [
-        driven(replace(log, angle=np.full(log.time.size, start), velocity=None, source=log.name))
-        for log, start in zip(logs, starts, strict=True)
-    ]
+    planned = []
+    for log, run in zip(logs, runs, strict=True):
+        angle, velocity = plain.start(*run)
+        course = log.angle if velocity else np.full(log.time.size, angle)
+        planned.append(driven(replace(log, angle=course, velocity=None, source=log.name)))
+    return planned
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:

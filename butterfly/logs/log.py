@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
@@ -35,6 +36,11 @@ _FEWEST = 12  # samples that a cubic is fitted to
 _SURE = 6.0  # standard errors from 0 at which a velocity counts
 _SETTLED = 0.3  # by which the velocity may change for half the samples
 _NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
+
+_PERIODS = 3  # of a sine that are fitted to find it steady
+_HARMONICS = 7  # of it: friction makes many in small swings
+_CALM = 0.05  # rms of other motion there, relative to the swing
+_OVER = 2.0  # rms of it at the very beginning, relative to the whole
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
@@ -513,12 +519,16 @@ class Log:
     def initial_state(self) -> InitialState:
         """Initial angle and velocity.
 
-        A whole log begins at rest at its first sample, unless it moves at once (see `_moves`).
-        Otherwise, and for a piece of a longer recording, a cubic is fitted to the first samples.
+        A log may begin in the steady swing of its sine (see `_in_steady_swing`). Otherwise a whole
+        log begins at rest at its first sample, unless it moves at once (see `_moves`). Then, and
+        for a piece of a longer recording, a cubic is fitted to the first samples.
         """
         time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
         if not self.rms_speed > 0:
             return rest
+        steady = self.excitation and _in_steady_swing(time, angle, self.excitation.omega)
+        if steady:
+            return steady
         span = _REACH * min(self.rms_motion, _WIDE) / self.rms_speed
         count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
         time, angle = time[:count], angle[:count]
@@ -563,6 +573,27 @@ def _integral(time: Samples, velocity: Samples) -> Samples:
     with np.errstate(over="ignore", invalid="ignore"):  # of timestamps and samples not checked yet
         steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
         return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialState | None:
+    """Return the initial state of a steady sine; None if the first periods hold other motion.
+
+    That of a start from rest is as large as the swing, or is left over where it begins.
+    """
+    period = 2 * np.pi / omega
+    count, few = np.searchsorted(time, time[0] + period * np.array([_PERIODS, 1 / _PERIODS**2]))
+    if count == time.size or few < _FEWEST:
+        return None
+    harmonics = omega * np.arange(1, 1 + _HARMONICS)
+    phases = np.outer(time[:count] - time[0], harmonics)
+    columns = np.column_stack([np.ones(count), np.cos(phases), np.sin(phases)])
+    coefficients = np.linalg.solve(columns.T @ columns, columns.T @ angle[:count])
+    mean, cosines, sines = np.split(coefficients, [1, 1 + _HARMONICS])
+    left = np.square(angle[:count] - columns @ coefficients)
+    allowed = _CALM * math.hypot(cosines[0], sines[0])
+    if not (left.mean() < allowed**2 and left[:few].mean() < _OVER**2 * left.mean()):
+        return None
+    return InitialState(float(mean[0] + cosines.sum()), float(harmonics @ sines))
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:

@@ -34,6 +34,21 @@ def steps_of(duration: float) -> int:
     return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))
 
 
+def counts_of(durations: Samples) -> NDArray[np.intp]:
+    """Return the `steps_of` (n,) durations in s."""
+    return np.ceil(durations / LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
+
+
+def held_between(stamps: Samples, commands: Samples, arrivals: Samples) -> tuple[Samples, Samples]:
+    """Return (m + 1,) instants in s, timestamps and arrivals, and (m,) commands between them.
+
+    Each of (n,) commands is held from its arrival in s to the next, with none before.
+    """
+    edges = np.union1d(stamps, arrivals[arrivals < stamps[-1]])
+    latest = np.searchsorted(arrivals, edges[:-1], side="right")
+    return edges, np.concatenate([[0.0], commands])[latest]
+
+
 class Joint(ABC):
     """A simulated joint: a robot with an added mass, first at ``angle`` rad, usually at rest."""
 
@@ -190,16 +205,14 @@ class MujocoJoint(Joint):
     def angles_under(self, stamps: Samples, commands: Samples, arrivals: Samples) -> Samples:
         """Return the angles of a whole run; see `Joint`."""
         self.reset()
-        edges = np.union1d(stamps, arrivals[arrivals < stamps[-1]])
-        latest = np.searchsorted(arrivals, edges[:-1], side="right")
-        held = np.concatenate([[0.0], commands])[latest]
+        edges, held = held_between(stamps, commands, arrivals)
         return self.follow(held, np.diff(edges))[np.searchsorted(edges, stamps)]
 
     def follow(self, commands: Samples, durations: Samples) -> Samples:
         """Hold commands in turn; see `Joint`."""
         if self._is_stiff or self._sticks_harder:
             return super().follow(commands, durations)
-        counts = np.ceil(durations / LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
+        counts = counts_of(durations)
         steps = durations / counts
         model, data, step, position = self.model, self.data, mujoco.mj_step, self._position
         hinge = self._hinge

@@ -51,22 +51,6 @@ def compile_model(
     return mujoco.MjModel.from_xml_string(text_of(root))
 
 
-def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
-    """Replace the added mass, and its drawing, in the compiled model of a robot."""
-    body = model.body("added_mass").id
-    model.body_mass[body] = added.mass
-    model.body_inertia[body] = robot.inertia_of(added)
-    model.body_pos[body] = [0, 0, -added.arm]
-    loaded = robot.loaded(added)
-    if loaded.bristle_stiffness:
-        model.actuator("bristles").biasprm[3:5] = loaded.coulomb, loaded.holding
-    else:
-        model.joint("hinge").frictionloss[0] = loaded.coulomb
-    if robot.friction.load_drag:
-        model.dof_dampingpoly[hinge_of(model), 0] = loaded.drag
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
 def hinge_of(model: mujoco.MjModel) -> int:
     """Return the index of a model's joint, which follows that of a moving base."""
     return int(model.jnt_dofadr[model.actuator_trnid[0, 0]])  # it is what the motor drives

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -11,6 +12,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.logs.log import InputKind, Log, Sine
+from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass
 from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import DRIVE, IDEAL
@@ -27,6 +29,8 @@ from butterfly.plant.motor import (
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.signals.excitations import Excitation, Table, initial_angle
+
+_RUN_IN_STEP, _RUN_IN_PHASE = 5e-3, 0.25  # s and rad of the sine, at most
 
 
 class SimulatedMotor:
@@ -142,21 +146,38 @@ class Rig:
     """Pairs of start and end times in s between which the servo is off."""
     supply: Table | None = None
     """Supply in V over time, if not that of the loop."""
+    run_in: float = 0.0
+    """Time in s for which each sine drives the joint before its log begins; not that of a servo."""
 
     @property
     def runs_in_mujoco(self) -> bool:
-        """Whether MuJoCo simulates whole runs: with equal steps and without `Assistance`."""
-        if self.simulator is Simulator.GREY_BOX or self.servo is not None:
-            return False
-        return self.clock.even and self.path.delay == 0 and not self.robot.assistance
+        """Whether MuJoCo simulates whole runs: without a servo, and without `Assistance`."""
+        mujoco = self.simulator is Simulator.MUJOCO
+        return mujoco and self.servo is None and not self.robot.assistance
+
+    def start(self, added: AddedMass, excitation: Excitation) -> tuple[float, float]:
+        """Return the angle in rad and the velocity in rad/s at which a run begins.
+
+        It begins at rest, or where `run_in` s of its sine have taken the grey-box model from there.
+        """
+        at_rest = initial_angle(excitation), 0.0
+        if not (self.run_in and isinstance(excitation, Sine)) or self.servo is not None:
+            return at_rest
+        step = max(min(_RUN_IN_STEP, _RUN_IN_PHASE / excitation.omega), self.clock.step)
+        time = np.linspace(-self.run_in, 0.0, math.ceil(self.run_in / step) + 1)
+        late = self.path.delay + self.clock.step / 2  # a command is held for a cycle
+        sampled = excitation.sample(time[:-1, None] + np.outer(np.diff(time), [0, 0.5, 1]) - late)
+        inputs = self.path.delivered(self.path.shape_all(sampled))
+        angle, velocity = simulate(self.robot.loaded(added), time, inputs, *at_rest)
+        return float(angle[-1]), float(velocity[-1])
 
     def joint(
-        self, added: AddedMass, angle: float = 0.0, *, scene: bool = False
+        self, added: AddedMass, angle: float = 0.0, velocity: float = 0.0, *, scene: bool = False
     ) -> MujocoJoint | GreyBoxJoint:
-        """Return the joint at rest at an angle in rad; in MuJoCo with a scene for a viewer."""
+        """Return the joint in a state in rad and rad/s; in MuJoCo with a scene for a viewer."""
         if self.simulator is Simulator.MUJOCO:
-            return MujocoJoint(self.robot, added, angle=angle, scene=scene)
-        return GreyBoxJoint(self.robot, added, angle=angle)
+            return MujocoJoint(self.robot, added, angle=angle, velocity=velocity, scene=scene)
+        return GreyBoxJoint(self.robot, added, angle=angle, velocity=velocity)
 
     def loop(self, joint: Joint, rng: np.random.Generator) -> ControlLoop:
         """Return a control loop around a joint, with all random numbers from ``rng``."""
@@ -193,7 +214,7 @@ class Rig:
         joint: Joint | None = None,
     ) -> Log:
         """Record ``duration`` s of an excitation, cycle by cycle, with a fresh joint if given."""
-        joint = joint or self.joint(added, initial_angle(excitation))
+        joint = joint or self.joint(added, *self.start(added, excitation))
         with self.loop(joint, rng) as loop:
             log = loop.play(excitation.sample, duration, **self._about(added, excitation))
         return self._kept(log, rng)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.rollout import Rollout
+from mujoco.batch import MODEL_FIELDS, Batch
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
@@ -23,17 +24,18 @@ from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
 from butterfly.plant.firmware import Firmware
-from butterfly.plant.joints import Joint, steps_of
-from butterfly.plant.mjcf import compile_model, hinge_of, mount
+from butterfly.plant.joints import Joint, counts_of, held_between
+from butterfly.plant.mjcf import compile_model, hinge_of
 from butterfly.plant.rig import Rig
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked
 from butterfly.signals import hold
-from butterfly.signals.excitations import Excitation, Multisine, initial_angle
+from butterfly.signals.excitations import Excitation, Multisine
 
 _Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 
-_BATCH = 16  # runs simulated ahead of what is taken, which bounds the memory they take
+_AHEAD = 16  # runs simulated ahead of what is taken, which bounds the memory they take
+_SIDE_BY_SIDE = 8  # runs that one thread steps in turn, seldom back in Python
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 _REPLAY_STEP = 5e-4  # s
 
@@ -47,11 +49,11 @@ def simulate_runs(
     threads: int | None = None,
     track: Track = untracked,
 ) -> Iterator[Log]:
-    """Simulate each run from hanging at rest, with its excitation through a zero-order hold.
+    """Simulate each run from its start (`Rig.start`), its excitation through a zero-order hold.
 
     The runs share ``threads``, by default one per core. Each log equals that of `Rig.play` bit for
-    bit, or up to rounding if MuJoCo simulates whole runs (`Rig.runs_in_mujoco`). A run is an added
-    mass, an excitation, and a seed for all its random numbers.
+    bit, but on an even clock up to rounding. A run is an added mass, an excitation, and a seed for
+    all its random numbers.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
@@ -65,19 +67,25 @@ def simulate_runs(
 def _simulated(
     rig: Rig, jobs: Sequence[_Job], duration: float, threads: int, track: Track
 ) -> Iterator[Log]:
+    begun, size = _alone, 1
     if rig.runs_in_mujoco:
-        batches = [jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)]
-        yield from _by_mujoco(rig, track(batches, "Simulating"), duration, threads)
-        return
+        rounds = math.ceil(len(jobs) / (threads * _SIDE_BY_SIDE))
+        begun, size = _side_by_side, math.ceil(len(jobs) / (threads * rounds))
+    batches = [jobs[k : k + size] for k in range(0, len(jobs), size)]
     with ThreadPoolExecutor(threads) as pool:
-        under_way = deque[Future[Log]]()
-        waiting = iter(jobs)
-        for _ in track(jobs, "Simulating"):
-            for job in islice(waiting, _BATCH - len(under_way)):
-                added, excitation = job[0]  # MuJoCo compiles models one by one
-                joint = rig.joint(added, initial_angle(excitation))
-                under_way.append(pool.submit(_run, rig, joint, duration, job))
-            yield under_way.popleft().result()
+        under_way = deque[Future[list[Log]]]()
+        waiting = iter(batches)
+        for _ in track(batches, "Simulating"):
+            for batch in islice(waiting, max(_AHEAD // size, threads) - len(under_way)):
+                under_way.append(pool.submit(begun(rig, batch, duration)))
+            yield from under_way.popleft().result()
+
+
+def _alone(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[[], list[Log]]:
+    """Prepare one run with any robot and simulator."""
+    ((run, _),) = batch
+    joint = rig.joint(run[0], *rig.start(*run))  # MuJoCo compiles one by one
+    return lambda: [_run(rig, joint, duration, batch[0])]
 
 
 def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
@@ -85,16 +93,23 @@ def _run(rig: Rig, joint: Joint, duration: float, job: _Job) -> Log:
     (added, excitation), rng = job
     if rig.servo is not None:
         return rig.play(added, excitation, duration, rng, joint)
+    time, commands, arrivals = _commanded(rig, excitation, duration, rng)
+    true = joint.angles_under(time, rig.path.delivered(commands), arrivals)
+    return rig.record((added, excitation), time, commands, true, rng)
+
+
+def _commanded(
+    rig: Rig, excitation: Excitation, duration: float, rng: np.random.Generator
+) -> tuple[Samples, Samples, Samples]:
+    """Return the (n,) timestamps of a run, its commands, and when they arrive."""
     cycles = rig.clock.cycles(duration, rng)
     time = stamps_of(cycles)
     if rig.clock.even and isinstance(excitation, Multisine):
         sampled = _on_a_regular_clock(excitation, rig.clock.step, cycles.size)
     else:
         sampled = excitation.sample(time)
-    commands = rig.path.shape_all(sampled)
-    arrivals = np.maximum.accumulate(time + (rig.path.delay + rig.clock.late(time)))
-    true = joint.angles_under(time, rig.path.delivered(commands), arrivals)
-    return rig.record((added, excitation), time, commands, true, rng)
+    late = rig.path.delay + rig.clock.late(time)
+    return time, rig.path.shape_all(sampled), np.maximum.accumulate(time + late)
 
 
 @lru_cache(maxsize=4)
@@ -103,36 +118,85 @@ def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> Sample
     return multisine.sample(stamps_of(np.full(count, step)))
 
 
-def _by_mujoco(
-    rig: Rig, batches: Iterable[Sequence[_Job]], duration: float, threads: int
-) -> Iterator[Log]:
-    """Simulate runs on a regular clock, of a robot that needs no `Assistance`."""
-    step, count = rig.clock.step, rig.clock.count(duration)
-    time = step * np.arange(count + 1, dtype=np.float64)
-    substeps = steps_of(step)
-    model = compile_model(rig.robot)
-    model.opt.timestep = step / substeps
-    workers = [mujoco.MjData(model) for _ in range(threads)]
-    hinge = 1 + hinge_of(model)  # after time, among angles
-    size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    with Rollout(nthread=threads) as pool:
-        for batch in batches:
-            inputs = np.array([rig.path.shape_all(run.sample(time)) for (_, run), _ in batch])
-            held = rig.path.delivered(inputs[:, :-1])
-            controls = np.zeros((len(batch), count * substeps, model.nu))
-            controls[:, :, 0] = np.repeat(held, substeps, axis=1)
-            states = np.zeros((len(batch), size))
-            states[:, hinge] = [initial_angle(run) for (_, run), _ in batch]
-            models = [copy.copy(model) for _ in batch]
-            for own, ((added, _), _) in zip(models, batch, strict=True):
-                mount(own, rig.robot, added)
-            reached, _ = pool.rollout(models, workers, states, controls)
-            if any(data.warning[_BAD_ACCELERATION].number for data in workers):
-                raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
-            ends = reached[:, substeps - 1 :: substeps, hinge]
-            angles = np.column_stack([states[:, hinge], ends])
-            for (run, rng), command, true in zip(batch, inputs, angles, strict=True):
-                yield rig.record(run, time, command, true, rng)
+class _Course(NamedTuple):
+    """What MuJoCo does in a run."""
+
+    time: Samples  # (n,) timestamps in s
+    commands: Samples  # (n,)
+    steps: Samples  # (m,) lengths in s
+    held: Samples  # (m,) commands at the terminals
+    rows: NDArray[np.intp]  # (n,) steps taken until each timestamp
+
+
+def _course(rig: Rig, excitation: Excitation, duration: float, rng: np.random.Generator) -> _Course:
+    """Plan a run: from sample to sample, and to each command that arrives between two."""
+    if rig.clock.even and rig.path.delay == 0:
+        count = rig.clock.count(duration)
+        time = rig.clock.step * np.arange(count + 1, dtype=np.float64)
+        commands = rig.path.shape_all(excitation.sample(time))
+        held, lengths = rig.path.delivered(commands[:-1]), np.full(count, rig.clock.step)
+        reached = np.arange(count + 1)
+    else:
+        time, commands, arrivals = _commanded(rig, excitation, duration, rng)
+        edges, held = held_between(time, rig.path.delivered(commands), arrivals)
+        lengths, reached = np.diff(edges), np.searchsorted(edges, time)
+    counts = counts_of(lengths)
+    taken = np.concatenate([[0], np.cumsum(counts)])
+    return _Course(
+        time, commands, np.repeat(lengths / counts, counts), np.repeat(held, counts), taken[reached]
+    )
+
+
+def _side_by_side(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[[], list[Log]]:
+    """Prepare runs of a robot that needs no `Assistance`: MuJoCo steps them all in one call."""
+    courses = [_course(rig, excitation, duration, rng) for (_, excitation), rng in batch]
+    models = {added: compile_model(rig.robot, added) for (added, _), _ in batch}
+    own = [models[added] for (added, _), _ in batch]
+    hinge, runs = hinge_of(own[0]), Batch(own[0], len(batch), 1)
+    for name in MODEL_FIELDS:  # in which the added masses differ
+        values = [getattr(model, name, 0) for model in models.values()]
+        if any(not np.array_equal(each, values[0]) for each in values[1:]):
+            runs.expand(name)[:] = [getattr(model, name) for model in own]
+    starts = np.array([rig.start(*run) for run, _ in batch])
+    runs.bind("qpos")[:, hinge], runs.bind("qvel")[:, hinge] = starts.T
+
+    def simulated() -> list[Log]:
+        angles = _stepped(runs, hinge, courses)
+        if runs.warning[:, _BAD_ACCELERATION, 1].any():
+            raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
+        return [
+            rig.record(run, course.time, course.commands, reached[course.rows], rng)
+            for (run, rng), course, reached in zip(batch, courses, angles, strict=True)
+        ]
+
+    return simulated
+
+
+def _stepped(runs: Batch, hinge: int, courses: Sequence[_Course]) -> Samples:
+    """Return the (k, m + 1) angles in rad of k runs at the ends of their steps.
+
+    Shorter runs go on without a command.
+    """
+    longest = max(course.steps.size for course in courses)
+    steps, held = np.empty((longest, len(courses))), np.zeros((longest, len(courses)))
+    for k, course in enumerate(courses):
+        steps[:, k] = np.resize(course.steps, longest)
+        held[: course.held.size, k] = course.held
+    length, command = runs.expand("opt.timestep"), runs.bind("ctrl")[:, 0]
+    angle = runs.bind("qpos")[:, hinge]
+    reached = np.empty((longest + 1, len(courses)))
+    reached[0] = angle
+    if np.ptp(steps) == 0:
+        length[:] = steps[0]
+        commands = np.zeros((len(courses), longest, runs.model.nu))
+        commands[:, :, 0] = held.T
+        reached[1:] = runs.rollout(longest, commands)["qpos"][:, :, hinge].T
+        return reached.T
+    for k in range(longest):
+        length[:], command[:] = steps[k], held[k]
+        runs.step()
+        reached[k + 1] = angle
+    return reached.T
 
 
 def replay_input(

@@ -50,7 +50,7 @@ SLIPS = [
     (_plant("hand", com_distance=1e155), "content: got numbers out of range"),
     (_masses(arm=1e155), "content: got numbers out of range"),
     (_masses(arm=0), r"added_masses\.\d\.arm: got 0; expected more than 0 m for"),
-    (_plant("clock", step=1e5), "plant.clock.step: got 100000.0; expected at most 3.75 s"),
+    (_plant("clock", step=1e5), "plant.clock.step: got 100000.0; expected at most 0.9375 s"),
     ({"duration": 1e155}, r"duration: got 1e\+155 s; expected less: it needs 6.4e"),
     ({"known": {"p4": 10**400}}, "known.p4: got 1000"),
     (_plant("hand", mass=-0.1), r"s\.yaml:5: plant\.hand\.mass: got -0\.1; expected a finite pos"),

@@ -7,7 +7,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import log_of_table
-from butterfly.logs.log import Lead, Log
+from butterfly.logs.log import Lead, Log, Sine
 from tests.independent.integrator import Joint, motion
 
 
@@ -52,6 +52,23 @@ def test_a_log_that_clearly_moves_begins_in_motion(noise):
         angle, velocity = _log(0.2, speed, noise, seed).initial_state
         assert angle == pytest.approx(0.2, abs=3 * noise + 1e-3)
         assert velocity == pytest.approx(speed, abs=60 * noise + 0.08)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_log_in_the_steady_swing_of_its_sine_begins_where_that_is(noise):
+    """Friction included; to a hundredth of the largest speed, or less."""
+    omega, time = 4.0, 0.004 * np.arange(10_000)
+    angle, velocity = motion(JOINT, time, 0.02 * np.sin(omega * time), 0.0, 0.0)
+    noisy = angle + noise * np.random.default_rng(0).standard_normal(time.size)
+    for first in (7000, 7100, 7250):  # any phase of the swing
+        inputs = 0.02 * np.sin(omega * time[first:])
+        sine = Sine(omega=omega, amplitude=0.02)
+        log = Log(time[first:], inputs, noisy[first:], excitation=sine)
+        begun = log.initial_state
+        assert begun.angle == pytest.approx(angle[first], abs=0.005 * np.ptp(angle[first:]))
+        assert begun.velocity == pytest.approx(velocity[first], abs=0.01 * np.ptp(velocity[first:]))
+    at_rest = Log(time, 0.02 * np.sin(omega * time), noisy, excitation=sine)
+    assert at_rest.initial_state == (noisy[0], 0.0)
 
 
 def test_a_piece_begins_in_motion_however_slow_and_knows_what_was_commanded_before():

@@ -10,8 +10,15 @@ from scipy.integrate import quad
 
 from butterfly.model.kernel.equation import Constants, friction_at, rates
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
-from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms
-from butterfly.plant.mjcf import compile_model, mount
+from butterfly.model.terms import (
+    BASE_TERMS,
+    DRIVE,
+    GEAR,
+    LOOP_TERMS,
+    TERMS,
+    DriveTerms,
+)
+from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
 
 ADDED = AddedMass(mass=0.4, arm=0.0)  # on the axis: it loads the bearing only
@@ -141,8 +148,7 @@ def _robot(name):
 
 
 def _mujoco_torque(robot, added, angle, velocity):
-    model = compile_model(robot)
-    mount(model, robot, added)
+    model = compile_model(robot, added)
     data = mujoco.MjData(model)
     data.ctrl[0] = COMMAND
     if robot.friction.sticks_harder:  # the joint sets it for each step

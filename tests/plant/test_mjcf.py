@@ -10,7 +10,7 @@ from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
-from butterfly.plant.mjcf import compile_model, disc_radius, mount
+from butterfly.plant.mjcf import compile_model, disc_radius
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
@@ -34,12 +34,8 @@ def test_what_is_drawn_changes_no_bit_of_what_moves_and_an_exported_model_moves_
     assert not drawn.geom_conaffinity.any()
     for name in ("body_mass", "body_inertia", "body_ipos", "dof_M0", "dof_damping"):
         np.testing.assert_array_equal(getattr(drawn, name), getattr(bare, name))
-    mounted = compile_model(ROBOT)
-    mount(mounted, ROBOT, ADDED)
     commands, exported = 0.4 * np.sin(4e-3 * np.arange(1000)), mjcf(ROBOT, ADDED, scene=True)
-    states, alike, *others = (
-        mujoco_alone(each, commands)[0] for each in (drawn, bare, mounted, exported)
-    )
+    states, alike, *others = (mujoco_alone(each, commands)[0] for each in (drawn, bare, exported))
     np.testing.assert_array_equal(states, alike)
     np.testing.assert_allclose(others, [states, states], rtol=0, atol=1e-12)
     assert np.ptp(states[:, 0]) > 0.1

@@ -18,23 +18,31 @@ STICKS = {"coulomb": 3e-4, "stribeck": 3e-4}
 ROUGH = replace(PLAIN, path=CommandPath(compression=0.1), encoder=Encoder(noise=1e-3))
 ROUGH = replace(ROUGH, faults=Faults(dropped=0.1, duplicated=0.1))
 REGIMES = (ClockRegime(begin=0.05, step=8e-4, delay=2.5e-3), ClockRegime(begin=0.1, step=1.2e-3))
-STEP_BY_STEP = {
+UNEVEN = {
     "jitter": replace(PLAIN, clock=Clock(jitter=1e-4)),
     "delay": replace(PLAIN, path=CommandPath(delay=0.0033)),
     "delay, jitter": replace(PLAIN, clock=Clock(jitter=3e-4), path=CommandPath(delay=0.003)),
     "delay of a cycle": replace(PLAIN, path=CommandPath(delay=0.001)),
     "regimes": replace(PLAIN, clock=Clock(jitter=1e-4, regimes=REGIMES)),
+}
+ASSISTED = {
     "inductance": Rig(robot=robot(replace(MOTOR, inductance=0.002), coulomb=3e-4)),
     "Stribeck": Rig(robot=robot(**STICKS)),
     "bristles": Rig(robot=robot(**STICKS, bristle_stiffness=1.0)),
 }
 PLAY = Clutch(backlash=0.01, rotor_inertia=1e-3)
-RIGS = STEP_BY_STEP | {
-    "plain": PLAIN,
-    "clutch": Rig(robot=robot(clutch=PLAY, coulomb=3e-4)),
-    "shaped commands": replace(PLAIN, encoder=FINE, path=CommandPath(limit=0.2, resolution=0.01)),
-    "compression, noise, faults": ROUGH,
-}
+RIGS = (
+    UNEVEN
+    | ASSISTED
+    | {
+        "plain": PLAIN,
+        "clutch": Rig(robot=robot(clutch=PLAY, coulomb=3e-4)),
+        "shaped commands": replace(
+            PLAIN, encoder=FINE, path=CommandPath(limit=0.2, resolution=0.01)
+        ),
+        "compression, noise, faults": ROUGH,
+    }
+)
 
 
 RUNS = [
@@ -48,16 +56,16 @@ NAMES = ["run000_50g_4rads", "run001_0g_signal", "run002_50g_signal", "run003_50
 
 @pytest.mark.parametrize("name", RIGS)
 def test_runs_give_the_log_of_the_wrapper_without_going_through_it(name, monkeypatch):
-    """Whatever the number of threads; bit for bit, but where MuJoCo does whole runs."""
+    """Whatever the number of threads; bit for bit, but on an even clock in MuJoCo's own loop."""
     rig = RIGS[name]
     with monkeypatch.context() as patch:
         patch.delattr(SimulatedMotor, "read")
         logs, others = (simulated(rig, RUNS, 0.15, threads) for threads in (1, 3))
-    assert (name in STEP_BY_STEP) == (not rig.runs_in_mujoco)
+    assert (name in ASSISTED) == (not rig.runs_in_mujoco)
     assert [log.name for log in logs] == NAMES
     singles = wrapped(rig, RUNS, 0.15)
     for log, other, single, run in zip(logs, others, singles, RUNS, strict=True):
-        for column in ("time", "input", "angle", "velocity") if name in STEP_BY_STEP else ():
+        for column in ("time", "input", "angle", "velocity") if name in UNEVEN | ASSISTED else ():
             assert getattr(log, column).tobytes() == getattr(single, column).tobytes(), column
         np.testing.assert_array_equal(log.angle, other.angle)
         np.testing.assert_allclose(log.time, single.time, atol=1e-12)

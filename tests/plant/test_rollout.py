@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import AddedMass, TorqueDrive, VoltageDrive
-from butterfly.plant.mjcf import compile_model, mount
-from butterfly.plant.rig import Rig
+from butterfly.plant.mjcf import compile_model
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.excitations import FreeDecay, Table
@@ -66,11 +66,9 @@ def test_with_coulomb_friction_the_swing_at_resonance_agrees_within_half_a_perce
 
 @settings(max_examples=25)
 @given(mass=st.floats(0, 1), arm=st.floats(0, 0.2), angle=st.floats(-3, 3))
-def test_a_mounted_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, angle):
-    model = compile_model(robot())
+def test_an_added_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, angle):
     added = AddedMass(mass=mass, arm=arm)
-    mount(model, robot(), AddedMass(mass=0.7, arm=0.3))
-    mount(model, robot(), added)
+    model = compile_model(robot(), added)
     data = mujoco.MjData(model)
     data.qpos[0] = angle
     mujoco.mj_forward(model, data)
@@ -87,6 +85,21 @@ def test_a_seed_fixes_everything():
     for name, column in first.columns().items():
         np.testing.assert_array_equal(column, getattr(again, name))
     assert not np.array_equal(first.time, other.time)
+
+
+@pytest.mark.parametrize("simulator", Simulator)
+def test_a_sine_that_ran_in_is_in_steady_swing_from_its_first_sample_on(simulator):
+    driven = robot(coulomb=3e-4)
+    rig = Rig(robot=driven, simulator=simulator, encoder=FINE, run_in=60.0)
+    runs = [(ADDED, SINE), (ADDED, FreeDecay(angle=0.3))]
+    log, decay = simulate_runs(rig, runs, 12.0, np.random.SeedSequence(0).spawn(2))
+    period = 2 * np.pi / SINE.omega
+    first, last = (
+        fit_sine(log.time[rows], log.angle[rows], SINE.omega)
+        for rows in (log.time < period, log.time > log.time[-1] - period)
+    )
+    assert abs(first.fundamental - last.fundamental) < 2e-3 * last.amplitude
+    assert decay.angle[0] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan")])

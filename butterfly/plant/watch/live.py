@@ -16,7 +16,7 @@ from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Sample
 from butterfly.plant.rig import Rig
 from butterfly.plant.watch.picture import RenderingError
-from butterfly.signals.excitations import Excitation, initial_angle
+from butterfly.signals.excitations import Excitation
 
 _PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
 _BUSY = 0.02  # s on the wall clock that one frame may spend on simulating
@@ -41,7 +41,7 @@ class LiveRun:
     ) -> None:
         self._rig, self._signal, self._duration = rig, excitation.sample, duration
         self._seed = seed
-        self._joint = rig.joint(added, initial_angle(excitation), scene=True)
+        self._joint = rig.joint(added, *rig.start(added, excitation), scene=True)
         if isinstance(self._joint, MujocoJoint):
             self.model, self.data = self._joint.model, self._joint.data
         else:

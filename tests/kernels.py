@@ -1,0 +1,60 @@
+"""Compile what the tests need of numba's kernels, once, before their workers start.
+
+python -m tests.kernels prints the folder of the cache, for NUMBA_CACHE_DIR. It is named by the
+sources of whatever is compiled and by the versions of Python, NumPy and numba; others go.
+"""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / "build" / "kernels"
+
+
+def main():
+    """Print the folder, filled."""
+    folder = KEPT / key()
+    done = folder / "done"
+    stamp = "\n".join(f"{path} {path.stat().st_mtime_ns}" for path in _sources())
+    if not done.exists() or done.read_text() != stamp:
+        for other in KEPT.glob("*"):
+            if other != folder:
+                shutil.rmtree(other)
+        own = os.environ | {"NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": str(ROOT)}
+        code = "from tests.kernels import rehearse_all; rehearse_all()"
+        subprocess.run([sys.executable, "-c", code], env=own, cwd=ROOT, check=True)  # noqa: S603
+        done.write_text(stamp)
+    print(folder)
+
+
+def key() -> str:
+    """Return a name for what the sources are compiled to."""
+    digest = hashlib.sha256(sys.version.encode())
+    for package in ("numba", "numpy"):
+        digest.update(version(package).encode())
+    for path in _sources():
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _sources() -> list[Path]:
+    """Return the files of the package that numba compiles functions of."""
+    paths = sorted((ROOT / "butterfly").rglob("*.py"))
+    return [path for path in paths if "butterfly.compiled import" in path.read_text("utf-8")]
+
+
+def rehearse_all() -> None:
+    """Call the kernels with all kinds of arguments that they are called with."""
+
+    from butterfly.identification.simulation import rehearse  # noqa: PLC0415
+
+    rehearse()
+
+
+if __name__ == "__main__":
+    main()
