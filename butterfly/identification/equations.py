@@ -25,6 +25,8 @@ from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 
+_ROWS = 100_000  # that are reduced at once
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
@@ -318,11 +320,13 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     count = every[0][0].shape[1] + 1
     whole = np.zeros((len(every), count, count))
     for size in np.unique(sizes):
-        alike = np.flatnonzero(sizes == size)
-        both = np.empty((alike.size, size, count))
-        for each, place in zip(both, alike, strict=True):
-            each[:, :-1], each[:, -1] = every[place]
-        whole[alike, : min(size, count)] = np.linalg.qr(both, mode="r")
+        alike, many = np.flatnonzero(sizes == size), max(_ROWS // max(size, 1), 1)
+        for begin in range(0, alike.size, many):
+            places = alike[begin : begin + many]
+            both = np.empty((places.size, size, count))
+            for each, place in zip(both, places, strict=True):
+                each[:, :-1], each[:, -1] = every[place]
+            whole[places, : min(size, count)] = np.linalg.qr(both, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, joined
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Intersample, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
@@ -50,7 +50,7 @@ class SimulatedMotion(NamedTuple):
         """Return what the log measures, in rad or rad/s, at increasing instants in s."""
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
-        return np.concatenate(
+        return joined(
             [
                 polynomials.interpolate(*piece, own, self.slopes)
                 for piece, own in zip(self.pieces, groups, strict=True)

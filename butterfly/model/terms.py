@@ -233,7 +233,8 @@ class DriveTerms:
         """Return the (n,) derivatives of the output for (n,) commands by one term."""
         left = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
         slopes = -np.sign(left) if name == "dead_zone" else -left * abs(left)
-        return slopes / (1 + self.compression * abs(left)) ** 2 if self.compression else slopes
+        weaker = (1 + self.compression * abs(left)) ** 2 if self.compression else 1.0
+        return np.asarray(slopes / weaker)
 
     def of_sines(
         self, commands: NDArray[np.complex128]
