@@ -13,7 +13,7 @@ Samples = NDArray[np.float64]
 
 _Number = TypeVar("_Number", bound=np.generic)
 
-_BLOCK = 2**14  # rows that are worked on at a time
+_BLOCK = 2**12  # rows that are worked on at a time
 
 
 def unit_columns(rows: Samples) -> tuple[Samples, Samples]:

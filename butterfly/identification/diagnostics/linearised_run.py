@@ -181,7 +181,8 @@ def reduce(logs: Sequence[LinearisedRun], directions: Samples, errors: Sequence[
 
 def rms(values: Samples) -> float:
     """Return the root mean square of values; 0 of none."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    flat = values.ravel(order="K")
+    return float(np.sqrt(flat @ flat / flat.size)) if flat.size else 0.0
 
 
 def _orthonormal(columns: Samples) -> Samples:
