@@ -13,7 +13,7 @@ Samples = NDArray[np.float64]
 
 _Number = TypeVar("_Number", bound=np.generic)
 
-_BLOCK = 2**12  # rows that are worked on at a time
+BLOCK = 2**12  # rows that are worked on at a time
 
 
 def unit_columns(rows: Samples) -> tuple[Samples, Samples]:
@@ -32,8 +32,8 @@ def unit_diagonal(matrix: Samples) -> tuple[Samples, Samples]:
 
 def blocks(count: int) -> Iterator[slice]:
     """Yield the slices of so many rows, one after the other, that take little memory each."""
-    for begin in range(0, count, _BLOCK):
-        yield slice(begin, begin + _BLOCK)
+    for begin in range(0, count, BLOCK):
+        yield slice(begin, begin + BLOCK)
 
 
 def joined(parts: Sequence[NDArray[_Number]]) -> NDArray[_Number]:

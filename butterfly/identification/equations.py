@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from butterfly.arrays import Samples, unit_columns, unit_diagonal
+from butterfly.arrays import BLOCK, Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
@@ -24,8 +24,6 @@ from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
-
-_ROWS = 100_000  # that are reduced at once
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -320,7 +318,7 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     count = every[0][0].shape[1] + 1
     whole = np.zeros((len(every), count, count))
     for size in np.unique(sizes):
-        alike, many = np.flatnonzero(sizes == size), max(_ROWS // max(size, 1), 1)
+        alike, many = np.flatnonzero(sizes == size), max(BLOCK // max(size, 1), 1)
         for begin in range(0, alike.size, many):
             places = alike[begin : begin + many]
             both = np.empty((places.size, size, count))
