@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 Samples = NDArray[np.float64]
 """Numbers; docstrings give their shape."""
+
+_Number = TypeVar("_Number", bound=np.generic)
+
+BLOCK = 2**12  # rows that are worked on at a time
 
 
 def unit_columns(rows: Samples) -> tuple[Samples, Samples]:
@@ -21,3 +28,21 @@ def unit_diagonal(matrix: Samples) -> tuple[Samples, Samples]:
     size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 0.0))
     size[size == 0] = 1.0
     return matrix / (size[..., :, None] * size[..., None, :]), size
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Yield the slices of so many rows, one after the other, that take little memory each."""
+    for begin in range(0, count, BLOCK):
+        yield slice(begin, begin + BLOCK)
+
+
+def joined(parts: Sequence[NDArray[_Number]]) -> NDArray[_Number]:
+    """Return arrays one after the other; a single one itself."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def take_away(directions: Samples, rows: Samples) -> None:
+    """Take from (m, ...) rows, in place, what lies in (m, j) orthonormal directions."""
+    along = directions.T @ rows
+    for part in blocks(len(rows)):
+        rows[part] -= directions[part] @ along

@@ -95,7 +95,7 @@ class Conditions:
     def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
         """Read them off logs, each of which was cut into some cells."""
         angles = (part for log in logs for part in np.array_split(log.angle, cells))
-        times = (part for log in logs for part in np.array_split(log.time - log.time[0], cells))
+        times = (part - log.time[0] for log in logs for part in np.array_split(log.time, cells))
         of_logs = [_of_log(log) for log in logs]
         values = {
             **{n: np.repeat([each[n] for each in of_logs], cells) for n in of_logs[0]},

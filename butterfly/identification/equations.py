@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from butterfly.arrays import Samples, unit_columns, unit_diagonal
+from butterfly.arrays import BLOCK, Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending
@@ -318,11 +318,13 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
     count = every[0][0].shape[1] + 1
     whole = np.zeros((len(every), count, count))
     for size in np.unique(sizes):
-        alike = np.flatnonzero(sizes == size)
-        both = np.empty((alike.size, size, count))
-        for each, place in zip(both, alike, strict=True):
-            each[:, :-1], each[:, -1] = every[place]
-        whole[alike, : min(size, count)] = np.linalg.qr(both, mode="r")
+        alike, many = np.flatnonzero(sizes == size), max(BLOCK // max(size, 1), 1)
+        for begin in range(0, alike.size, many):
+            places = alike[begin : begin + many]
+            both = np.empty((places.size, size, count))
+            for each, place in zip(both, places, strict=True):
+                each[:, :-1], each[:, -1] = every[place]
+            whole[places, : min(size, count)] = np.linalg.qr(both, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, joined, take_away
 from butterfly.identification.blocks import edges_of
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
@@ -102,7 +102,7 @@ class Segments:
         errors, rows, mixtures, _directions = zip(
             *(each.expanded(names, parameters, zero) for each in self._counted), strict=True
         )
-        return np.concatenate(errors), np.concatenate(rows), mixtures[0]
+        return joined(errors), joined(rows), mixtures[0]
 
     def directions(self, parameters: LumpedParameters, zero: float) -> tuple[Samples, ...]:
         """Return for each segment the (m, j) directions in which its start moves its errors."""
@@ -111,15 +111,15 @@ class Segments:
     @property
     def counts(self) -> NDArray[np.int64]:
         """(m,) samples over which `linearised` averages each error, one after the other."""
-        return np.concatenate([each.simulation.counts for each in self._counted])
+        return joined([each.simulation.counts for each in self._counted])
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
-        return np.concatenate([each.simulation.mean_inputs(parameters) for each in self._counted])
+        return joined([each.simulation.mean_inputs(parameters) for each in self._counted])
 
     def middles(self) -> Samples:
         """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
-        return np.concatenate([each.simulation.middles() for each in self._counted])
+        return joined([each.simulation.middles() for each in self._counted])
 
 
 class _About(NamedTuple):
@@ -169,7 +169,7 @@ class _Segment:
             found = self._about(every, parameters, zero, self.begin(parameters, zero))
         directions, rows = found.directions, found.rows
         errors = found.errors - directions @ found.explained
-        rows = rows - directions @ (directions.T @ rows)
+        take_away(directions, rows)
         return errors, rows, found.mixture[:, : len(names)], directions
 
     def begin(self, parameters: LumpedParameters, zero: float) -> InitialState:

@@ -10,14 +10,14 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, joined
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Intersample, Log
 from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import IDEAL, DriveTerms
+from butterfly.model.terms import DRIVE, IDEAL, DriveTerms
 from butterfly.signals import hold, polynomials
 from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
 from butterfly.signals.sine_fit import sine_basis, with_transient
@@ -50,7 +50,7 @@ class SimulatedMotion(NamedTuple):
         """Return what the log measures, in rad or rad/s, at increasing instants in s."""
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
-        return np.concatenate(
+        return joined(
             [
                 polynomials.interpolate(*piece, own, self.slopes)
                 for piece, own in zip(self.pieces, groups, strict=True)
@@ -194,11 +194,15 @@ class Simulation:
             delivered = self._parabolas(time, drive.delivered(commands), parameters.delay)
             self._latest = latest = key, delivered
         if drives > len(latest[1]) and not looped:
-            slopes = list(parameters.slopes(commands).values())[: drives - _DELAYS]
-            more = [self._parabolas(time, each, parameters.delay)[0] for each in slopes]
-            late = self._slow(drive.delivered(commands), slow[1])
-            more.insert(0, self._parabolas(time, late, parameters.delay)[1])
-            self._latest = latest = key, np.concatenate([latest[1][:2], more])
+            more = np.zeros((drives, *latest[1].shape[1:]))
+            more[:2] = latest[1][:2]
+            if slow[1]:
+                late = self._slow(drive.delivered(commands), slow[1])
+                more[2] = self._parabolas(time, late, parameters.delay)[1]
+            for k, name in enumerate(DRIVE[: drives - _DELAYS], _DELAYS):
+                own = parameters.slope(name, commands)
+                more[k] = self._parabolas(time, own, parameters.delay)[0]
+            self._latest = latest = key, more
         return latest[1][: max(drives, 2)]
 
     def _slow(self, inputs: Samples, limit: float) -> Samples:

@@ -400,17 +400,18 @@ class Log:
             del values["angle"]
         return {name: value for name, value in values.items() if value is not None}
 
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Log:
-        """Return the log of the samples selected by a mask, or by their numbers."""
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Log:
+        """Return the log of the samples selected by a mask, their numbers, or as views a slice."""
         taken: dict[str, Any] = {name: column[rows] for name, column in self.columns().items()}
         return replace(self, **taken)
 
     def piece(self, first: int, last: int) -> Log:
         """Return the log of the samples from number ``first`` to before number ``last``.
 
-        Unless it is the beginning, it begins in motion and keeps the command before.
+        Unless it is the beginning, it begins in motion and keeps the command before. Its columns
+        are views of the whole.
         """
-        cut = self.take(np.arange(first, last))
+        cut = self.take(slice(first, last))
         if first == 0:
             return cut
         time, inputs = self.command

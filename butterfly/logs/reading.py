@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -113,7 +114,7 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
             whole.source, "from, to", found, f"at least {MIN_SAMPLES} samples within {span}"
         )
     first, last = int(numbers[0]), int(numbers[-1]) + 1
-    return part.piece(first, last)
+    return deepcopy(part.piece(first, last))  # so that the whole is not kept
 
 
 def with_unique_names(logs: Sequence[Log]) -> list[Log]:

@@ -227,9 +227,14 @@ class DriveTerms:
 
     def slopes(self, inputs: Samples) -> dict[str, Samples]:
         """Return the (n,) derivatives of the output for (n,) commands by each term."""
+        return {name: self.slope(name, inputs) for name in DRIVE}
+
+    def slope(self, name: str, inputs: Samples) -> Samples:
+        """Return the (n,) derivatives of the output for (n,) commands by one term."""
         left = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
-        weaker = (1 + self.compression * abs(left)) ** 2
-        return {"dead_zone": -np.sign(left) / weaker, "compression": -left * abs(left) / weaker}
+        slopes = -np.sign(left) if name == "dead_zone" else -left * abs(left)
+        weaker = (1 + self.compression * abs(left)) ** 2 if self.compression else 1.0
+        return np.asarray(slopes / weaker)
 
     def of_sines(
         self, commands: NDArray[np.complex128]

@@ -13,8 +13,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, unit_diagonal
+from butterfly.arrays import Samples, take_away, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
@@ -24,7 +25,6 @@ from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.term_choice import candidates, stribeck_velocities
 from butterfly.identification.levels import DRAWS, ROUNDING, SHOWS
 from butterfly.identification.segments import Segments
-from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import first_counted
@@ -66,8 +66,10 @@ class LinearisedRun:
     """One log's free run, where its errors count, and what it changes by."""
 
     run: FreeRun
-    simulation: Simulation | Segments
-    setting: Setting
+    step: float  # of the simulation in s
+    counts: NDArray[np.int64]  # (m,) samples that each error is averaged over
+    middles: Samples  # (m,) instants in s, middles of steps
+    inputs: Samples  # (m,) means of the delivered input
     counted: slice  # the samples whose errors count
     motion: float  # rms of the measured angle about its mean, in rad
     whole: Samples  # (m,) simulated less measured angle in rad
@@ -97,7 +99,8 @@ class LinearisedRun:
                 asked, parameters, setting.zero, setting.velocity
             )
             slopes = rows @ mixture
-            squares = (run.fit, np.square(whole).sum(), np.square(slopes).sum())
+            squares = [run.fit, float(whole @ whole), float(np.vdot(slopes, slopes))]
+        del rows
         if not (motion > 0 and np.isfinite(squares).all()):
             return None
         of = dict(zip(asked, slopes.T, strict=True))
@@ -107,15 +110,16 @@ class LinearisedRun:
             lifted = 1 - log.integrated - of["zero"]  # by the true angle at the start
             own = (_orthonormal(np.column_stack([lifted, of["velocity"]])),)
         mine, n = {None, log.added_mass, log.name}, len(model.names)
-        columns = [whole, *slopes[:, :n].T]
-        columns += [of[name] * (whose in mine) for name, whose in model.owners]
-        columns += [of[name] for name in model.lacking]
-        rest = _less(own, np.column_stack(columns))
-        split = rest.shape[1] - len(model.lacking)
+        known = [*slopes[:, :n].T, *(of[name] * (whose in mine) for name, whose in model.owners)]
+        rest = np.column_stack([whole, *known, *(of[name] for name in model.lacking)])
+        _take_away(own, rest)
+        split = 1 + len(known)
         return cls(
             run=run,
-            simulation=simulation,
-            setting=setting,
+            step=simulation.step,
+            counts=simulation.counts,
+            middles=simulation.middles(),
+            inputs=simulation.mean_inputs(setting.parameters),
             counted=slice(first, None),
             motion=motion,
             whole=whole,
@@ -138,21 +142,22 @@ class LinearisedRun:
         time, angle = (
             each[self.counted] - each[self.counted].mean() for each in (log.time, log.measured)
         )
-        return SHOWS * rms(angle - (time @ angle) / (time @ time) * time)
+        time *= (time @ angle) / (time @ time)
+        angle -= time
+        return SHOWS * rms(angle)
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the log's sensor, and (m, k) draws of its errors if (m,) stay; none if white."""
         log = self.run.log
         time, measured = log.time[self.counted], log.measured[self.counted]
-        middles = self.simulation.middles()
-        angle = self.run.simulated.copy()
-        angle[self.counted] -= np.interp(time, middles, self.whole - left)
-        sensor = SensorErrors.of(measured, angle[self.counted])
+        angle = self.run.simulated[self.counted] - np.interp(time, self.middles, self.whole - left)
+        sensor = SensorErrors.of(measured, angle)
         if sensor.white:
             return sensor, np.empty((self.whole.size, 0))
         shifts = self.unsure * random.standard_normal(DRAWS)
-        drawn = sensor.draw(angle[self.counted], shifts, self.simulation.counts, random)
-        return sensor, _less(self.own, drawn)
+        drawn = sensor.draw(angle, shifts, self.counts, random)
+        _take_away(self.own, drawn)
+        return sensor, drawn
 
 
 def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
@@ -164,21 +169,20 @@ def directions_of(logs: Sequence[LinearisedRun]) -> Samples:
     return np.asarray(axes[:, told] / np.sqrt(powers[told]) / size[:, None])
 
 
-def reduced(
-    logs: Sequence[LinearisedRun], directions: Samples, errors: Sequence[Samples]
-) -> list[Samples]:
+def reduce(logs: Sequence[LinearisedRun], directions: Samples, errors: Sequence[Samples]) -> None:
     """Take from each log's (m, k) errors, if any, what a joint change of values explains."""
-    pairs = list(zip(logs, errors, strict=True))
-    pulls = [each.unit**2 * each.known.T @ own for each, own in pairs if own.size]
-    if not pulls:
-        return list(errors)
-    change = directions @ (directions.T @ sum(pulls))
-    return [own - each.known @ change if own.size else own for each, own in pairs]
+    pairs = [(each, own) for each, own in zip(logs, errors, strict=True) if own.size]
+    pulls = [each.unit**2 * each.known.T @ own for each, own in pairs]
+    change = directions @ (directions.T @ sum(pulls)) if pulls else np.empty(0)
+    for each, own in pairs:
+        for k in range(own.shape[1]):
+            own[:, k] -= each.known @ change[:, k]
 
 
 def rms(values: Samples) -> float:
     """Return the root mean square of values; 0 of none."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    flat = values.ravel(order="K")
+    return float(np.sqrt(flat @ flat / flat.size)) if flat.size else 0.0
 
 
 def _orthonormal(columns: Samples) -> Samples:
@@ -189,8 +193,8 @@ def _orthonormal(columns: Samples) -> Samples:
     return np.asarray(left[:, singular > ROUNDING * singular.max(initial=0.0)])
 
 
-def _less(directions: Sequence[Samples], errors: Samples) -> Samples:
+def _take_away(directions: Sequence[Samples], errors: Samples) -> None:
     """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
     ends = np.cumsum([each.shape[0] for each in directions])[:-1]
-    pairs = zip(directions, np.split(errors, ends), strict=True)
-    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])
+    for each, part in zip(directions, np.split(errors, ends), strict=True):
+        take_away(each, part)

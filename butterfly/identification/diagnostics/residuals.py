@@ -25,7 +25,7 @@ from butterfly.identification.diagnostics.linearised_run import (
     Derivatives,
     LinearisedRun,
     directions_of,
-    reduced,
+    reduce,
     rms,
 )
 from butterfly.identification.diagnostics.sensor_errors import Curve, SensorErrors, correlations
@@ -228,13 +228,14 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     if not logs:
         return Residuals(logs=tuple(map(_bare, data.logs)))
     directions = directions_of(logs)
-    left = reduced(logs, directions, [each.errors[:, None] for each in logs])
+    left = [each.errors[:, None].copy() for each in logs]
+    reduce(logs, directions, left)
     random = np.random.default_rng(0)
     pairs = [each.drawn(rest[:, 0], random) for each, rest in zip(logs, left, strict=True)]
-    drawn = reduced(logs, directions, [errors for _, errors in pairs])
+    reduce(logs, directions, [errors for _, errors in pairs])
     judged = [
-        _judged(each, np.column_stack([rest, errors]), sensor)
-        for each, rest, errors, (sensor, _) in zip(logs, left, drawn, pairs, strict=True)
+        _judged(each, rest[:, 0], errors, sensor)
+        for each, rest, (sensor, errors) in zip(logs, left, pairs, strict=True)
     ]
     missing, beyond = MissingTerms(), sum(each.outside for each in judged) > _BY_CHANCE * len(every)
     agreement, rival = _contrasts(estimate, logs, directions, left) if beyond else ((), None)
@@ -254,14 +255,15 @@ def _bare(log: Log) -> LogResiduals:
     return LogResiduals(name=log.name, label=log.label, motion=motion)
 
 
-def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogResiduals:
-    """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
-    left, count, step = rms(errors[:, 0]), errors.shape[0], each.simulation.step
+def _judged(
+    each: LinearisedRun, errors: Samples, drawn: Samples, sensor: SensorErrors
+) -> LogResiduals:
+    """Judge a log by its (m,) errors that are left, and by (m, k) that are drawn."""
+    left, count, step = rms(errors), errors.size, each.step
     lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
-    lag = step * np.arange(lags + 1)
+    lag = np.asarray(step * np.arange(lags + 1), dtype=np.float64)
     allowed = each.unsure / left if left else 0.0
-    inputs = each.simulation.mean_inputs(each.setting.parameters)
-    own, crossed = correlations(errors, inputs, lags)
+    own, crossed = correlations([errors, *drawn.T], each.inputs, lags)
     # the spread of the parameters, to first order, beside that of the readings
     reach = SPREADS * np.hypot(each.reach, sensor.spread)
     log = each.run.log
@@ -272,11 +274,11 @@ def _judged(each: LinearisedRun, errors: Samples, sensor: SensorErrors) -> LogRe
         motion=each.motion,
         error=rms(each.whole),
         left=left,
-        explained=white if sensor.white else rms(errors[:, 1:]),
+        explained=white if sensor.white else rms(drawn),
         sensor=sensor,
         autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
         cross_correlation=Curve.of(lag, crossed, count, allowed),
-        band=ErrorBand(time=each.simulation.middles(), reach=reach),
+        band=ErrorBand(time=each.middles, reach=reach),
     )
 
 

@@ -8,6 +8,7 @@ is less, the error depends on the angle, and the slower that moves the longer th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, TypeAlias
@@ -18,11 +19,12 @@ from scipy import fft
 from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, blocks
 from butterfly.compiled import compiled
 from butterfly.identification.levels import CONFIDENCE, PRECISE, ROUNDING
 
-Places: TypeAlias = NDArray[np.int64]
+Places: TypeAlias = NDArray[np.int16]
+Counts: TypeAlias = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +69,7 @@ class SensorErrors:
         return cls(step=step, noise=float(brentq(excess, 0.0, largest, xtol=1e-3 * step)))
 
     def draw(
-        self, angle: Samples, shifts: Samples, counts: Places, random: np.random.Generator
+        self, angle: Samples, shifts: Samples, counts: Counts, random: np.random.Generator
     ) -> Samples:
         """Return (m, k) means of errors in rad that readings of (n,) angles in rad may have.
 
@@ -75,9 +77,12 @@ class SensorErrors:
         """
         moved = np.rint(shifts / self.step * self.places).astype(np.int64)
         places = _places(angle, self.step)
-        means, variances = _sums(places, moved, counts, _by_place(self.noise, self.step))
-        drawn = means + np.sqrt(variances) * random.standard_normal(means.shape)
-        return np.asarray(drawn.T / counts[:, None])
+        by_place = _by_place(self.noise, self.step)
+        drawn = np.empty((moved.size, counts.size))
+        for own, shift in zip(drawn, moved, strict=True):
+            sums, variances = _sums(places, shift, counts, by_place)
+            own[:] = (sums + np.sqrt(variances) * random.standard_normal(counts.size)) / counts
+        return drawn.T
 
 
 def encoder_step(readings: Samples) -> float:
@@ -92,8 +97,11 @@ def encoder_step(readings: Samples) -> float:
 
 def _places(angle: Samples, step: float) -> Places:
     """Return where (n,) angles in rad are in a step of the encoder, of which 0 is the beginning."""
-    count = SensorErrors.places
-    return np.floor((angle / step + 0.5) * count).astype(np.int64) & (count - 1)
+    count, places = SensorErrors.places, np.empty(angle.size, dtype=np.int16)
+    for part in blocks(angle.size):
+        steps = np.floor((angle[part] / step + 0.5) * count)
+        places[part] = steps.astype(np.int64) & (count - 1)
+    return places
 
 
 def _by_place(noise: float, step: float) -> Samples:
@@ -108,24 +116,27 @@ def _by_place(noise: float, step: float) -> Samples:
 
 
 @compiled
-def _sums(places: Places, moved: Places, counts: Places, by_place: Samples) -> Samples:
-    """(2, k, m) sums over so many places each, one after the other, all moved by each of (k,)."""
-    result = np.zeros((2, moved.size, counts.size))
-    for draw in range(moved.size):
-        begin = 0
-        for cell in range(counts.size):
-            mean = variance = 0.0
-            for k in range(begin, begin + counts[cell]):
-                place = (places[k] + moved[draw]) & (by_place.shape[1] - 1)
-                mean, variance = mean + by_place[0, place], variance + by_place[1, place]
-            begin += counts[cell]
-            result[0, draw, cell], result[1, draw, cell] = mean, variance
+def _sums(places: Places, moved: int, counts: Counts, by_place: Samples) -> Samples:
+    """(2, m) sums over so many places each, one after the other, all moved alike."""
+    result = np.zeros((2, counts.size))
+    begin = 0
+    for cell in range(counts.size):
+        mean = variance = 0.0
+        for k in range(begin, begin + counts[cell]):
+            place = (places[k] + moved) & (by_place.shape[1] - 1)
+            mean, variance = mean + by_place[0, place], variance + by_place[1, place]
+        begin += counts[cell]
+        result[0, cell], result[1, cell] = mean, variance
     return result
 
 
 def roughness(errors: Samples) -> float:
     """Mean square of the second differences of (n,) errors: 6 times the variance of white ones."""
-    return float(np.mean(np.diff(errors, 2) ** 2)) if errors.size > 2 else 0.0  # noqa: PLR2004
+    total, count = 0.0, errors.size - 2
+    for part in blocks(count):
+        bends = np.diff(errors[part.start : part.stop + 2], 2)
+        total += float(bends @ bends)
+    return total / count if count > 0 else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,13 +169,16 @@ class Curve:
         return cls(lag=lag, value=value, centre=centre, reach=np.full(lag.size, half))
 
 
-def correlations(errors: Samples, inputs: Samples, lags: int) -> tuple[Samples, Samples]:
-    """Return (lags, k) correlations of (m, k) errors, (lags + 1, k) with inputs before them."""
-    size = fft.next_fast_len(errors.shape[0] + lags, real=True)
+def correlations(errors: Sequence[Samples], inputs: Samples, lags: int) -> tuple[Samples, Samples]:
+    """Return (lags, k) correlations of k (m,) errors, (lags + 1, k) with inputs before them."""
+    size = fft.next_fast_len(inputs.size + lags, real=True)
     moving = inputs - inputs.mean()
-    spectrum = fft.rfft(np.ascontiguousarray(errors.T), size)
-    own = fft.irfft(np.abs(spectrum) ** 2, size)[:, : lags + 1]
-    crossed = fft.irfft(spectrum * np.conj(fft.rfft(moving, size)), size)[:, : lags + 1]
-    powers = np.where(own[:, :1] > 0, own[:, :1], 1.0)
-    driven = np.sqrt(powers * (float(np.sum(moving**2)) or 1.0))
-    return (own[:, 1:] / powers).T, (crossed / driven).T
+    driven = np.conj(fft.rfft(moving, size))
+    own, crossed = np.empty((2, lags + 1, len(errors)))
+    for k, each in enumerate(errors):
+        spectrum = fft.rfft(each, size)
+        own[:, k] = fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
+        crossed[:, k] = fft.irfft(spectrum * driven, size)[: lags + 1]
+    powers = np.where(own[0] > 0, own[0], 1.0)
+    crossed /= np.sqrt(powers * (float(np.sum(moving**2)) or 1.0))
+    return np.asarray(own[1:] / powers), crossed

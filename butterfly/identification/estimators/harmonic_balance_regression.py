@@ -171,8 +171,10 @@ class Phasors:
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         swung = np.array([mass.swung for mass in self.masses])
         mass = np.array([mass.mass for mass in self.masses])
-        loaded = [self.standing.with_added_mass(mass) for mass in self.masses]
-        pushed = {name: np.array([each.on_base[name] for each in loaded]).T for name in _ON_BASE}
+        on_base = {each: self.standing.with_added_mass(each).on_base for each in {*self.masses}}
+        pushed = {
+            name: np.array([on_base[each][name] for each in self.masses]).T for name in _ON_BASE
+        }
         motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung, **pushed)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))

@@ -154,31 +154,33 @@ def lowest_end(
     problems: Iterable[FreeRunResiduals], *, enough: bool = False
 ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
     """Descend from each guess, until one is ``enough``; return the best end, and what of others."""
-    ends: list[tuple[FreeRunResiduals, Minimum]] = []
+    best: tuple[FreeRunResiduals, Minimum] | None = None
+    costs: list[float] = []  # of all ends that converged
     refusals = []
     for problem in problems:
-        if ends and out_of_time("fits from other initial guesses"):
+        if best and out_of_time("fits from other initial guesses"):
             break
         try:
-            if not ends:
+            if best is None:
                 end = problem.descend(problem.initial)
             else:
                 end = problem.descend(problem.initial, most=_PASSES)
-                if not end.converged and end.at.cost < min(each.at.cost for _, each in ends):
+                if not end.converged and end.at.cost < best[1].at.cost:
                     end = problem.descend(end.point, end.at)
         except IdentifiabilityError as refusal:
             refusals.append(refusal)
         else:
-            ends.append((problem, end))
-            if enough and len(ends) == 1 and end.converged and _leaves_noise(end.at):
-                break
-    if not ends:
+            costs += [end.at.cost] if end.converged else []
+            if enough and best is None and end.converged and _leaves_noise(end.at):
+                return problem, end, ()
+            if best is None or end.at.cost < best[1].at.cost:
+                best = problem, end
+    if best is None:
         raise refusals[0]
-    (problem, best), *others = sorted(ends, key=lambda each: each[1].at.cost)
-    ratios = [end.at.cost / best.at.cost for _, end in others if end.converged]
+    ratios = [cost / best[1].at.cost for cost in costs]
     elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
-    return problem, best, findings
+    return *best, findings
 
 
 def _leaves_noise(at: Equations) -> bool:

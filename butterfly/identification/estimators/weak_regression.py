@@ -171,9 +171,8 @@ class WeakFit:
             regression = about.regression(windows)
             solution = regression.solve()
             moved, values = solution.values - values, solution.values
-            variance = about.variance
-            if weighs:
-                variance = CellEquations.of(regression, solution, cells=cells).realised_variance
+            solved = CellEquations.of(regression, solution, cells=cells) if weighs else None
+            variance = about.variance if solved is None else solved.realised_variance
             before, about = about, about.moved(solution.values, latest, variance)
             if step * (about.delay - before.delay) < 0:  # it goes to and fro
                 share /= 2
@@ -185,7 +184,7 @@ class WeakFit:
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
-        solved = CellEquations.of(regression, solution, cells=cells)
+        solved = solved or CellEquations.of(regression, solution, cells=cells)
         if not settled:
             solved = solved.stopped(moved)
         return cls(about=about, regression=regression, solved=solved)

@@ -95,7 +95,7 @@ def _autoregressive(pole, shape, rng):
 def test_correlations_are_their_sums():
     rng = np.random.default_rng(1)
     errors, inputs = rng.standard_normal((200, 3)), rng.standard_normal(200) + 5
-    own, crossed = correlations(errors, inputs, 9)
+    own, crossed = correlations(errors.T, inputs, 9)
     moving = inputs - inputs.mean()
     for series in range(3):
         e = errors[:, series]
@@ -115,7 +115,7 @@ def test_of_good_logs_one_curve_in_forty_leaves_its_band(pole):
     tries, left = 200, 0
     for _ in range(tries):
         errors = _autoregressive(pole, (COUNT, 25), rng)
-        curves, _ = correlations(errors, errors[:, 0], LAGS)
+        curves, _ = correlations(errors.T, errors[:, 0], LAGS)
         left += Curve.of(lag, curves, COUNT, 0.0).excess > 1
     assert left / tries < 0.06
 
@@ -123,5 +123,5 @@ def test_of_good_logs_one_curve_in_forty_leaves_its_band(pole):
 def test_lasting_errors_leave_the_bands_of_white_ones():
     rng = np.random.default_rng(4)
     white, lasting = rng.standard_normal((COUNT, 24)), _autoregressive(0.2, (COUNT, 1), rng)
-    curves, _ = correlations(np.column_stack([lasting, white]), white[:, 0], LAGS)
+    curves, _ = correlations([*lasting.T, *white.T], white[:, 0], LAGS)
     assert Curve.of(np.arange(1, LAGS + 1), curves, COUNT, 0.0).excess > 1
