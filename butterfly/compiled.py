@@ -22,6 +22,9 @@ from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.types import unliteral
 
@@ -37,12 +40,13 @@ def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infer
     return _made(function)
 
 
-def inner(function: Callable[..., Any], **how: bool) -> Any:  # noqa: ANN401 - numba infers the types
+def inner(function: Callable[..., Any], **how: Any) -> Any:  # noqa: ANN401 - numba infers the types
     """Compile a function for other compiled functions only, which is faster than `compiled`.
 
     Called from Python it runs as Python.
     """
-    made = _made(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **how)
+    how |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "cache": False}
+    made = _made(function, pipeline_class=_InnerCompiler, **how)
     if isinstance(made, CPUDispatcher):  # numba can be switched off
         made.__class__ = _Inner
     return made
@@ -54,6 +58,15 @@ def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers
     numba counts references to every array argument, which costs more than a short function itself.
     """
     return inner(function, forceinline=True)
+
+
+def pasted(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
+    """Compile a function as if its lines stood in its callers, of which there are one or two.
+
+    That spares a compilation of its own. In a hot loop it is slower where it takes arrays, whose
+    references are counted.
+    """
+    return inner(function, inline="always")
 
 
 @contextmanager
@@ -123,8 +136,40 @@ event.register("numba:compile", _Compiling(_announce))  # type: ignore[no-untype
 
 
 def _made(function: Callable[..., Any], **how: Any) -> Any:  # noqa: ANN401 - numba's own
-    how |= {"cache": True, "nogil": True, "error_model": "numpy"}
+    how = {"cache": True} | how | {"nogil": True, "error_model": "numpy"}
     return numba.njit(**how)(_stamped(function))
+
+
+class _InnerCompiler(CompilerBase):
+    """Leaves machine code, and its cache, to the functions that an inner one is linked into."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Return numba's own passes."""
+        codegen = self.state.targetctx.codegen()
+        self.state.library = _InnerLibrary(codegen, "inner")  # type: ignore[no-untyped-call]
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]  # type: ignore[no-untyped-call]
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """Is linked into others, which optimise it with themselves, and never runs itself."""
+
+    @property
+    def codegen(self) -> _InnerLibrary:
+        """What `set_env` is asked of."""
+        return self
+
+    def set_env(self, name: str, env: object) -> None:
+        """Set the environment of no machine code."""
+
+    def _optimize_final_module(self) -> None:
+        """Inline only what has to be, and take out references that are counted in vain."""
+        manager = self._codegen._module_pass_manager(opt=0)  # type: ignore[no-untyped-call]  # noqa: SLF001
+        passes, builder = manager
+        passes.run(self._final_module, builder)
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+        self._finalized = True
 
 
 class _Inner(CPUDispatcher):

@@ -117,7 +117,8 @@ def driven(log: Log, delay: float = 0.0) -> Log:
         columns=(setpoint, nothing, _supply(log, servo, None), enabled),
         kicked=kicked,
     )
-    drive = kernel.outputs(*(_seen(log, servo, each) for each in (log.angle, _rate(log))), loop)
+    angle, velocity = _seen(log, servo, log.angle), _seen(log, servo, _rate(log))
+    drive = kernel.outputs(angle, velocity, loop)
     lead = log.lead
     if lead is not None:
         lead = replace(lead, input=np.full(lead.time.size, drive[0]), setpoint=lead.input)

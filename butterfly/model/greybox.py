@@ -20,7 +20,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
 from butterfly.model.kernel.equation import COLUMNS, Constants
 from butterfly.model.kernel.integrate import integrate, integrate_loop
-from butterfly.model.kernel.servo_loop import Loop
+from butterfly.model.kernel.servo_loop import MEMORY, Loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, DRIVE, GEAR, LOOP_TERMS, TERMS
 
@@ -52,9 +52,13 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
     moving = None
     if parameters.base_gives:
         moving = require_plain_base(parameters)
-    if loop is not None:
-        return integrate_loop(time, start, constants, _open_circuit(constants), loop, moving)
-    return integrate(time, parameters.p4 * inputs, start, constants, moving)
+    written = np.empty(time.size), np.empty(time.size)
+    if loop is None:
+        integrate(time, parameters.p4 * inputs, start, constants, moving, *written)
+    else:
+        off, memory = _open_circuit(constants), np.zeros(MEMORY)
+        integrate_loop(time, start, constants, off, loop, memory, moving, *written)
+    return written
 
 
 def require_plain_base(parameters: LumpedParameters) -> bool:
@@ -150,6 +154,7 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
         *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
+        kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
     return values, rows
 

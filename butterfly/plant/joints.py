@@ -335,7 +335,9 @@ class GreyBoxJoint(Joint):
         """
         torques = self._loaded.p4 * commands
         told = (stamps, torques, arrivals, self._moving)
-        return np.asarray(_follow(self._constants, self._state, *told))
+        angles = np.full(stamps.size, np.nan)
+        _follow(self._constants, self._state, *told, angles)
+        return angles
 
     @property
     def _armature_current(self) -> float:
@@ -353,8 +355,8 @@ def _follow(  # noqa: PLR0917 - compiled functions take no names
     torques: Samples,
     arrivals: Samples,
     moving: bool | None,
-) -> Samples:
-    angles = np.full(stamps.size, np.nan)
+    angles: Samples,
+) -> None:
     torque = 0.0
     following = 0
     for k in range(stamps.size):
@@ -372,7 +374,6 @@ def _follow(  # noqa: PLR0917 - compiled functions take no names
             torque = torques[following]
             following += 1
         state = _hold(c, state, torque, end - now, moving)
-    return angles
 
 
 @compiled

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.compiled import compiled, inlined
+from butterfly.compiled import compiled, inlined, pasted
 from butterfly.logs.log import Intersample
 
 _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rounding
@@ -19,7 +19,9 @@ _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rou
 
 def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
     """Return the (m - 1,) means of the input between (m,) increasing edges in s."""
-    return np.asarray(_means(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
+    means = np.empty(edges.size - 1)
+    _means(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, means)
+    return means
 
 
 def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
@@ -30,7 +32,9 @@ def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample)
     derivative by a delay of the input, per s. The moments of a held input have a kink where a
     timestamp passes an edge; the derivative there is the mean of both sides.
     """
-    return np.asarray(_parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
+    values = np.empty((2, edges.size - 1, 3))
+    _parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, values)
+    return values
 
 
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
@@ -43,13 +47,14 @@ def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -
     if hold is Intersample.FIRST_ORDER_HOLD:
         return np.interp(grid, time, inputs)
     rate = (grid.size - 1) / (grid[-1] - grid[0])
-    return np.asarray(_spread_steps(time, inputs, grid[0], rate, grid.size))
+    rise = np.zeros(grid.size + 5)  # of the samples, two more at either end, and one
+    _spread_steps(time, inputs, grid[0], rate, rise)
+    return np.cumsum(rise)[2:-3]
 
 
 @compiled
-def _means(time, inputs, edges, linear):
-    """(m,) means of the input over each interval."""
-    result = np.empty(edges.size - 1)
+def _means(time, inputs, edges, linear, result):
+    """Write (m,) means of the input over each interval."""
     k = -1
     for cell in range(edges.size - 1):
         begin, end = edges[cell], edges[cell + 1]
@@ -58,13 +63,11 @@ def _means(time, inputs, edges, linear):
         else:
             k, zeroth, _, _, _, _ = _over_steps(time, inputs, begin, end, k)
         result[cell] = 0.5 * zeroth
-    return result
 
 
 @compiled
-def _parabolas(time, inputs, edges, linear):
-    """Like `parabolas`; by partial integration a delay only needs moments and input at edges."""
-    result = np.empty((2, edges.size - 1, 3))
+def _parabolas(time, inputs, edges, linear, result):
+    """Write `parabolas`; by partial integration a delay only needs moments and input at edges."""
     k = -1
     for cell in range(edges.size - 1):
         begin, end = edges[cell], edges[cell + 1]
@@ -76,16 +79,15 @@ def _parabolas(time, inputs, edges, linear):
         late = (-rate * jump, rate * (zeroth - at_end - at_begin), rate * (2.0 * first - jump))
         _evaluate(_legendre(zeroth, first, second), result, cell, 0)
         _evaluate(_legendre(late[0], late[1], late[2]), result, cell, 1)
-    return result
 
 
-@inlined
+@pasted
 def _legendre(zeroth, first, second):
     """Legendre coefficients of a function from its integrals against 1, x and x^2."""
     return 0.5 * zeroth, 1.5 * first, 1.25 * (3.0 * second - zeroth)
 
 
-@inlined
+@pasted
 def _evaluate(coefficients, result, cell, number):
     """Write the values of a parabola at the start, middle and end of its interval."""
     middle, slope, bend = coefficients
@@ -129,7 +131,7 @@ def _over_lines(time, inputs, begin, end, k):
 def _on_line(time, inputs, instant, k):
     """Continuous input at an instant after sample k, -1 for none."""
     if k < 0 or k == time.size - 1:
-        return inputs[max(k, 0)]
+        return inputs[0 if k < 0 else k]
     share = (instant - time[k]) / (time[k + 1] - time[k])
     return inputs[k] + share * (inputs[k + 1] - inputs[k])
 
@@ -160,7 +162,7 @@ def _over_steps(time, inputs, begin, end, k):
     return k, zeroth, first, second, at_begin, at_end
 
 
-@inlined
+@pasted
 def _between(value, before, since, after, until, astray):
     """Held input at an instant; the middle of a step there."""
     other = before if since <= astray else (after if until <= astray else value)
@@ -168,22 +170,21 @@ def _between(value, before, since, after, until, astray):
 
 
 @compiled
-def _spread_steps(time, inputs, start, rate, count):
-    """Spread each step of a held input over the nearest samples, and sum up.
+def _spread_steps(time, inputs, start, rate, rise):
+    """Spread each step of a held input over the ``rise`` of the nearest samples.
 
     A step of 1, x sampling periods after the sample nearest to it, makes this sample
     1/2 - x + x^3/3, the one before x^2/4 - x^3/6 - 1/24, the one after 25/24 - x^2/4 - x^3/6, and
     all later ones 1.
     """
-    rise = np.zeros(count + 5)  # of the samples, from two before the first to two after the last
     before = 0.0
     for k in range(time.size):
         jump, before = inputs[k] - before, inputs[k]
         place = (time[k] - start) * rate + 2.0
-        nearest = int(place + 0.5)
+        nearest = np.int64(place + 0.5)
         if nearest < 1:
             rise[0] += jump
-        elif nearest < count + 3:
+        elif nearest < rise.size - 2:
             x = place - nearest
             even, odd = 0.25 * x * x - 1.0 / 24.0, (1.0 / 6.0) * x * x * x
             left, middle, right = even - odd, 0.5 - x + 2.0 * odd, 1.0 - even - odd
@@ -191,4 +192,3 @@ def _spread_steps(time, inputs, start, rate, count):
             rise[nearest] += jump * (middle - left)
             rise[nearest + 1] += jump * (right - middle)
             rise[nearest + 2] += jump * (1.0 - right)
-    return np.cumsum(rise)[2 : count + 2]

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled
@@ -16,18 +17,26 @@ from butterfly.compiled import compiled
 _BLOCK = 1024  # samples that stay in the fastest cache
 
 
-@compiled
-def averages(grid, instants, values, slopes):
+def averages(
+    grid: Samples, instants: Samples, values: Samples, slopes: bool
+) -> tuple[NDArray[np.int64], Samples, Samples, NDArray[np.int64]]:
     """Average the polynomials, or their ``slopes``, and values over the instants in each interval.
 
     The average is linear in the ends of the interval, so four weights replace many instants.
     Returns (n - 1,) numbers of the average of each interval of a grid, -1 if it has no instant; (4,
     k) weights of angle and velocity at its start and end; (k,) mean values; and (k,) counts.
     """
-    last = grid.size - 2
-    into, counts = np.full(last + 1, -1), np.zeros(last + 1, dtype=np.int64)
-    weights, means = np.empty((4, last + 1)), np.empty(last + 1)
-    k = row = 0
+    size = grid.size - 1
+    into, counts = np.full(size, -1), np.empty(size, dtype=np.int64)
+    weights, means = np.empty((4, size)), np.empty(size)
+    rows = _average(grid, instants, values, slopes, into, weights, means, counts)
+    return into, weights[:, :rows].copy(), means[:rows], counts[:rows]
+
+
+@compiled
+def _average(grid, instants, values, slopes, into, weights, means, counts):
+    """Write `averages`, and return how many there are."""
+    last, k, row = grid.size - 2, 0, 0
     for cell in range(last + 1):
         length, first, one, two, three, total = grid[cell + 1] - grid[cell], k, 0.0, 0.0, 0.0, 0.0
         rate = 1.0 / length
@@ -50,13 +59,21 @@ def averages(grid, instants, values, slopes):
                 )
                 weights[2, row], weights[3, row] = 6.0 * rate * (one - two), 3.0 * two - 2.0 * one
             row += 1
-    return into, weights[:, :row].copy(), means[:row], counts[:row]
+    return row
+
+
+def interpolate(
+    grid: Samples, angle: Samples, velocity: Samples, instants: Samples, slopes: bool
+) -> Samples:
+    """Return the (m,) angles, or ``slopes``, at increasing instants, also beyond the grid."""
+    result = np.empty(instants.size)
+    _interpolate(grid, angle, velocity, instants, slopes, result)
+    return result
 
 
 @compiled
-def interpolate(grid, angle, velocity, instants, slopes):
-    """Return the (m,) angles, or ``slopes``, at increasing instants, also beyond the grid."""
-    result = np.empty(instants.size)
+def _interpolate(grid, angle, velocity, instants, slopes, result):
+    """Write `interpolate`."""
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
         # of 1, s, s^2 and s^3, s running from 0 to 1 over the interval
@@ -70,7 +87,6 @@ def interpolate(grid, angle, velocity, instants, slopes):
             else:
                 result[k] = c0 + s * (c1 + s * (c2 + s * c3))
             k += 1
-    return result
 
 
 def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
@@ -83,7 +99,8 @@ def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
     width = 2 * reach + 1
     begin = weights[:-1] @ (values[:width] - values[0])  # so that where all are alike it is 0
     end = weights[:-1] @ (values[-1] - values[: -width - 1 : -1])
-    inner = _antisymmetric(values, weights[-1, reach + 1 :])
+    inner = np.zeros(values.size - 2 * reach)
+    _antisymmetric(values, weights[-1, reach + 1 :], inner)
     return np.concatenate([begin, inner, end[::-1]]) / step
 
 
@@ -96,13 +113,12 @@ def _weights(reach: int, order: int) -> Samples:
 
 
 @compiled
-def _antisymmetric(values, weights):
-    """Sum each sample's differences between right and left, the i-th weighted by weights[i - 1].
+def _antisymmetric(values, weights, result):
+    """Add each sample's differences between right and left, the i-th weighted by weights[i - 1].
 
     The inner loop is over samples, so the processor adds several at once.
     """
     reach = weights.size
-    result = np.zeros(values.size - 2 * reach)
     for start in range(0, result.size, _BLOCK):
         block = result[start : start + _BLOCK]
         for k in range(1, reach + 1):
@@ -111,4 +127,3 @@ def _antisymmetric(values, weights):
             left = values[middle - k : middle - k + block.size]
             for i in range(block.size):
                 block[i] += weight * (right[i] - left[i])
-    return result

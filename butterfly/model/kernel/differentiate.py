@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from butterfly.arrays import Samples
 from butterfly.compiled import compiled, inlined, inner
 from butterfly.model.kernel.equation import (
     BACK_EMF,
@@ -16,8 +19,12 @@ from butterfly.model.kernel.equation import (
     LOWERING_STRIBECK,
     MOST_DRIVES,
     MOTOR_FRICTION,
+    MOVE,
     PERIODS,
+    PRODUCT,
     RATE,
+    STAGE_WIDTH,
+    START,
     STRIBECK,
     WEIGHT,
     M,
@@ -75,30 +82,48 @@ _ROWS = 128
 _MOST = 3 * MAX_REVERSALS + 4  # rows that one part of an interval may take
 
 
+class Work(NamedTuple):
+    """Arrays that `differentiate` works with; it allocates none."""
+
+    tape: Samples
+    stages: Samples  # (4, 4, w) derivatives at the stages of a step
+    tangents: Samples  # (7, k) derivatives of the states, and the rows of `events`
+    own: Samples  # (q, 3) derivatives of the drive in a part of an interval
+    memory: Samples  # of a servo's firmware,
+    kept: Samples  # what its derivatives need of each interval,
+    remembered: Samples  # and (3, k) derivatives of its memory
+
+    @classmethod
+    def of(cls, initial: Samples, looped: int) -> Work:
+        """Return arrays for (4, k) ``initial`` derivatives and so many intervals in a loop."""
+        columns = initial.shape[1]
+        tape, stages = np.zeros((_ROWS, TAPE_WIDTH)), np.zeros((4, 4, STAGE_WIDTH))
+        tape[0, CURRENT], stages[:, X, V] = -1.0, 1.0
+        return cls(
+            tape=tape,
+            stages=stages,
+            tangents=np.concatenate([initial, np.zeros((3, columns))]),
+            own=np.zeros((MOST_DRIVES, 3)),
+            memory=np.zeros(MEMORY),
+            kept=np.zeros((looped, WIDTH)),
+            remembered=np.zeros((3, columns)),
+        )
+
+
 @compiled
 def differentiate(
     time, drives, state, c, into, weights, values, column, initial, moved, rows,
-    loop, without_drive, moving,
+    loop, without_drive, moving, work,
 ):  # fmt: skip
     """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
     Interval k writes the sum ``into[k]``, unless that is negative. ``initial`` is (4, k)
     derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
     ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with the constants
-    ``without_drive`` while it is off. ``moving`` is None for a fixed base.
+    ``without_drive`` while it is off. ``moving`` is None for a fixed base; ``work`` is fresh.
     """
-    memory, held, now = np.zeros(MEMORY), 0.0, c
-    kept = np.zeros((1 if loop is None else time.size - 1, WIDTH))
-    remembered = np.zeros((3, column.size))
-    tape = np.zeros((_ROWS, TAPE_WIDTH))
-    stages = np.zeros((4, 4, GAIN + 1))
-    for i in range(4):
-        stages[i, X, V] = 1.0
-    tangents = np.zeros((7, column.size))
-    for i in range(4):  # a slice would take two seconds to compile
-        for j in range(column.size):
-            tangents[i, j] = initial[i, j]
-    tape[0, CURRENT], splits = -1.0, False
+    held, now, splits = 0.0, c, False
+    tape, tangents, kept = work.tape, work.tangents, work.kept
     for k in column:
         splits |= (
             k in (COULOMB, STRIBECK, COULOMB_SLOPE) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
@@ -110,7 +135,7 @@ def differentiate(
         if loop is None:
             drive = (drives[k, 0], drives[k, 1], drives[k, 2])
         else:
-            held = torque(k, state, loop, memory, held, kept)
+            held = torque(k, state, loop, work.memory, held, kept)
             kept[k, TORQUE] = held
             drive, now = (held, held, held), at(k, loop, c, without_drive)
         count = count_steps(state, h, now, moving)
@@ -120,42 +145,43 @@ def differentiate(
             tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
             own = drive if count == 1 else part_of(drive, part, count)
             state = step(state, own, h / count, now, tape, splits, moving)
-            if int(tape[0, COUNT]) > _ROWS - 1 - _MOST:
+            if tape[0, COUNT] > _ROWS - 1 - _MOST:
                 _play(
-                    time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
-                    loop, without_drive, moving, kept, initial, remembered,
+                    time, drives, c, into, weights, column, initial, moved, rows,
+                    loop, without_drive, moving, work,
                 )  # fmt: skip
         if row >= 0:
             values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
     _play(
-        time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
-        loop, without_drive, moving, kept, initial, remembered,
+        time, drives, c, into, weights, column, initial, moved, rows,
+        loop, without_drive, moving, work,
     )  # fmt: skip
     _close(time.size - 2, into, weights, tangents, rows)
 
 
 @inner
-def _play(
-    time, drives, c, into, weights, tape, stages, tangents, column, moved, rows,
-    loop, without_drive, moving, kept, initial, remembered,
+def _play(  # noqa: PLR0915 - a tape, row by row
+    time, drives, c, into, weights, column, initial, moved, rows, loop, without_drive, moving, work,
 ):  # fmt: skip
     """Propagate the derivatives through the tape and clear it."""
-    states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
+    tape, stages, tangents, own = work.tape, work.stages, work.tangents, work.own
+    states, kept, remembered = states_of(c), work.kept, work.remembered
     ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
         ripples |= COGGING <= k <= PERIODS
         carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK
-    current, latest, now, drive = int(tape[0, CURRENT]), -1, c, (0.0, 0.0, 0.0)
+    current, latest, now, drive = np.int64(tape[0, CURRENT]), np.int64(-1), c, (0.0, 0.0, 0.0)
     if loop is not None and current >= 0:
         now, drive = at(current, loop, c, without_drive), _held_drive(current, kept)
-    for row in range(1, int(tape[0, COUNT]) + 1):
+    for row in range(1, np.int64(tape[0, COUNT]) + 1):
         kind, begin, share = tape[row, KIND], tape[row, BEGIN], tape[row, SHARE]
-        k, part, parts = int(tape[row, INTERVAL]), int(tape[row, PART]), int(tape[row, PARTS])
+        k, part = np.int64(tape[row, INTERVAL]), np.int64(tape[row, PART])
+        parts = np.int64(tape[row, PARTS])
         h = (time[k + 1] - time[k]) / parts
         if k != current:
             _close(current, into, weights, tangents, rows)
             _open(k, into, weights, tangents, rows)
-            current, latest = k, -1
+            current, latest = k, np.int64(-1)
             if loop is not None:
                 now, drive = at(k, loop, c, without_drive), _held_drive(k, kept)
                 differentiate_torque(
@@ -319,29 +345,30 @@ def _weigh(xx, xv, vx, vv, stages, i):
 @inner
 def carry_all(dt, n, stages, tangents, column):
     """Propagate derivatives through a step of n states."""
-    product, move, start = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     for r in range(n):
-        move[r, r] = 1.0
+        for m in range(n):
+            stages[0, r, PRODUCT + m], stages[0, r, MOVE + m] = 0.0, 1.0 if r == m else 0.0
     for i in range(3, -1, -1):
         reach = 0.0 if i == 3 else (dt if i == 2 else 0.5 * dt)
         for r in range(n):
             for m in range(n):
-                stages[i, r, WEIGHT + m] = reach * product[r, m]
+                stages[i, r, WEIGHT + m] = reach * stages[0, r, PRODUCT + m]
             stages[i, r, WEIGHT + r] += dt / 3.0 if 0 < i < 3 else dt / 6.0
         for r in range(n):
             for m in range(n):
-                product[r, m] = 0.0
+                product = 0.0
                 for q in range(n):
-                    product[r, m] += stages[i, r, WEIGHT + q] * stages[i, q, m]
-                move[r, m] += product[r, m]
+                    product += stages[i, r, WEIGHT + q] * stages[i, q, m]
+                stages[0, r, PRODUCT + m] = product
+                stages[0, r, MOVE + m] += product
     for j in range(column.size):
         k = column[j]
         for r in range(n):
-            start[r] = tangents[r, j]
+            stages[0, r, START] = tangents[r, j]
         for r in range(n):
             total = 0.0
             for m in range(n):
-                total += move[r, m] * start[m]
+                total += stages[0, r, MOVE + m] * stages[0, m, START]
                 if k >= 0:
                     for i in range(4):
                         total += stages[i, r, WEIGHT + m] * stages[i, m, BASIS + k]

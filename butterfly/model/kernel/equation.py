@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from butterfly.compiled import compiled, inlined, inner
+from butterfly.compiled import compiled, inlined, inner, pasted
 from butterfly.model.parameters import LumpedParameters, first_moments
 from butterfly.model.terms import DRIVE, LOOP_TERMS
 
@@ -110,8 +110,14 @@ BASIS = 4
 WEIGHT = BASIS + DRIVES + MOST_DRIVES
 RATE = WEIGHT + 4
 GAIN = RATE + 1
+BY_BEGIN, BY_SHARE, DIRECT = range(GAIN + 1, GAIN + 4)
+START = GAIN + 4
+PRODUCT = START + 1
+MOVE = PRODUCT + 4
+STAGE_WIDTH = MOVE + 4
 """Columns of a stage after the derivatives by the states: derivatives by constants and drives,
-weights of the stage, rates, and the derivative by the drive."""
+weights of the stage, rates, the derivative by the drive, and (in the first stage) the derivatives
+of a step's end by its begin and its share, with what `differentiate.carry_all` needs."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _DAMPED_STEPS = 2  # the same in one time constant of the speed: from 0.4 on RK4 is stable
@@ -155,7 +161,7 @@ def pull(x, c):
     return torque
 
 
-@inner
+@pasted
 def coulomb_at(x, c):
     """Coulomb torque in N m at an angle."""
     return c.coulomb if c.coulomb_slope == 0.0 else max(c.coulomb + c.coulomb_slope * x, 0.0)
@@ -171,7 +177,7 @@ def friction_level(x, v, sign, motor, load, c):
     return level if at_rest == 0.0 else level + at_rest * excess_at(v, c)
 
 
-@inner
+@pasted
 def stribeck_level(sign, motor, load, c):
     """Excess of friction at rest in N m, under the torques of motor and load in N m."""
     excess = c.stribeck + abs(c.motor_stribeck * motor - c.load_stribeck * load)
@@ -180,26 +186,26 @@ def stribeck_level(sign, motor, load, c):
     return excess
 
 
-@inner
+@pasted
 def _by_direction(sign, load, c):
     """Return the growth with torque squared: for the motor driving the load, or driven by it."""
     return c.lifting_stribeck if sign * load < 0.0 else c.lowering_stribeck
 
 
-@inner
+@pasted
 def passed_on(motor, load):
     """Smaller torque in N m of motor and load if they oppose each other, else 0."""
     return min(abs(motor), abs(load)) if motor * load < 0.0 else 0.0
 
 
-@inner
+@pasted
 def slope(by_motor, by_load, motor, load):
     """Differentiate ``abs(by_motor motor - by_load load)`` by both; from 0 onwards."""
     way = np.sign(by_motor * motor - by_load * load)
     return (way * motor, -way * load) if way != 0.0 else (abs(motor), abs(load))
 
 
-@inner
+@pasted
 def slopes(sign, motor, load, c):
     """Slopes of friction over the torques of motor and load, and those of its excess at rest."""
     slides = np.sign(c.motor_friction * motor - c.load_friction * load)
@@ -239,7 +245,7 @@ def friction_at(x, v, motor, c):
     return friction_level(x, v, np.sign(v if v != 0.0 else motor + load), motor, load, c)
 
 
-@inner
+@pasted
 def excess_at(v, c):
     """Remaining fraction of the Stribeck friction at a velocity."""
     if abs(v) > _VANISHED * c.stribeck_velocity:
@@ -256,18 +262,15 @@ def least_steps(c, v, h):
     damping = (c.viscous + c.back_emf + 2.0 * c.drag * abs(v)) / c.p1
     if not h * damping <= _UNSEEN:
         return 0
-    count = max(1, math.ceil(_DAMPED_STEPS * h * damping))
+    needed = _DAMPED_STEPS * h * damping
     if c.lag > 0.0:
-        count = max(count, math.ceil(_LAG_STEPS * h / c.lag))
+        needed = max(needed, _LAG_STEPS * h / c.lag)
     if c.bristle_stiffness > 0.0:
+        slip = c.bristle_stiffness * abs(v) / friction_level(0.0, v, 0.0, 0.0, 0.0, c)
         damping = (c.viscous + c.bristle_damping) / c.p1
-        fastest = max(
-            c.bristle_stiffness * abs(v) / friction_level(0.0, v, 0.0, 0.0, 0.0, c),
-            damping,
-            math.sqrt(c.bristle_stiffness / c.p1),
-        )
-        count = max(count, math.ceil(_BRISTLE_STEPS * h * fastest))
-    return count
+        needed = max(needed, _BRISTLE_STEPS * h * max(slip, damping))
+        needed = max(needed, _BRISTLE_STEPS * h * math.sqrt(c.bristle_stiffness / c.p1))
+    return math.ceil(needed) if needed > 1.0 else 1
 
 
 @inlined

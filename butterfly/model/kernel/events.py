@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from butterfly.compiled import inner
+from butterfly.compiled import inner, pasted
 from butterfly.model.kernel.equation import (
     BASIS,
+    BY_BEGIN,
+    BY_SHARE,
+    DIRECT,
     DRIVES,
     GAIN,
     LAG,
@@ -35,71 +36,73 @@ _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
 
 
-@inner
+@pasted
 def states_of(c):
     """Return the number of states with derivatives."""
     return 4 if c.lag > 0.0 or c.bristle_stiffness > 0.0 or c.swing > 0.0 else 2
 
 
-@inner
+@pasted
 def end(drives, begin, share, h, c, stages, tangents, column):
     """Correct the derivatives at the end of the interval, which is fixed while ``begin`` moves."""
-    by_early = by_begin(drives, begin, share, c, stages)
-    by_late = by_share(drives, begin, share, h, c, stages)
+    by_begin(drives, begin, share, c, stages)
+    by_share(drives, begin, share, h, c, stages)
     for j in range(column.size):
         for r in range(states_of(c)):
-            tangents[r, j] += (by_early[r] - by_late[r]) * tangents[LATE, j]
+            tangents[r, j] += (stages[0, r, BY_BEGIN] - stages[0, r, BY_SHARE]) * tangents[LATE, j]
 
 
-@inner
+@pasted
 def reverse(drives, begin, share, h, c, stages, tangents, column):
     """Correct the derivatives where the velocity vanishes: F_v(share) = 0 at the step's end F."""
-    by_early = by_begin(drives, begin, share, c, stages)
-    by_late = by_share(drives, begin, share, h, c, stages)
-    grazes = abs(by_late[V]) < _GRAZING * h
+    by_begin(drives, begin, share, c, stages)
+    by_share(drives, begin, share, h, c, stages)
+    slowing = stages[0, V, BY_SHARE]
     for j in range(column.size):
         for r in range(states_of(c)):
-            tangents[r, j] += by_early[r] * tangents[LATE, j]
-        later = 0.0 if grazes else -tangents[V, j] / by_late[V]
+            tangents[r, j] += stages[0, r, BY_BEGIN] * tangents[LATE, j]
+        later = 0.0 if abs(slowing) < _GRAZING * h else -tangents[V, j] / slowing
         for r in range(states_of(c)):
-            tangents[r, j] += by_late[r] * later
+            tangents[r, j] += stages[0, r, BY_SHARE] * later
         tangents[V, j] = 0.0
         tangents[LATE, j] += later
 
 
 @inner
 def by_begin(drives, begin, share, c, stages):
-    """(4,) derivatives of the end of a step by the fraction of the interval where it begins."""
-    n, moved = states_of(c), np.zeros(4)
+    """Write the derivatives of a step's end by the fraction of the interval where it begins."""
+    n = states_of(c)
+    for r in range(n):
+        stages[0, r, BY_BEGIN] = 0.0
     for i in range(4):
         slope = drive_slope(drives, begin + _REACH[i] * share)
         for r in range(n):
             for m in range(V, n):
-                moved[r] += stages[i, r, WEIGHT + m] * stages[i, m, GAIN] * slope
-    return moved
+                stages[0, r, BY_BEGIN] += stages[i, r, WEIGHT + m] * stages[i, m, GAIN] * slope
 
 
 @inner
 def by_share(drives, begin, share, h, c, stages):
-    """(4,) derivatives of the end of a step by its fraction of the interval."""
+    """Write the derivatives of a step's end by its fraction of the interval."""
     n = states_of(c)
-    moved, direct = np.zeros(4), np.zeros(4)
+    for r in range(n):
+        stages[0, r, BY_SHARE] = 0.0
     for i in range(4):
         reach = _REACH[i]
+        slope = drive_slope(drives, begin + reach * share)
         for r in range(n):
-            moved[r] += h / (3.0 if 0 < i < 3 else 6.0) * stages[i, r, RATE]
-            direct[r] = 0.0
+            stages[0, r, BY_SHARE] += h / (3.0 if 0 < i < 3 else 6.0) * stages[i, r, RATE]
+            direct = 0.0
             if i > 0:
                 for m in range(n):
-                    direct[r] += reach * h * stages[i, r, m] * stages[i - 1, m, RATE]
-            direct[r] += reach * stages[i, r, GAIN] * drive_slope(drives, begin + reach * share)
+                    direct += reach * h * stages[i, r, m] * stages[i - 1, m, RATE]
+            stages[0, r, DIRECT] = direct + reach * stages[i, r, GAIN] * slope
         for r in range(n):
             for m in range(n):
-                moved[r] += stages[i, r, WEIGHT + m] * direct[m]
-    return moved
+                stages[0, r, BY_SHARE] += stages[i, r, WEIGHT + m] * stages[0, m, DIRECT]
 
 
-@inner
+@pasted
 def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
     """Differentiate a rest to the interval's end; the motor torque, first ``motor``, evolves."""
     for j in range(column.size):
@@ -122,7 +125,7 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
         tangents[BEFORE, j] = before
 
 
-@inner
+@pasted
 def break_loose(drives, tape, row, c, own, stages, tangents, column):
     """Propagate the derivatives from the beginning of a rest to breaking loose.
 

@@ -2,48 +2,40 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from butterfly.compiled import compiled, inlined
+from butterfly.compiled import compiled, inlined, pasted
 from butterfly.model.kernel.equation import V, X, least_steps
 from butterfly.model.kernel.moving_base import least_base_steps
 from butterfly.model.kernel.moving_steps import advance_moving
-from butterfly.model.kernel.servo_loop import MEMORY, at, torque
+from butterfly.model.kernel.servo_loop import at, torque
 from butterfly.model.kernel.steps import LOST, advance, part_of
 
 
 @compiled
-def integrate(time, drives, state, c, moving):
-    """Return (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m.
+def integrate(time, drives, state, c, moving, angle, velocity):
+    """Write (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m.
 
     ``moving`` is None for a fixed base.
     """
-    n = time.size
-    angle, velocity = np.empty(n), np.empty(n)
     angle[0], velocity[0] = state[X], state[V]
-    for k in range(n - 1):
+    for k in range(time.size - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
         state = interval(state, row, time[k + 1] - time[k], c, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
-    return angle, velocity
 
 
 @compiled
-def integrate_loop(time, state, c, without_drive, loop, moving):
-    """Integrate a joint in its servo loop; see `integrate`."""
-    n = time.size
-    angle, velocity = np.empty(n), np.empty(n)
+def integrate_loop(time, state, c, without_drive, loop, memory, moving, angle, velocity):
+    """Integrate a joint in its servo loop, whose ``memory`` is empty; see `integrate`."""
     angle[0], velocity[0] = state[X], state[V]
-    memory, held = np.zeros(MEMORY), 0.0
-    for k in range(n - 1):
+    held = 0.0
+    for k in range(time.size - 1):
         held = torque(k, state, loop, memory, held, None)
         now = at(k, loop, c, without_drive)
         state = interval(state, (held, held, held), time[k + 1] - time[k], now, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
-    return angle, velocity
 
 
-@inlined
+@pasted
 def count_steps(state, h, c, moving):
     """Return the number of steps of an interval; 0 for a joint too fast for any."""
     count = least_steps(c, state[V], h)
@@ -61,7 +53,7 @@ def step(state, drives, h, c, tape, splits, moving):
     return advance_moving(state, drives, h, c, tape, splits)
 
 
-@inlined
+@pasted
 def interval(state, drives, h, c, moving):
     """Return the state at the end of one interval, after the necessary steps."""
     count = count_steps(state, h, c, moving)

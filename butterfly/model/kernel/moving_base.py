@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from butterfly.compiled import inner
+from butterfly.compiled import inner, pasted
 from butterfly.model.kernel.equation import (
     BASIS,
     DRIVES,
@@ -64,7 +64,7 @@ def moving_rates(state, drive, sign, c):
     return speeding, change, (c.p1 * push - lever * torque) / common
 
 
-@inner
+@pasted
 def _moments(x, c):
     """Return h = -h'' and h' in kg m at an angle."""
     sine, cosine = math.sin(x), math.cos(x)

@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 
-from butterfly.compiled import inner
+from butterfly.compiled import inner, pasted
 from butterfly.model.kernel.equation import (
     BASIS,
+    BY_BEGIN,
+    BY_SHARE,
     DRIVES,
     GAIN,
     RATE,
@@ -117,15 +119,15 @@ def hold_still(tangents):
         tangents[V, j] = 0.0
 
 
-@inner
+@pasted
 def break_free(drives, tape, row, h, c, own, stages, tangents, column):
     """Correct the derivatives where the held torque exceeds friction, at the end of a step.
 
     A sliding joint would not accelerate there either.
     """
     begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
-    by_early = by_begin(drives, begin, share, c, stages)
-    by_late = by_share(drives, begin, share, h, c, stages)
+    by_begin(drives, begin, share, c, stages)
+    by_share(drives, begin, share, h, c, stages)
     x, sixth = tape[row, STAGE], share * h / 6.0
     force, change = tape[row, STAGE + M], tape[row, STAGE + Z]
     for i in range(4):
@@ -138,10 +140,10 @@ def break_free(drives, tape, row, h, c, own, stages, tangents, column):
     linearise_moving(state, (0.0, change, bend), shape, sign, c, True, stages, 0)
     rise = stages[0, V, GAIN] * drive_slope(drives, begin + share)
     for r in (M, Z):
-        rise += stages[0, V, r] * by_late[r]
+        rise += stages[0, V, r] * stages[0, r, BY_SHARE]
     for j in range(column.size):
         for r in range(states_of(c)):
-            tangents[r, j] += by_early[r] * tangents[LATE, j]
+            tangents[r, j] += stages[0, r, BY_BEGIN] * tangents[LATE, j]
         k, more = column[j], 0.0
         for r in (X, M, Z):
             more += stages[0, V, r] * tangents[r, j]
@@ -153,5 +155,5 @@ def break_free(drives, tape, row, h, c, own, stages, tangents, column):
             more += stages[0, V, BASIS + k]
         later = -more / rise if rise != 0.0 else 0.0
         for r in (M, Z):
-            tangents[r, j] += by_late[r] * later
+            tangents[r, j] += stages[0, r, BY_SHARE] * later
         tangents[LATE, j] += later

@@ -278,23 +278,34 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
         held[j] = direct + loop.p4 * (kept[k, SLOPE] * output + kept[k, BY_SPEED] * speed)
 
 
-@compiled
-def outputs(angle, velocity, loop):
+def outputs(angle: Samples, velocity: Samples, loop: Loop) -> Samples:
     """Return (n,) outputs of the firmware at samples of the joint, times the supply."""
-    memory, found = np.zeros(MEMORY), np.empty(angle.size)
-    held = 0.0
-    for k in range(angle.size):
-        held = found[k] = torque(k, (angle[k], velocity[k], 0.0, 0.0), loop, memory, held, None)
+    found = np.empty(angle.size)
+    _outputs(angle, velocity, loop, np.zeros(MEMORY), found)
     return found
 
 
 @compiled
-def slewed(setpoint, late, most):
+def _outputs(angle, velocity, loop, memory, found):
+    """Write `outputs`."""
+    held = 0.0
+    for k in range(angle.size):
+        held = torque(k, (angle[k], velocity[k], 0.0, 0.0), loop, memory, held, None)
+        found[k] = held
+
+
+def slewed(setpoint: Samples, late: Samples, most: float) -> tuple[Samples, Samples]:
     """Return (n,) setpoints with limited changes, and their derivatives."""
     reached, by_delay = setpoint.copy(), late.copy()
+    _slew(setpoint, most, reached, by_delay)
+    return reached, by_delay
+
+
+@compiled
+def _slew(setpoint, most, reached, by_delay):
+    """Limit the changes of setpoints in place."""
     for k in range(1, setpoint.size):
         step = setpoint[k] - reached[k - 1]
         if abs(step) > most:
             reached[k] = reached[k - 1] + np.sign(step) * most
             by_delay[k] = by_delay[k - 1]
-    return reached, by_delay

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from butterfly.compiled import inlined, inner
+from butterfly.compiled import inner, pasted
 from butterfly.model.kernel.equation import (
     M,
     V,
@@ -77,7 +77,7 @@ def advance(state, drives, h, c, tape, splits):
                 if later >= 1.0:
                     return rest
                 if tape is not None:
-                    row = int(tape[0, COUNT]) + 1
+                    row = np.int64(tape[0, COUNT]) + 1
                     tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2] = x, motor, final
                     tape[row, STAGE + 3] = later
                     note(LOOSE, begin, 0.0, sign, tape)
@@ -128,19 +128,19 @@ def to_reversal(state, drives, begin, whole, final, h, sign, c, tape, moving):
     return share, after
 
 
-@inner
+@pasted
 def never_sticks(c, splits):
     """Whether a joint has no rigid friction, and needs no derivative by it."""
     smooth = c.coulomb == c.stribeck == c.geared == c.coulomb_slope == 0.0
     return (smooth and not splits) or c.bristle_stiffness > 0.0
 
 
-@inner
+@pasted
 def _rest(state, drives, begin, h, c, tape):
     """Return the state at the interval's end when the joint sticks from fraction ``begin`` on."""
     x, _, m, z = state
     if tape is not None:
-        row = int(tape[0, COUNT]) + 1
+        row = np.int64(tape[0, COUNT]) + 1
         tape[row, STAGE], tape[row, STAGE + 1] = x, m
         note(REST, begin, 0.0, 0.0, tape)
     if c.lag > 0.0:
@@ -187,7 +187,7 @@ def runge_kutta(state, drives, begin, share, h, sign, c, tape, moving):
     )
 
 
-@inlined
+@pasted
 def _motion(state, drive, sign, c, moving):
     """Return the rates of a state."""
     if moving is None:
@@ -198,7 +198,7 @@ def _motion(state, drive, sign, c, moving):
 @inner
 def record(state, rate, drive, stage, c, tape):
     """Write one stage of a step to the next row of the tape, which a retry may overwrite."""
-    row, at = int(tape[0, COUNT]) + 1, STAGE + PER_STAGE * stage
+    row, at = np.int64(tape[0, COUNT]) + 1, STAGE + PER_STAGE * stage
     for i in range(4):
         tape[row, at + i] = state[i]
     for i in range(3):
@@ -211,7 +211,7 @@ def record(state, rate, drive, stage, c, tape):
 @inner
 def note(kind, begin, share, sign, tape):
     """Keep the next row of the tape."""
-    row = int(tape[0, COUNT]) + 1
+    row = np.int64(tape[0, COUNT]) + 1
     tape[row, KIND], tape[row, BEGIN] = kind, begin
     tape[row, SHARE], tape[row, SIGN] = share, sign
     for i in (INTERVAL, PART, PARTS):
@@ -227,7 +227,7 @@ def drive_at(drives, fraction):
     return start + fraction * (end - start - bend + bend * fraction)
 
 
-@inner
+@pasted
 def drive_slope(drives, fraction):
     """Differentiate `drive_at` by the fraction."""
     start, middle, end = drives
@@ -271,7 +271,7 @@ def part_of(drives, part, parts):
     )
 
 
-@inner
+@pasted
 def piece_of(drives, begin, share):
     """Return the drives of ``share`` of the interval from fraction ``begin`` on."""
     return (
