@@ -9,6 +9,9 @@ INSTALL := $(UV) pip install --quiet --python $(BIN)/python --constraint constra
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
+# What numba compiles, compiled once before the workers start, and kept in build/kernels.
+WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMBA_CACHE_DIR && $(ONE_THREAD)
+
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -18,16 +21,16 @@ demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
 
 test: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks -m 'not slow'
+	$(WITH_KERNELS) $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks -m 'not slow'
 
 # Repeated experiments, killed workers, reproductions, browsers: as long again.
 test-slow: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/pytest -n auto --ignore=tests/benchmarks -m slow
+	$(WITH_KERNELS) $(BIN)/pytest -n auto --ignore=tests/benchmarks -m slow
 
 # Where the CPU time of `make test` goes: tests over 1 s, folders, compilation. PROFILED=slow for the slow.
 PROFILED ?= not slow
 profile: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/pytest -q -n auto --dist loadfile --ignore=tests/benchmarks -m '$(PROFILED)' \
+	$(WITH_KERNELS) $(BIN)/pytest -q -n auto --dist loadfile --ignore=tests/benchmarks -m '$(PROFILED)' \
 		-p tests.cpu_profile --profile-to build/profile.json
 
 # The documentation as a site in build/site, which opens from its folder; a broken link fails it.

@@ -7,7 +7,7 @@ and waits for. What numba compiles in the worker itself is listed apart.
 import json
 import os
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import pytest
@@ -28,8 +28,10 @@ class _Compiling(event.Listener):
 
     def __init__(self):
         self.seconds, self._depth, self._begun = 0.0, 0, 0.0
+        self.names = []
 
-    def on_start(self, event):  # noqa: ARG002 - whatever is compiled
+    def on_start(self, event):
+        self.names.append(event.data["dispatcher"].py_func.__name__)
         if not self._depth:
             self._begun = time.process_time()
         self._depth += 1
@@ -41,7 +43,7 @@ class _Compiling(event.Listener):
 
 
 _COMPILING = _Compiling()
-_SPENT: dict[str, list[float]] = {}
+_SPENT = {}
 
 
 def pytest_addoption(parser):
@@ -54,8 +56,12 @@ def pytest_configure():
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item):
-    begun = cpu_time(), _COMPILING.seconds
-    item.spent = lambda: [cpu_time() - begun[0], _COMPILING.seconds - begun[1]]
+    begun, _COMPILING.names = (cpu_time(), _COMPILING.seconds), []
+    item.spent = lambda: [
+        cpu_time() - begun[0],
+        _COMPILING.seconds - begun[1],
+        _COMPILING.names,
+    ]
     return (yield)
 
 
@@ -78,14 +84,16 @@ def pytest_terminal_summary(terminalreporter, config):
     if where:
         where.parent.mkdir(parents=True, exist_ok=True)
         where.write_text(json.dumps(_SPENT, indent=1))
-    total, compiling = (sum(each) for each in zip(*_SPENT.values(), strict=True))
+    total, compiling, names = zip(*_SPENT.values(), strict=True)
     write = terminalreporter.write_line
-    write(f"CPU of {len(_SPENT)} tests: {total:.0f} s, compiling {compiling:.0f} s of it")
+    counts = Counter(name for each in names for name in each)
+    write(f"CPU of {len(_SPENT)} tests: {sum(total):.0f} s, compiling {sum(compiling):.0f} s of it")
+    write(f"Compiled by the workers: {counts.total()}: {dict(counts.most_common())}")
     folders = defaultdict(list)
-    for test, (seconds, _) in _SPENT.items():
+    for test, (seconds, *_) in _SPENT.items():
         folders[test.partition("::")[0].rpartition("/")[0]].append(seconds)
     for folder, each in sorted(folders.items(), key=lambda row: -sum(row[1])):
         write(f"{sum(each):8.1f} s {len(each):5} tests  {folder}")
-    for test, (seconds, compile_) in sorted(_SPENT.items(), key=lambda row: -row[1][0]):
+    for test, (seconds, compile_, _) in sorted(_SPENT.items(), key=lambda row: -row[1][0]):
         if seconds >= LONG:
             write(f"{seconds:8.2f} s {compile_:7.2f} s compiling  {test}")

@@ -49,11 +49,27 @@ def _sources() -> list[Path]:
 
 
 def rehearse_all() -> None:
-    """Call the kernels with all kinds of arguments that they are called with."""
+    """Call the kernels with all kinds of arguments that tests call them with."""
+    import numpy as np  # noqa: PLC0415 - nothing is imported where nothing is to be compiled
 
-    from butterfly.identification.simulation import rehearse  # noqa: PLC0415
+    from butterfly.identification.simulation import Simulation, rehearse  # noqa: PLC0415
+    from butterfly.logs.log import Log  # noqa: PLC0415
+    from butterfly.model.parameters import LumpedParameters  # noqa: PLC0415
+    from butterfly.model.servo import ServoLoop  # noqa: PLC0415
+    from butterfly.signals import hold  # noqa: PLC0415
 
     rehearse()
+    time = np.arange(0.0, 0.2, 0.01)
+    fixed = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
+    moving = LumpedParameters(**vars(fixed) | {"base_compliance": 1e-3, "base_frequency": 30.0})
+    opened = Log(time, time, time)
+    closed = Log(time, time, time, servo=ServoLoop(law="pid-torque"), setpoint=time)
+    for robot in (fixed, moving):
+        for log in (opened, closed):
+            simulation = Simulation(log, robot)
+            simulation.run(robot, 0.0)
+            simulation.linearised(("p1",), robot, 0.0)
+    hold.for_sums(time, time, time, opened.intersample)
 
 
 if __name__ == "__main__":
