@@ -39,7 +39,8 @@ _NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
 
 _PERIODS = 3  # of a sine that are fitted to find it steady
 _HARMONICS = 7  # of it: friction makes many in small swings
-_CALM = 0.05  # rms of other motion there, relative to the swing
+_CALM = 0.003  # rms of other motion there, beyond white noise, relative to the swing
+_TURNING = 0.02  # of its largest velocity, below which it begins where it turns, at rest
 _OVER = 2.0  # rms of it at the very beginning, relative to the whole
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
@@ -590,11 +591,13 @@ def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialStat
     columns = np.column_stack([np.ones(count), np.cos(phases), np.sin(phases)])
     coefficients = np.linalg.solve(columns.T @ columns, columns.T @ angle[:count])
     mean, cosines, sines = np.split(coefficients, [1, 1 + _HARMONICS])
-    left = np.square(angle[:count] - columns @ coefficients)
-    allowed = _CALM * math.hypot(cosines[0], sines[0])
-    if not (left.mean() < allowed**2 and left[:few].mean() < _OVER**2 * left.mean()):
+    other = angle[:count] - columns @ coefficients
+    left, noise = np.square(other), np.square(np.diff(other)).mean() / 2
+    swing, velocity = math.hypot(cosines[0], sines[0]), float(harmonics @ sines)
+    calm = left.mean() - noise < (_CALM * swing) ** 2 and left[:few].mean() < _OVER**2 * left.mean()
+    if not calm or abs(velocity) < _TURNING * omega * swing:
         return None
-    return InitialState(float(mean[0] + cosines.sum()), float(harmonics @ sines))
+    return InitialState(float(mean[0] + cosines.sum()), velocity)
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:
