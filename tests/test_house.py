@@ -18,8 +18,8 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 212,
-    "lines of the package": 42_520,
-    "lines of tests": 33_760,
+    "lines of the package": 42_600,
+    "lines of tests": 32_200,
     "names of classes that exist twice": 0,
     "modules in import circles": 4,
     "tuned numbers of identification": 66,
