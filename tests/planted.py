@@ -10,6 +10,7 @@ particular first, until one fails, in as many copies as there are cores. Needs p
 
 import argparse
 import ast
+import json
 import os
 import random
 import shutil
@@ -34,6 +35,7 @@ LEFT_OUT = ("butterfly/report/", "butterfly/plant/watch/")
 """Drawing, which pictures decide."""
 
 MOST_TESTS = 60
+LONGEST_NAME = 1000  # of a test that is named to another process
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,9 @@ def main(arguments=None):
             reach = ("-n", "auto", "--cov=butterfly", "--cov-branch", "--cov-context=test")
             _pytest(copies[0], *reach, "-m", "not slow", "--ignore=tests/benchmarks", shown=True)
             shutil.move(copies[0] / ".coverage", contexts)
+            failed = copies[0] / ".pytest_cache/v/cache/lastfailed"
+            text = failed.read_text() if failed.exists() else "{}"
+            contexts.with_suffix(".failing").write_text(text)
         errors = drawn(copies[0], asked.errors, asked.seed)
         unseen = not_seen(errors, copies, contexts)
     print(f"{len(unseen)} of {asked.errors} planted errors were not seen (seed {asked.seed}):")
@@ -144,7 +149,10 @@ def _between(left, right, operator, lines):
 
 
 def _reaching(contexts: Path, planted: Planted) -> list[str]:
-    """Return the tests that reach a line, those that reach fewest lines first."""
+    """Return the tests that reach a line, those that reach fewest lines first.
+
+    Those that fail without an error see none.
+    """
     with sqlite3.connect(contexts) as kept:
         reached = kept.execute(
             "select distinct context from arc join file on file.id = file_id "
@@ -158,7 +166,10 @@ def _reaching(contexts: Path, planted: Planted) -> list[str]:
             )
         )
     tests = {context.partition("|")[0]: sizes[context] for (context,) in reached if context}
-    return sorted(tests, key=lambda test: tests[test])[:MOST_TESTS]
+    failing = json.loads(contexts.with_suffix(".failing").read_text())
+    tests = {test: size for test, size in tests.items() if test not in failing}
+    short = [test for test in tests if len(test) < LONGEST_NAME]
+    return sorted(short, key=lambda test: tests[test])[:MOST_TESTS]
 
 
 def _seen(tree: Path, planted: Planted, tests: list[str]) -> bool:
@@ -179,7 +190,8 @@ def _seen(tree: Path, planted: Planted, tests: list[str]) -> bool:
 
 
 def _pytest(tree: Path, *arguments: str, shown: bool = False) -> int:
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    kept = () if shown else ("-p", "no:cacheprovider")
+    command = [sys.executable, "-m", "pytest", "-q", *kept, *arguments]
     return subprocess.run(  # noqa: S603 - our own tests
         command,
         cwd=tree,
