@@ -130,11 +130,7 @@ class Validated(Tabulated):
                     for k, name in enumerate(whole.names)
                 },
                 "rows": [
-                    {
-                        **about_log(log),
-                        _SEEN: float(seen[k]),
-                        _HELD_OUT: float(held.fits[k]),
-                    }
+                    {**about_log(log), _SEEN: float(seen[k]), _HELD_OUT: float(held.fits[k])}
                     for k, log in enumerate(data.logs)
                 ],
             },
@@ -292,12 +288,7 @@ class Selection(Answer):
                 ],
                 "nested": None if nested is None else nested.mean._asdict(),
             },
-            units={
-                "rows.in_sample": "%",
-                "rows.left_out": "%",
-                "rows.gain": "%",
-                "nested": "%",
-            },
+            units={"rows.in_sample": "%", "rows.left_out": "%", "rows.gain": "%", "nested": "%"},
             printed=(
                 TextTable(
                     title, [*map(str, table.headers)], [[*map(str, row)] for row in table.rows]

@@ -25,11 +25,7 @@ from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
-from butterfly.identification.validate import (
-    cross_validate,
-    cross_validate_choice,
-    select_terms,
-)
+from butterfly.identification.validate import cross_validate, cross_validate_choice, select_terms
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import OF_ANGLE, offered
 from butterfly.progress import Track, untracked

@@ -125,12 +125,7 @@ class MujocoJoint(Joint):
     """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be viewed."""
 
     def __init__(
-        self,
-        robot: Robot,
-        added: AddedMass = NO_ADDED_MASS,
-        *,
-        scene: bool = False,
-        **start: float,
+        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False, **start: float
     ) -> None:
         super().__init__(robot, added, **start)
         self.model = compile_model(robot, added, scene=scene)

@@ -149,11 +149,7 @@ def _carried(
 
 
 def _rendered(
-    twin: Twin,
-    program: str,
-    sliders: Sequence[Slider],
-    logs: Sequence[LiveLog],
-    which: str,
+    twin: Twin, program: str, sliders: Sequence[Slider], logs: Sequence[LiveLog], which: str
 ) -> Markup:
     best = max(logs, key=lambda each: each.raw)
     middling = sorted(logs, key=lambda each: each.raw)[len(logs) // 2]
