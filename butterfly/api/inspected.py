@@ -218,8 +218,7 @@ class RobotModel(Answer):
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each lumped parameter, with the added mass."""
         loaded = self.content["loaded"]
-        names = sorted(loaded, key=[*TERMS].index)
-        return [{"parameter": name, **loaded[name]} for name in names]
+        return [{"parameter": name, **loaded[name]} for name in sorted(loaded, key=[*TERMS].index)]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot

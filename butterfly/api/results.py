@@ -349,8 +349,7 @@ class Residual(Answer):
         from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
 
         rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
-        title = f"{self.data.name}: residuals of {self.estimate.method}"
-        return [TextTable(title, HEADERS, rows)]
+        return [TextTable(f"{self.data.name}: residuals of {self.estimate.method}", HEADERS, rows)]
 
     def torque(self, number: int) -> ResidualTorque:
         """Return the residual torque of a log, by its number."""

@@ -216,8 +216,7 @@ def residual(
         If the parameters are not identifiable from these logs.
     """
     whole, estimator, found = _estimated(data, method, options, holdout)
-    chosen = numbers_of_logs("residual", logs, len(whole.logs))
-    return Residual.of(whole, estimator, found, chosen)
+    return Residual.of(whole, estimator, found, numbers_of_logs("residual", logs, len(whole.logs)))
 
 
 def compare(
@@ -335,8 +334,7 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if isinstance(given, Identification | LumpedParameters):
         return given if isinstance(given, LumpedParameters) else given.parameters
     if not isinstance(given, Mapping):
-        expected = "parameters by name, such as {'p1': 0.003, ...}"
-        raise InputError("against", name, given, expected)
+        raise InputError("against", name, given, "parameters by name, such as {'p1': 0.003, ...}")
     return read_parameters(given, f"against {name}")
 
 

@@ -146,8 +146,7 @@ def predict(
     )
     ended = show(found, report=page.report, figures=page.figures)
     if out is not None and isinstance(result, Path):
-        drawn = found.drawn or bf.draws(result, draws, seed, track=show_progress)
-        drawn.write(out)
+        (found.drawn or bf.draws(result, draws, seed, track=show_progress)).write(out)
         say(f"Draws: {out}")
     return ended
 

@@ -92,8 +92,7 @@ class ParameterDraws:
 
     def angles_of(self, log: Log, setting: Setting) -> Samples | None:
         """(m, k) angles in rad at the samples of a log's bands, if the draws were weighed by it."""
-        found = (each.angles for each in self.runs if each.serves(log, setting))
-        return next(found, None)
+        return next((each.angles for each in self.runs if each.serves(log, setting)), None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -105,8 +105,7 @@ def _switches(intervals: Samples) -> list[int]:
 def _switch(intervals: Samples) -> int | None:
     """Return the number of the interval at which the mean changes, if it does."""
     block = _length(intervals.size)
-    means = _means(intervals, block)
-    if not _changes(means)[_LEAST - 1 : -_LEAST].max(initial=0.0) > _WHOLE:
+    if not _changes(_means(intervals, block))[_LEAST - 1 : -_LEAST].max(initial=0.0) > _WHOLE:
         return None
     sums = np.cumsum(intervals - intervals.mean())[:-1]
     count = np.arange(1, intervals.size)

@@ -141,8 +141,7 @@ class MujocoJoint(Joint):
         self._armature = None
         if self._drive and self._lags:
             self._armature = _Armature(self.model, data, self._drive)
-        stiff = {Assistance.CURRENT, Assistance.BRISTLES}
-        self._is_stiff = not robot.assistance.isdisjoint(stiff)
+        self._is_stiff = not robot.assistance.isdisjoint({Assistance.CURRENT, Assistance.BRISTLES})
         self._sticks_harder = Assistance.STICKING in robot.assistance
 
     @property
@@ -328,8 +327,7 @@ class GreyBoxJoint(Joint):
 
         NaN once the joint has turned beyond `LARGEST_ANGLE`.
         """
-        torques = self._loaded.p4 * commands
-        told = (stamps, torques, arrivals, self._moving)
+        told = (stamps, self._loaded.p4 * commands, arrivals, self._moving)
         angles = np.full(stamps.size, np.nan)
         _follow(self._constants, self._state, *told, angles)
         return angles

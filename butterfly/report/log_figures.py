@@ -97,8 +97,7 @@ def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> S
         (*each, *[gap] * (longest - len(each))) for each, gap in zip(curves, nothing, strict=True)
     ]
     figure = time_figure(runs[first], bands[first], most=_LEAST)
-    stretches = [first_stretch(run.log) for run in runs]
-    return Series.of(figure, [[each] for each in filled], stretches)
+    return Series.of(figure, [[each] for each in filled], [first_stretch(run.log) for run in runs])
 
 
 def first_stretch(log: Log) -> tuple[float, float] | None:

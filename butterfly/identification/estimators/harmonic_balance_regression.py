@@ -270,8 +270,7 @@ class HarmonicBalanceFit:
         solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
         slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
         negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
-        equations = CellEquations.of(regression, solution)
-        return submodels_of(equations, phasors.masses, negligible)
+        return submodels_of(CellEquations.of(regression, solution), phasors.masses, negligible)
 
     def on_likeliest_base(self, more: Sequence[str] = ()) -> HarmonicBalanceFit:
         """Return the fit, its phasors on the likeliest base beside ``more`` terms."""

@@ -192,8 +192,7 @@ def chosen_by_weight(
         lacking = lacking_term(there.equations, offers, there.conditions)
         if lacking is None:
             break
-        idle = {*offers} - {lacking}
-        found = there.taking(every.without(idle)).settled_within(MOST)
+        found = there.taking(every.without({*offers} - {lacking})).settled_within(MOST)
         if not found or not found.settled or LOST * found.end.at.cost > end.at.cost:
             break
         chosen = found

@@ -209,8 +209,7 @@ class _Trial(NamedTuple):
         if self.nested.conditions is None:
             return False
         (kept,) = _kept(self.nested, always, [self.terms])
-        equations = self.nested.restricted(kept, self.fitted)
-        return friction_disagrees(equations, self.nested.conditions)
+        return friction_disagrees(self.nested.restricted(kept, self.fitted), self.nested.conditions)
 
     @property
     def values(self) -> dict[str, float]:
@@ -286,8 +285,7 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
     """Whether a set of terms predicts as well as the best, but for a standard error."""
     worse = trial.errors - best.errors
     error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
-    slack = max(best.nested.slack * error, best.nested.negligible)
-    return bool(worse.mean() <= slack)
+    return bool(worse.mean() <= max(best.nested.slack * error, best.nested.negligible))
 
 
 def _kept(
