@@ -307,8 +307,7 @@ def robot_of(
 def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:
     """Return the twin of an experiment's robot."""
     robot, path = plan.plant.robot, plan.plant.path
-    through = {name: getattr(path, name) for name in ("delay", *DRIVE)}
-    p = replace(robot.lumped, **through)
+    p = replace(robot.lumped, **{name: getattr(path, name) for name in ("delay", *DRIVE)})
     return Twin(
         name=plan.name,
         parameters=p,

@@ -46,8 +46,7 @@ class ParameterChange:
     @property
     def relative(self) -> float:
         """Difference over the value before; NaN if that is hardly known."""
-        known = abs(self.before) > 2 * self.error
-        return self.difference / abs(self.before) if known else math.nan
+        return self.difference / abs(self.before) if abs(self.before) > 2 * self.error else math.nan
 
     @property
     def probability(self) -> float:

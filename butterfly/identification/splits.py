@@ -216,5 +216,4 @@ def _usable(piece: Log) -> bool:
         return False
     if piece.excitation is None:
         return True
-    periods = float(np.ptp(piece.time)) * piece.excitation.omega / (2 * math.pi)
-    return periods > MIN_PERIODS + 1
+    return float(np.ptp(piece.time)) * piece.excitation.omega / (2 * math.pi) > MIN_PERIODS + 1

@@ -225,7 +225,9 @@ class Log:
         if self.integrated:
             if self.velocity is None:
                 raise InputError(self.source, "angle", "nothing", "an angle or a velocity")
-            object.__setattr__(self, "angle", _integral(self.time, self.velocity))
+            with np.errstate(over="ignore", invalid="ignore"):  # of numbers not checked yet
+                steps = np.diff(self.time) * (self.velocity[1:] + self.velocity[:-1]) / 2
+                object.__setattr__(self, "angle", np.concatenate([[0.0], np.cumsum(steps)]))
 
     def _declare_input(self) -> None:
         """Set the input of a free joint to 0; refuse a nonzero one."""
@@ -567,13 +569,6 @@ def slow_interval(logs: Sequence[Log]) -> float:
     """Return the sampling interval in s above which clocks are slow; 0 if none switches."""
     ends = [float(log.time[-1]) for log in logs]
     return between_regimes([log.clock_regimes for log in logs], ends)
-
-
-def _integral(time: Samples, velocity: Samples) -> Samples:
-    """Return (n,) angles in rad, the first 0, of (n,) velocities in rad/s."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of timestamps and samples not checked yet
-        steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
-        return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialState | None:

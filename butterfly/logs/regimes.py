@@ -122,14 +122,12 @@ def _is_step(before: Samples, after: Samples) -> bool:
     block = _length(before.size + after.size)
     early, late = _means(before[before.size % block :], block), _means(after, block)
     near = min(_BESIDE, early.size, late.size)
-    close = np.concatenate([early[early.size - near :], late[:near]])
-    if not _changes(close)[near - 1] > _NEAR:
+    if not _changes(np.concatenate([early[early.size - near :], late[:near]]))[near - 1] > _NEAR:
         return False
     both = np.concatenate([early, late])
     drift, _ = np.linalg.qr(legendre.legvander(np.linspace(-1, 1, both.size), _SMOOTH))
     smooth = both - drift @ (drift.T @ both)
-    step = early.size * early.var() + late.size * late.var()
-    return bool(step < _LESS * (smooth @ smooth))
+    return bool(early.size * early.var() + late.size * late.var() < _LESS * (smooth @ smooth))
 
 
 def _length(count: int) -> int:

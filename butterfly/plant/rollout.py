@@ -55,8 +55,7 @@ def simulate_runs(
     bit, but on an even clock up to rounding. A run is an added mass, an excitation, and a seed for
     all its random numbers.
     """
-    generators = [np.random.default_rng(seed) for seed in seeds]
-    jobs = list(zip(runs, generators, strict=True))
+    jobs = list(zip(runs, map(np.random.default_rng, seeds), strict=True))
     threads = threads or os.cpu_count() or 1
     for number, log in enumerate(_simulated(rig, jobs, duration, threads, track)):
         sine = log.excitation

@@ -82,8 +82,7 @@ def axis_figure(table: Estimates, field: str, names: Sequence[str]) -> Figure | 
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
     titles = [f"{name} error<br>in %" for name in names]
-    height = _ROW * len(names) + 90
-    figure = panels(escape(field_label(field)), titles, height, spacing=0.03)
+    figure = panels(escape(field_label(field)), titles, _ROW * len(names) + 90, spacing=0.03)
     for index, method in enumerate(table.estimators):
         colour = PALETTE[index % len(PALETTE)]
         style: dict[str, Any] = {"mode": "lines+markers", "name": method, "legendgroup": method}

@@ -191,8 +191,7 @@ class Table:
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
-        index = np.searchsorted(self.time, time, side="right")
-        return np.array((0.0, *self.values))[index]
+        return np.array((0.0, *self.values))[np.searchsorted(self.time, time, side="right")]
 
 
 Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table

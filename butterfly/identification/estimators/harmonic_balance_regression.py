@@ -323,8 +323,7 @@ class HarmonicBalanceFit:
         equations = _regression(on, on.equations(about), self.weights, about)
         found = equations.solve().values
         errors = equations.rows @ equations.unknowns(found) - equations.target
-        gives = found[names.index(BASE)] > 0
-        return (float(errors @ errors) if gives else np.inf), found
+        return (float(errors @ errors) if found[names.index(BASE)] > 0 else np.inf), found
 
     def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
         """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""

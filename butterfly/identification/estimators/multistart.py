@@ -185,8 +185,7 @@ def lowest_end(
 def _leaves_noise(at: Equations) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
     noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
-    small = 2 * at.cost <= len(at.logs) * MATTERS**2
-    return small and at.cost <= _ELSEWHERE * noise
+    return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * noise
 
 
 ProblemOf = Callable[[Sequence[Log], Start, Prior], FreeRunResiduals]

@@ -301,8 +301,7 @@ class OutputError(Estimator):
                 terms = tuple(name for name in terms if name != "slow_delay")
         else:
             terms = requested_terms(terms, known.uncertain)
-        settled = {*terms, *self.fixed, *known.parameters}
-        brought = companions({*terms, *known.uncertain}) - settled
+        brought = companions({*terms, *known.uncertain}) - {*terms, *self.fixed, *known.parameters}
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
     def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:

@@ -170,8 +170,7 @@ def lacking_term(
     if best is None or not best.chance * len(names) < 1 - CONFIDENCE:
         return None
     of = (*_OF_TORQUES, *(("delay",) if best.parameter == "slow_delay" else ()))
-    matters = _matters(equations, best, [best.at_mean], conditions, of)
-    return best.parameter if matters else None
+    return best.parameter if _matters(equations, best, [best.at_mean], conditions, of) else None
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:

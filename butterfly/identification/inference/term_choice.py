@@ -79,8 +79,7 @@ class TermChoice:
             Finding(FindingKind.SCANNED, (name,), number=value)
             for name, value in self.settings.items()
         )
-        lost = (Finding(kind, names) for kind, names in said.items() if names)
-        return (*scanned, *lost)
+        return (*scanned, *(Finding(kind, names) for kind, names in said.items() if names))
 
     def without(self, idle: tuple[str, ...]) -> TermChoice:
         """Return the choice without some terms that turned out to be nothing."""
