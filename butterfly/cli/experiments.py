@@ -70,9 +70,7 @@ def run(
     ended = show(found)
     for page in found.reports:
         say(f"Report: {page}")
-    if isinstance(found, bf.Sweep) and found.unsuccessful:
-        return ExitCode.NO_RESULT
-    return ended
+    return ExitCode.NO_RESULT if isinstance(found, bf.Sweep) and found.unsuccessful else ended
 
 
 def simulate(

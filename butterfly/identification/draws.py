@@ -84,9 +84,7 @@ class ParameterDraws:
 
     def estimates(self, horizon: float | None = None) -> Iterator[Estimate]:
         """Yield the estimate with the values of each draw, to simulate logs over a horizon in s."""
-        estimate = self.estimate
-        if horizon is not None:
-            estimate = replace(estimate, horizon=horizon)
+        estimate = self.estimate if horizon is None else replace(self.estimate, horizon=horizon)
         for values in self.values:
             yield replace(estimate, values=values)
 

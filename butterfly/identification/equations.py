@@ -120,8 +120,7 @@ class Regression:
         if not self._products.any():
             return np.ones(len(self.names))
         own = values[self.names.index("p4")] if "p4" in self.names else self.gain
-        gain = float(own) or np.finfo(float).tiny
-        return np.where(self._products, gain, 1.0)
+        return np.where(self._products, float(own) or np.finfo(float).tiny, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

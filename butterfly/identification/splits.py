@@ -159,9 +159,7 @@ def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]
         count = _count(folds, len(logs), "logs")
         names = [logs[k].name if count == len(logs) else f"fold {k + 1}" for k in range(count)]
         owners = [names[k % count] for k in range(len(logs))]
-    return {
-        name: {k: slice(None) for k, owner in enumerate(owners) if owner == name} for name in names
-    }
+    return {name: {k: slice(None) for k, own in enumerate(owners) if own == name} for name in names}
 
 
 def _frequencies(data: DataSet) -> list[float]:

@@ -418,8 +418,7 @@ class Log:
             return cut
         time, inputs = self.command
         begin = time.size - self.time.size + first
-        earliest = int(np.searchsorted(time, self.time[first] - LONGEST_LEAD))
-        own = slice(min(earliest, begin), begin)
+        own = slice(min(int(np.searchsorted(time, self.time[first] - LONGEST_LEAD)), begin), begin)
         setpoint = None if self.setpoint is None else self.goal[1][own]
         return replace(cut, lead=Lead(time=time[own], input=inputs[own], setpoint=setpoint))
 

@@ -217,9 +217,8 @@ class Manifest(StrictModel):
                     expected = f"arm in m, since {entry.file} has an added mass"
                     raise InputError("manifest", "arm", "nothing", expected)
         for entry in self.logs:
-            if (entry.input or self.input) is InputKind.SETPOINT and "law" not in self.loop_of(
-                entry
-            ):
+            told = entry.input or self.input
+            if told is InputKind.SETPOINT and "law" not in self.loop_of(entry):
                 expected = "the servo's law for a setpoint, such as {law: dynamixel-x, kp: 400}"
                 raise InputError(entry.file, "loop.law", "nothing", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}

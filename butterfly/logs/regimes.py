@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 
@@ -150,7 +149,7 @@ def _changes(values: Samples) -> Samples:
     return np.asarray(sums[:-1] ** 2 / values.size / np.maximum(spread, floor))
 
 
-def _partial(values: Samples) -> tuple[Samples, NDArray[np.float64]]:
+def _partial(values: Samples) -> tuple[Samples, Samples]:
     """Return (n,) partial sums, and the sums of their squares about the line of their mean."""
     count = np.arange(1.0, values.size + 1)
     sums = np.cumsum(values)

@@ -215,9 +215,7 @@ def swing(log: Log, zero: float, since: float) -> float:
     if np.abs(angle).max() > math.pi:
         return math.nan
     upper, lower = (_turning_points(time, sign * angle) for sign in (1, -1))
-    if not (upper and lower):
-        return 0.0
-    return float(np.mean(upper) + np.mean(lower)) / 2
+    return float(np.mean(upper) + np.mean(lower)) / 2 if upper and lower else 0.0
 
 
 def _turning_points(time: Samples, angle: Samples) -> list[float]:

@@ -283,8 +283,7 @@ class _Armature:
         self._set(x, v, i, z)
         mujoco.mj_forwardSkip(self._model, self._data, _WHOLE, _NO_SENSORS)
         drive = self._drive
-        back_emf = self.back_emf_constant * v.real
-        rate = (voltage - drive.resistance * i - back_emf) / drive.inductance
+        rate = (voltage - drive.resistance * i - self.back_emf_constant * v.real) / drive.inductance
         return self._acceleration.item(), rate, self._data.act_dot.item() if self._bends else 0.0
 
 

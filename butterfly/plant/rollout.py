@@ -140,10 +140,9 @@ def _course(rig: Rig, excitation: Excitation, duration: float, rng: np.random.Ge
         edges, held = held_between(time, rig.path.delivered(commands), arrivals)
         lengths, reached = np.diff(edges), np.searchsorted(edges, time)
     counts = counts_of(lengths)
-    taken = np.concatenate([[0], np.cumsum(counts)])
-    return _Course(
-        time, commands, np.repeat(lengths / counts, counts), np.repeat(held, counts), taken[reached]
-    )
+    steps, held = np.repeat(lengths / counts, counts), np.repeat(held, counts)
+    rows = np.concatenate([[0], np.cumsum(counts)])[reached]
+    return _Course(time, commands, steps, held, rows)
 
 
 def _side_by_side(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[[], list[Log]]:

@@ -121,9 +121,7 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
 
 def spans_decades(values: NDArray[Any]) -> bool:
     """Whether values ask for a logarithmic axis."""
-    if values.dtype == object or not (values > 0).all():
-        return False
-    return bool(values.max() > 30 * values.min())
+    return values.dtype != object and bool((values > 0).all() and values.max() > 30 * values.min())
 
 
 def heat_maps(table: Estimates, fields: Sequence[str]) -> dict[str, Figure]:

@@ -172,9 +172,7 @@ class Phasors:
         swung = np.array([mass.swung for mass in self.masses])
         mass = np.array([mass.mass for mass in self.masses])
         on_base = {each: self.standing.with_added_mass(each).on_base for each in {*self.masses}}
-        pushed = {
-            name: np.array([on_base[each][name] for each in self.masses]).T for name in _ON_BASE
-        }
+        pushed = {each: np.array([on_base[m][each] for m in self.masses]).T for each in _ON_BASE}
         motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung, **pushed)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))

@@ -89,9 +89,7 @@ class RestAngles:
         )
         turns = np.round((own.middles - own.zeros) / (2 * np.pi))
         own = replace(own, middles=own.middles - 2 * np.pi * turns)
-        if asked is False or not usable:
-            return own
-        return own.with_bias(asked=asked is True)
+        return own if asked is False or not usable else own.with_bias(asked=asked is True)
 
     def moved(self, simulated: Samples) -> RestAngles:
         """Return them so that a model whose swings went about (n,) middles follows the logs."""

@@ -223,9 +223,7 @@ def _all_trials(
     by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
-            if found := [
-                each for nested in split for each in _trials(nested, always, wanted, most)
-            ]:
+            if found := [each for own in split for each in _trials(own, always, wanted, most)]:
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
