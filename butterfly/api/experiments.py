@@ -276,22 +276,17 @@ def _kept_run(
             *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
             *(verdict.lines if verdict else ()),
             *named,
-            *_held_out(record),
+            *(
+                f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % "
+                f"(worst {fit_text(fit.worst)} %)."
+                for each in record.estimates
+                if (fit := each.held_out) is not None
+            ),
         ),
         printed=tuple(table for each in answers.values() for table in each.tables(truth)),
         reports=tuple(folder / name for name in _reports(record)),
         identifications=answers,
     )
-
-
-def _held_out(record: RunRecord) -> list[str]:
-    """Return the estimators' FIT on held-out logs."""
-    return [
-        f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % (worst "
-        f"{fit_text(fit.worst)} %)."
-        for each in record.estimates
-        if (fit := each.held_out) is not None
-    ]
 
 
 def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:

@@ -121,8 +121,7 @@ class IdentifiedModel:
         """
         from butterfly.identification.free_run import FreeRun, Setting  # noqa: PLC0415 - slow to import
 
-        setting = Setting(parameters=self.parameters, zero=zero, velocity=velocity)
-        run = FreeRun.of(log, setting)
+        run = FreeRun.of(log, Setting(parameters=self.parameters, zero=zero, velocity=velocity))
         return replace(log.moving_so(run.simulated), source="grey-box model")
 
     def twin(

@@ -218,8 +218,7 @@ class RobotModel(Answer):
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each lumped parameter, with the added mass."""
         loaded = self.content["loaded"]
-        names = sorted(loaded, key=[*TERMS].index)
-        return [{"parameter": name, **loaded[name]} for name in names]
+        return [{"parameter": name, **loaded[name]} for name in sorted(loaded, key=[*TERMS].index)]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot
@@ -308,8 +307,7 @@ def robot_of(
 def _of_experiment(plan: Experiment, added: AddedMass) -> Twin:
     """Return the twin of an experiment's robot."""
     robot, path = plan.plant.robot, plan.plant.path
-    through = {name: getattr(path, name) for name in ("delay", *DRIVE)}
-    p = replace(robot.lumped, **through)
+    p = replace(robot.lumped, **{name: getattr(path, name) for name in ("delay", *DRIVE)})
     return Twin(
         name=plan.name,
         parameters=p,

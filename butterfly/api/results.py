@@ -130,11 +130,7 @@ class Validated(Tabulated):
                     for k, name in enumerate(whole.names)
                 },
                 "rows": [
-                    {
-                        **about_log(log),
-                        _SEEN: float(seen[k]),
-                        _HELD_OUT: float(held.fits[k]),
-                    }
+                    {**about_log(log), _SEEN: float(seen[k]), _HELD_OUT: float(held.fits[k])}
                     for k, log in enumerate(data.logs)
                 ],
             },
@@ -292,12 +288,7 @@ class Selection(Answer):
                 ],
                 "nested": None if nested is None else nested.mean._asdict(),
             },
-            units={
-                "rows.in_sample": "%",
-                "rows.left_out": "%",
-                "rows.gain": "%",
-                "nested": "%",
-            },
+            units={"rows.in_sample": "%", "rows.left_out": "%", "rows.gain": "%", "nested": "%"},
             printed=(
                 TextTable(
                     title, [*map(str, table.headers)], [[*map(str, row)] for row in table.rows]
@@ -358,8 +349,7 @@ class Residual(Answer):
         from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
 
         rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
-        title = f"{self.data.name}: residuals of {self.estimate.method}"
-        return [TextTable(title, HEADERS, rows)]
+        return [TextTable(f"{self.data.name}: residuals of {self.estimate.method}", HEADERS, rows)]
 
     def torque(self, number: int) -> ResidualTorque:
         """Return the residual torque of a log, by its number."""

@@ -148,8 +148,7 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     if "piece" in some:
         piece = some.pop("piece")
         if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
-            expected = "start and end time in s, such as (1.5, None)"
-            raise InputError("data", "piece", piece, expected)
+            raise InputError("data", "piece", piece, "start and end time in s, such as (1.5, None)")
         some["begin"], some["end"] = piece
     return checked_options(some)
 

@@ -25,11 +25,7 @@ from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
-from butterfly.identification.validate import (
-    cross_validate,
-    cross_validate_choice,
-    select_terms,
-)
+from butterfly.identification.validate import cross_validate, cross_validate_choice, select_terms
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import OF_ANGLE, offered
 from butterfly.progress import Track, untracked
@@ -220,8 +216,7 @@ def residual(
         If the parameters are not identifiable from these logs.
     """
     whole, estimator, found = _estimated(data, method, options, holdout)
-    chosen = numbers_of_logs("residual", logs, len(whole.logs))
-    return Residual.of(whole, estimator, found, chosen)
+    return Residual.of(whole, estimator, found, numbers_of_logs("residual", logs, len(whole.logs)))
 
 
 def compare(
@@ -339,8 +334,7 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if isinstance(given, Identification | LumpedParameters):
         return given if isinstance(given, LumpedParameters) else given.parameters
     if not isinstance(given, Mapping):
-        expected = "parameters by name, such as {'p1': 0.003, ...}"
-        raise InputError("against", name, given, expected)
+        raise InputError("against", name, given, "parameters by name, such as {'p1': 0.003, ...}")
     return read_parameters(given, f"against {name}")
 
 

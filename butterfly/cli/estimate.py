@@ -232,8 +232,7 @@ def compare(
         return show(found, report=page.report, figures=page.figures)
     from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415 - slow to import
 
-    of_logs = {"--log": log, "--holdout": holdout, "--method": fit.given}
-    for option, value in of_logs.items():
+    for option, value in {"--log": log, "--holdout": holdout, "--method": fit.given}.items():
         if value:
             raise InputError("butterfly compare", option, value, "no such option with two results")
     if is_run(data) and is_run(other):

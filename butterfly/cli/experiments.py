@@ -70,9 +70,7 @@ def run(
     ended = show(found)
     for page in found.reports:
         say(f"Report: {page}")
-    if isinstance(found, bf.Sweep) and found.unsuccessful:
-        return ExitCode.NO_RESULT
-    return ended
+    return ExitCode.NO_RESULT if isinstance(found, bf.Sweep) and found.unsuccessful else ended
 
 
 def simulate(
@@ -146,8 +144,7 @@ def predict(
     )
     ended = show(found, report=page.report, figures=page.figures)
     if out is not None and isinstance(result, Path):
-        drawn = found.drawn or bf.draws(result, draws, seed, track=show_progress)
-        drawn.write(out)
+        (found.drawn or bf.draws(result, draws, seed, track=show_progress)).write(out)
         say(f"Draws: {out}")
     return ended
 

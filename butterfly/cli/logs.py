@@ -8,15 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.cli.options import (
-    SILENT,
-    Data,
-    DataOptions,
-    LogNumbers,
-    Out,
-    Page,
-    parse_numbers,
-)
+from butterfly.cli.options import SILENT, Data, DataOptions, LogNumbers, Out, Page, parse_numbers
 from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.errors import InputError
 

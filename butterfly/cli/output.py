@@ -212,8 +212,7 @@ class _Column:
         from rich.cells import cell_len  # noqa: PLC0415 - slow to import
 
         longest = max(map(cell_len, self.cells), default=0)
-        many = any(len(cell.split()) > _FEW_WORDS for cell in self.cells)
-        prose = longest > _PROSE and many
+        prose = longest > _PROSE and any(len(cell.split()) > _FEW_WORDS for cell in self.cells)
         numbers = sum(_NUMBER.match(cell) is not None for cell in self.cells)
         self.words = self.words or prose or 2 * numbers <= len([c for c in self.cells if c])
         folded = max(_PROSE, _longest_word(self.cells)) if prose else longest

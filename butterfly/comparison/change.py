@@ -46,8 +46,7 @@ class ParameterChange:
     @property
     def relative(self) -> float:
         """Difference over the value before; NaN if that is hardly known."""
-        known = abs(self.before) > 2 * self.error
-        return self.difference / abs(self.before) if known else math.nan
+        return self.difference / abs(self.before) if abs(self.before) > 2 * self.error else math.nan
 
     @property
     def probability(self) -> float:
@@ -155,8 +154,7 @@ class _Side:
         spread = np.sqrt(np.diag(covariance))
         errors = np.maximum(spread, half / _quantile(freedom, 0.5 + CONFIDENCE / 2))
         apart = [each[rows] for each in estimate.left_out.values()]
-        rivals = [each[rows] for each in estimate.rivals]
-        wide = widened(values, covariance, apart, rivals)
+        wide = widened(values, covariance, apart, [each[rows] for each in estimate.rivals])
         scale = errors / np.sqrt(np.diag(wide))
         unsigned = [k for k, name in enumerate(names) if not TERMS[name].sign_observable]
         values[unsigned] = np.abs(values[unsigned])

@@ -189,8 +189,7 @@ class RunResult:
     def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add the estimate of an estimator, or its error."""
         try:
-            estimator = self._threaded(spec.suited(data))
-            identification = identify(data, estimator, track=self._track)
+            identification = identify(data, self._threaded(spec.suited(data)), track=self._track)
         except ButterflyError as error:
             self._estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return

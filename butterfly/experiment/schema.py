@@ -152,8 +152,7 @@ class PlantSpec(StrictModel):
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
         if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
             raise ValueError("a clutch needs MuJoCo: the grey-box simulator has no play")
-        voltage = self.robot.input_kind is InputKind.VOLTAGE
-        if voltage and self.input_kind is not InputKind.VOLTAGE:
+        if self.robot.input_kind is InputKind.VOLTAGE and self.input_kind is not InputKind.VOLTAGE:
             assert self.servo is not None  # noqa: S101 - or the kinds would be the same
             expected = (
                 "a law with voltage output, or duty output and a supply, for this voltage drive"

@@ -191,8 +191,7 @@ class DataSet:
             pairs = zip(self.logs, self.offsets, strict=True)
             own = [zero for log, zero in pairs if log.added_mass == mass]
             others = [zero for zero in own if zero.kind is not OffsetKind.TOLD] or own
-            readings = [near(zero.value, others[0].value) for zero in others]
-            found[mass] = float(np.median(readings))
+            found[mass] = float(np.median([near(zero.value, others[0].value) for zero in others]))
         return found
 
     def zero_of(self, log: Log) -> float:

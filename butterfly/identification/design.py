@@ -296,6 +296,5 @@ def _respond(parameters: LumpedParameters, *, mass: AddedMass, signal: Excitatio
     slow = (instants > DURATION / 2) & (parameters.slow_interval > 0)
     late = instants - parameters.delay - parameters.slow_delay * slow
     inputs = np.where(late < 0, 0.0, signal.sample(late.ravel()).reshape(late.shape))
-    loaded = parameters.with_added_mass(mass)
-    angle, _ = simulate(loaded, time, inputs, initial_angle(signal))
+    angle, _ = simulate(parameters.with_added_mass(mass), time, inputs, initial_angle(signal))
     return angle

@@ -84,16 +84,13 @@ class ParameterDraws:
 
     def estimates(self, horizon: float | None = None) -> Iterator[Estimate]:
         """Yield the estimate with the values of each draw, to simulate logs over a horizon in s."""
-        estimate = self.estimate
-        if horizon is not None:
-            estimate = replace(estimate, horizon=horizon)
+        estimate = self.estimate if horizon is None else replace(self.estimate, horizon=horizon)
         for values in self.values:
             yield replace(estimate, values=values)
 
     def angles_of(self, log: Log, setting: Setting) -> Samples | None:
         """(m, k) angles in rad at the samples of a log's bands, if the draws were weighed by it."""
-        found = (each.angles for each in self.runs if each.serves(log, setting))
-        return next(found, None)
+        return next((each.angles for each in self.runs if each.serves(log, setting)), None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

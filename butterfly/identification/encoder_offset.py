@@ -106,8 +106,7 @@ def _turns(log: Log) -> bool:
 
 def _home(pairs: Sequence[tuple[Log, ResponsePoint | None]]) -> float:
     """Return a reading in rad, within half a turn of which all zeros are given."""
-    calm = ((log, point) for log, point in pairs if not _turns(log))
-    log, point = next(calm, (None, None))
+    log, point = next(((log, point) for log, point in pairs if not _turns(log)), (None, None))
     if log is None:
         return float(pairs[0][0].angle[0])
     return float(np.mean(log.angle)) if point is None else point.angle.offset

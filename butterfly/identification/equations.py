@@ -72,8 +72,7 @@ class Regression:
             turned = self._products & ~moved
             lowest[turned], highest[turned] = -np.inf, -self.lower[turned]
         fit = lsq_linear(scaled, target, (lowest, highest), method="bvls", tol=1e-14)
-        unknowns = fit.x / scale
-        values = self.values(unknowns)
+        values = self.values(fit.x / scale)
         on_bound = (fit.active_mask != 0) | (values < self.lower)
         return Solution(values=np.maximum(values, self.lower), on_bound=np.asarray(on_bound))
 
@@ -100,8 +99,7 @@ class Regression:
             return np.empty((0, len(self.names))), np.empty(0)
         if not self.gain:
             return self.prior.without(self._products).rows()
-        slope = np.where(self._products, self.gain, 1.0)
-        return self.prior.turned(slope, self._shift).rows()
+        return self.prior.turned(np.where(self._products, self.gain, 1.0), self._shift).rows()
 
     @cached_property
     def lower(self) -> Samples:
@@ -122,8 +120,7 @@ class Regression:
         if not self._products.any():
             return np.ones(len(self.names))
         own = values[self.names.index("p4")] if "p4" in self.names else self.gain
-        gain = float(own) or np.finfo(float).tiny
-        return np.where(self._products, gain, 1.0)
+        return np.where(self._products, float(own) or np.finfo(float).tiny, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -331,5 +328,4 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
 def scaled_least_squares(rows: Samples, target: Samples) -> Samples:
     """Return (n, ...) values, rows times which are nearest to targets, whatever their units."""
     scaled, scale = unit_columns(rows)
-    values = np.linalg.lstsq(scaled, target, rcond=None)[0]
-    return np.asarray((values.T / scale).T)
+    return np.asarray((np.linalg.lstsq(scaled, target, rcond=None)[0].T / scale).T)

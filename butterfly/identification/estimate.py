@@ -324,11 +324,9 @@ class Estimate:
         """Return the estimate with limits that hold a rival of (n,) values too, if there is one."""
         if rival is None or self.freedom is None:
             return self
-        reach = np.minimum(
-            half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2
-        )
-        lower = np.maximum(np.minimum(self.lower, rival - reach), lower_bounds(self.names))
-        return replace(self, lower=lower, upper=np.maximum(self.upper, rival + reach))
+        half = np.minimum(half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2)
+        lower = np.maximum(np.minimum(self.lower, rival - half), lower_bounds(self.names))
+        return replace(self, lower=lower, upper=np.maximum(self.upper, rival + half))
 
     def with_unit_errors(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""

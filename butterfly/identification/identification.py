@@ -391,8 +391,7 @@ class Identification(Result):
         from butterfly.report.cell import cell_html  # noqa: PLC0415 - a view
         from butterfly.report.identification_page import first_screen  # noqa: PLC0415 - a view
 
-        figure = None if self.logs is None else self.plot.time()
-        return cell_html(first_screen(self), figure)
+        return cell_html(first_screen(self), None if self.logs is None else self.plot.time())
 
     def report(
         self,

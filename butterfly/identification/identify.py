@@ -107,8 +107,7 @@ def judge(
     search = current_search()
     if not search.left_out:
         return sure
-    left_out = tuple(search.left_out)
-    stopped = Finding(FindingKind.SEARCH_STOPPED, left_out, number=search.seconds)
+    stopped = Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=search.seconds)
     return sure.with_findings(stopped)
 
 
@@ -128,8 +127,7 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     ]
     found = [(each, estimated(each, estimator)) for each in either]
     left = [each.simulations.left_over(estimate) for each, estimate in found]
-    pairs = zip(found, left, strict=True)
-    near = [each for each, own in pairs if LOST * own <= min(left)]
+    near = [each for each, own in zip(found, left, strict=True) if LOST * own <= min(left)]
     (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):
         return best, estimate

@@ -64,8 +64,7 @@ def try_parameters(
     """Simulate every log, at most ``horizon`` s at a time; the best p4 replaces one that is NaN."""
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        gain = best_gain(parameters, data, source=name, track=track)
-        parameters = replace(parameters, p4=gain)
+        parameters = replace(parameters, p4=best_gain(parameters, data, source=name, track=track))
     fits = data.simulations.fits_with(parameters, horizon)
     return OtherParameters(
         name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits, horizon=horizon

@@ -98,9 +98,10 @@ def physical_parameters(
     `Quantities.told_of`). ``carrier`` is any added mass of the joint, for its kind and gravity.
     """
     joint = carrier.joint
+    of_intervals = np.maximum(estimate.farther / SPREADS, estimate.standard_errors)
     narrow, wide = (
         _together(estimate, errors, known, input_kind, carrier)
-        for errors in (estimate.standard_errors, _of_intervals(estimate))
+        for errors in (estimate.standard_errors, of_intervals)
     )
     names = {*narrow.names} - {*estimate.unestimated}
     well = {row.name for row in estimate.table() if row.claim in {"precise", "known"}}
@@ -186,11 +187,6 @@ def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
         values=np.array([*estimate.values.tolist(), *held.values()]),
         covariance=covariance,
     )
-
-
-def _of_intervals(estimate: Estimate) -> Samples:
-    """Return (n,) standard errors of which the intervals are the normal ones."""
-    return np.maximum(estimate.farther / SPREADS, estimate.standard_errors)
 
 
 def _unseparated(

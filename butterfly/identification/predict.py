@@ -94,8 +94,7 @@ class ExpectedErrors:
         number = ((time - time[0]) / length).astype(np.intp)
         starts = rng.uniform(0, own[-1], number[-1] + 1)
         instants = starts[number] + (time - time[0]) - number * length
-        latest = np.searchsorted(own, instants % own[-1], side="right") - 1
-        return np.asarray(self.relative[latest])
+        return np.asarray(self.relative[np.searchsorted(own, instants % own[-1], side="right") - 1])
 
 
 def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:

@@ -89,8 +89,7 @@ class Quantities:
         """Return these after what follows from causes was taken for a measurement of them."""
         rows = [self.names.index(name) for name in formulas]
         slopes, excess = _linearised(self, causes, formulas)
-        noise = slopes @ causes.covariance @ slopes.T
-        spread = self.covariance[np.ix_(rows, rows)] + noise
+        spread = self.covariance[np.ix_(rows, rows)] + slopes @ causes.covariance @ slopes.T
         gain = self.covariance[:, rows] @ np.linalg.pinv(spread)
         return Quantities(
             names=self.names,

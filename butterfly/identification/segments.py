@@ -205,8 +205,7 @@ class _Segment:
         lifted = 1 - self.simulation.log.integrated - by_zero
         columns = np.column_stack([lifted, by_velocity]) * self._units
         if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
-            nowhere = np.zeros((errors.size, 0))
-            return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))
+            return _About(*expansion, np.zeros((errors.size, 0)), np.zeros(0), np.zeros(2))
         left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
         felt = sizes > SHOWS * sizes[0]
         explained = left[:, felt].T @ errors
@@ -275,8 +274,7 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     grid = uniform_grid(log.time, LONGEST_STEP)
     falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
     damping = max(loaded.p2, 0.0) / loaded.p1
-    slowest = math.sqrt(loaded.p1 / loaded.p3)
-    steps = _soonest(falling, damping, slowest)
+    steps = _soonest(falling, damping, math.sqrt(loaded.p1 / loaded.p3))
     return steps * LONGEST_STEP if steps else math.inf
 
 

@@ -127,8 +127,7 @@ class Simulation:
         if needs_loop(self.log):
             alone = replace(self.log, servo=None, enabled=None)
             return Simulation(alone, parameters, self._first).mean_inputs(parameters)
-        inputs = self._inputs(parameters)[0]
-        return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
+        return np.asarray((self._inputs(parameters)[0] @ _SIMPSON)[self._averages[0].into >= 0])
 
     def middles(self) -> Samples:
         """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""

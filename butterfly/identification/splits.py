@@ -159,9 +159,7 @@ def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]
         count = _count(folds, len(logs), "logs")
         names = [logs[k].name if count == len(logs) else f"fold {k + 1}" for k in range(count)]
         owners = [names[k % count] for k in range(len(logs))]
-    return {
-        name: {k: slice(None) for k, owner in enumerate(owners) if owner == name} for name in names
-    }
+    return {name: {k: slice(None) for k, own in enumerate(owners) if own == name} for name in names}
 
 
 def _frequencies(data: DataSet) -> list[float]:
@@ -216,5 +214,4 @@ def _usable(piece: Log) -> bool:
         return False
     if piece.excitation is None:
         return True
-    periods = float(np.ptp(piece.time)) * piece.excitation.omega / (2 * math.pi)
-    return periods > MIN_PERIODS + 1
+    return float(np.ptp(piece.time)) * piece.excitation.omega / (2 * math.pi) > MIN_PERIODS + 1

@@ -94,8 +94,7 @@ def cross_validate(
         estimates[name] = found
         for number, stretch in samples.items():
             setting = predictor.setting(number, found)
-            run = setting.run(predictor.simulation(number, setting))
-            squares[number] += _squares(run, stretch)
+            squares[number] += _squares(setting.run(predictor.simulation(number, setting)), stretch)
         horizon = min(horizon, predictor.horizon(found))
     fits = np.array([fit_of(*each) if each.any() else np.nan for each in np.sqrt(squares)])
     return CrossValidation(division=division, fits=fits, estimates=estimates, horizon=horizon)

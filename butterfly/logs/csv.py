@@ -15,13 +15,7 @@ from pyarrow import csv
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.files import require_file, write_file
-from butterfly.logs.formats import (
-    DEFAULT_COLUMNS,
-    ColumnMap,
-    checked_map,
-    chosen_columns,
-    place,
-)
+from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, chosen_columns, place
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
 from butterfly.logs.text_table import (
     TextColumns,

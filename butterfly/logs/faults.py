@@ -214,8 +214,7 @@ def clipped(angle: Samples) -> int:
         starts, ends = _flat_runs(drop == 0)
         if starts.size:
             span = float(drop.max())
-            tops = _tops(drop, starts, ends, _NEAR_TOP * resolution)
-            for length, sides in _flanked(drop, *tops):
+            for length, sides in _flanked(drop, *_tops(drop, starts, ends, _NEAR_TOP * resolution)):
                 count += length * all(_at_speed(side, resolution, span) for side in sides)
     return count
 
@@ -348,8 +347,7 @@ def _encoders_turn(angle: Samples, steps: Samples, span: float) -> float | None:
     others = np.delete(sizes, rows)
     if rows.size < 2 or not others.size or others.max() > _SMALL * span:  # noqa: PLR2004
         return None
-    pieces = np.split(angle, rows + 1)
-    if max(float(np.ptp(piece)) for piece in pieces) < _SWEPT * span:
+    if max(float(np.ptp(piece)) for piece in np.split(angle, rows + 1)) < _SWEPT * span:
         return None
     beside = rows[:, None] + np.setdiff1d(np.arange(-_BESIDE, _BESIDE + 1), [0])
     near = steps[np.clip(beside, 0, steps.size - 1)]

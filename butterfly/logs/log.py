@@ -226,7 +226,9 @@ class Log:
         if self.integrated:
             if self.velocity is None:
                 raise InputError(self.source, "angle", "nothing", "an angle or a velocity")
-            object.__setattr__(self, "angle", _integral(self.time, self.velocity))
+            with np.errstate(over="ignore", invalid="ignore"):  # of numbers not checked yet
+                steps = np.diff(self.time) * (self.velocity[1:] + self.velocity[:-1]) / 2
+                object.__setattr__(self, "angle", np.concatenate([[0.0], np.cumsum(steps)]))
 
     def _declare_input(self) -> None:
         """Set the input of a free joint to 0; refuse a nonzero one."""
@@ -417,8 +419,7 @@ class Log:
             return cut
         time, inputs = self.command
         begin = time.size - self.time.size + first
-        earliest = int(np.searchsorted(time, self.time[first] - LONGEST_LEAD))
-        own = slice(min(earliest, begin), begin)
+        own = slice(min(int(np.searchsorted(time, self.time[first] - LONGEST_LEAD)), begin), begin)
         setpoint = None if self.setpoint is None else self.goal[1][own]
         return replace(cut, lead=Lead(time=time[own], input=inputs[own], setpoint=setpoint))
 
@@ -568,13 +569,6 @@ def slow_interval(logs: Sequence[Log]) -> float:
     """Return the sampling interval in s above which clocks are slow; 0 if none switches."""
     ends = [float(log.time[-1]) for log in logs]
     return between_regimes([log.clock_regimes for log in logs], ends)
-
-
-def _integral(time: Samples, velocity: Samples) -> Samples:
-    """Return (n,) angles in rad, the first 0, of (n,) velocities in rad/s."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of timestamps and samples not checked yet
-        steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
-        return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialState | None:

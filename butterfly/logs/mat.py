@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import savemat
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
 from butterfly.logs.formats import ColumnMap, checked_map
@@ -65,7 +66,7 @@ def _parts(name: str | int) -> list[str]:
     return [_MATRIX, *parts] if parts[0].isdecimal() else parts
 
 
-def _matrix(path: Path) -> NDArray[np.float64]:
+def _matrix(path: Path) -> Samples:
     variables, names = load_variables(path, {_MATRIX})
     if _MATRIX not in variables:
         _refuse_objects(path, _MATRIX, variables)
@@ -80,7 +81,7 @@ def _matrix(path: Path) -> NDArray[np.float64]:
     return _real(path, _MATRIX, matrix)
 
 
-def _real(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
+def _real(path: Path, name: str, values: NDArray[Any]) -> Samples:
     """Return a copy in column order: `values` may be mapped from the file."""
     if values.dtype.kind not in "fiu":
         raise InputError(path, name, f"type {values.dtype}", "real numbers")
@@ -93,9 +94,7 @@ def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     return found.T if matrix and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
 
 
-def _vector(
-    path: Path, variables: dict[str, Any], names: list[str], parts: list[str]
-) -> NDArray[np.float64]:
+def _vector(path: Path, variables: dict[str, Any], names: list[str], parts: list[str]) -> Samples:
     """Return a vector by the parts of its name."""
     wanted = ".".join(parts)
     if parts[0] not in variables:

@@ -297,8 +297,7 @@ def _load73(
 
 def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py's
     """Return a node stored in the file itself; MATLAB writes no links."""
-    link = parent.get(name, getlink=True)
-    if type(link).__name__ != "HardLink":
+    if type(parent.get(name, getlink=True)).__name__ != "HardLink":
         raise InputError(path, name, "a link", "all numbers written in this file")
     return parent[name]
 

@@ -105,8 +105,7 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
         return part
     begin = -math.inf if entry.begin is None else entry.begin
     end = math.inf if entry.end is None else entry.end
-    inside = (part.time >= begin) & (part.time <= end)
-    numbers = np.flatnonzero(inside)
+    numbers = np.flatnonzero((part.time >= begin) & (part.time <= end))
     if numbers.size < MIN_SAMPLES:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
         found = f"{numbers.size} samples in {piece_name(entry)}"

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 
@@ -105,8 +104,7 @@ def _switches(intervals: Samples) -> list[int]:
 def _switch(intervals: Samples) -> int | None:
     """Return the number of the interval at which the mean changes, if it does."""
     block = _length(intervals.size)
-    means = _means(intervals, block)
-    if not _changes(means)[_LEAST - 1 : -_LEAST].max(initial=0.0) > _WHOLE:
+    if not _changes(_means(intervals, block))[_LEAST - 1 : -_LEAST].max(initial=0.0) > _WHOLE:
         return None
     sums = np.cumsum(intervals - intervals.mean())[:-1]
     count = np.arange(1, intervals.size)
@@ -123,14 +121,12 @@ def _is_step(before: Samples, after: Samples) -> bool:
     block = _length(before.size + after.size)
     early, late = _means(before[before.size % block :], block), _means(after, block)
     near = min(_BESIDE, early.size, late.size)
-    close = np.concatenate([early[early.size - near :], late[:near]])
-    if not _changes(close)[near - 1] > _NEAR:
+    if not _changes(np.concatenate([early[early.size - near :], late[:near]]))[near - 1] > _NEAR:
         return False
     both = np.concatenate([early, late])
     drift, _ = np.linalg.qr(legendre.legvander(np.linspace(-1, 1, both.size), _SMOOTH))
     smooth = both - drift @ (drift.T @ both)
-    step = early.size * early.var() + late.size * late.var()
-    return bool(step < _LESS * (smooth @ smooth))
+    return bool(early.size * early.var() + late.size * late.var() < _LESS * (smooth @ smooth))
 
 
 def _length(count: int) -> int:
@@ -153,7 +149,7 @@ def _changes(values: Samples) -> Samples:
     return np.asarray(sums[:-1] ** 2 / values.size / np.maximum(spread, floor))
 
 
-def _partial(values: Samples) -> tuple[Samples, NDArray[np.float64]]:
+def _partial(values: Samples) -> tuple[Samples, Samples]:
     """Return (n,) partial sums, and the sums of their squares about the line of their mean."""
     count = np.arange(1.0, values.size + 1)
     sums = np.cumsum(values)

@@ -213,9 +213,7 @@ def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str
 def _are_units(cells: list[str], *, most: bool = True) -> bool:
     """Whether a row holds units: in most cells (in one if not ``most``), or all in brackets."""
     given = [cell for cell in cells if cell not in {"", "-"}]
-    known = [
-        cell for cell in given if any(units_spelt(name, cell.strip("[]() ")) for name in UNITS)
-    ]
+    known = [each for each in given if any(units_spelt(of, each.strip("[]() ")) for of in UNITS)]
     bracketed = all(words_in(cell) and not without_unit(cell) for cell in given)
     return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 

@@ -91,8 +91,7 @@ def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> in
         Thread(target=bring, daemon=True).start()
     try:
         for name in track(list(waiting), "Fetching logs"):
-            content = waiting.pop(name).result(max(end - time.monotonic(), 0.0))
-            write_file(folder / name, content)
+            write_file(folder / name, waiting.pop(name).result(max(end - time.monotonic(), 0.0)))
     except TimeoutError:
         found = f"{len(waiting) + 1} logs still missing after {_DEADLINE:g} s"
         raise InputError(source, "transfer", found, _GOES_ON) from None

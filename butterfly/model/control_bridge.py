@@ -38,8 +38,7 @@ def linearised(
     Order 0 omits the delay. A negative delay, possible in an estimate but not causal, is omitted
     too. The system is then named ``hand_without_delay``, otherwise ``hand``.
     """
-    loaded = parameters.with_added_mass(added_mass)
-    p = Linearisation.of(loaded, angle)
+    p = Linearisation.of(parameters.with_added_mass(added_mass), angle)
     names = ["angle", "velocity", *["torque"] * (p.time_constant > 0)]
     a, b = np.zeros((3, 3)), np.zeros(3)
     a[0, 1] = 1.0

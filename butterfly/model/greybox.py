@@ -49,9 +49,7 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
     in rad and (n,) velocities in rad/s.
     """
     start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
-    moving = None
-    if parameters.base_gives:
-        moving = require_plain_base(parameters)
+    moving = require_plain_base(parameters) if parameters.base_gives else None
     written = np.empty(time.size), np.empty(time.size)
     if loop is None:
         integrate(time, parameters.p4 * inputs, start, constants, moving, *written)

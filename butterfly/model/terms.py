@@ -290,18 +290,12 @@ BASE_TERMS = tuple(field.name for field in fields(BaseTerms))
 """Names of the terms of a moving base."""
 
 
-_HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
-    *("harmonic-balance", "weak-form", "output-error"),
-    "re-calibration",
-)
+_HARMONIC, _WEAK = "harmonic-balance", "weak-form"
+_OUTPUT, _ORBIT = "output-error", "re-calibration"
 
 
 def _tenth(_torque: float, _speed: float, _rate: float) -> float:
     return 0.1
-
-
-def _thousandth(_torque: float, _speed: float, _rate: float) -> float:
-    return 1e-3
 
 
 def _excess(m: Motion) -> Any:  # noqa: ANN401 - in the motion's shape
@@ -421,8 +415,8 @@ _ROWS = (
          offered=frozenset({_OUTPUT})),
     Term("base_compliance", "base compliance", "m/N",
          "compliance of a moving base; 0 for a fixed one",
-         lower=0.0, state="base", size=_thousandth, describing=base_describing_function,
-         offered=frozenset({_HARMONIC, _OUTPUT})),
+         lower=0.0, state="base", size=lambda _torque, _speed, _rate: 1e-3,
+         describing=base_describing_function, offered=frozenset({_HARMONIC, _OUTPUT})),
     Term("base_frequency", "base frequency", "rad/s",
          "natural frequency of the base, without added mass",
          lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,

@@ -74,8 +74,7 @@ class Observer:
             motion = p.motion(self._angle, self._velocity, motor=motor)
             if abs(self._velocity) <= _STANDSTILL:
                 motion = motion._replace(direction=0.0)
-            torque = drive - torque_of(p, motion, _STATIC)
-            rate = torque / p.p1 + self._gains[1] * error
+            rate = (drive - torque_of(p, motion, _STATIC)) / p.p1 + self._gains[1] * error
             self._angle += step * (self._velocity + 0.5 * step * rate + self._gains[0] * error)
             self._velocity += step * rate
         self._time = time

@@ -215,9 +215,7 @@ def swing(log: Log, zero: float, since: float) -> float:
     if np.abs(angle).max() > math.pi:
         return math.nan
     upper, lower = (_turning_points(time, sign * angle) for sign in (1, -1))
-    if not (upper and lower):
-        return 0.0
-    return float(np.mean(upper) + np.mean(lower)) / 2
+    return float(np.mean(upper) + np.mean(lower)) / 2 if upper and lower else 0.0
 
 
 def _turning_points(time: Samples, angle: Samples) -> list[float]:
@@ -313,6 +311,5 @@ def beside_orbit(log: Log, loaded: LumpedParameters, zero: float) -> FreeRun:
     """Return a free run of `PERIODS` from where a log is at rest, its first sample."""
     start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
-    rows = log.time - log.time[0] <= PERIODS * period
-    cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
+    cut = replace(log.take(log.time - log.time[0] <= PERIODS * period), added_mass=NO_ADDED_MASS)
     return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

@@ -152,9 +152,7 @@ class _Swings:
         shares = np.sin(0.5 * np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS) ** 2
         missing = _DEEPEST * depth * shares
         swings = [Orbit.of_energy(p, orbit.energy - each) for each in missing.tolist()]
-        motions = [
-            swing.solution(np.arange(_SAMPLES) / _SAMPLES * swing.period) for swing in swings
-        ]
+        motions = [each.solution(np.arange(_SAMPLES) / _SAMPLES * each.period) for each in swings]
         return cls(
             inertia=p.p1,
             p4=abs(p.p4),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -125,12 +124,7 @@ class MujocoJoint(Joint):
     """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be viewed."""
 
     def __init__(
-        self,
-        robot: Robot,
-        added: AddedMass = NO_ADDED_MASS,
-        *,
-        scene: bool = False,
-        **start: float,
+        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False, **start: float
     ) -> None:
         super().__init__(robot, added, **start)
         self.model = compile_model(robot, added, scene=scene)
@@ -146,8 +140,7 @@ class MujocoJoint(Joint):
         self._armature = None
         if self._drive and self._lags:
             self._armature = _Armature(self.model, data, self._drive)
-        stiff = {Assistance.CURRENT, Assistance.BRISTLES}
-        self._is_stiff = not robot.assistance.isdisjoint(stiff)
+        self._is_stiff = not robot.assistance.isdisjoint({Assistance.CURRENT, Assistance.BRISTLES})
         self._sticks_harder = Assistance.STICKING in robot.assistance
 
     @property
@@ -249,8 +242,10 @@ class _Armature:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, drive: VoltageDrive) -> None:
         self.current, self.back_emf_constant = 0.0, drive.back_emf_constant
         self._model, self._data, self._drive = model, data, drive
-        self._position, self._velocity, self._acceleration = map(
-            _as_one, (data.qpos, data.qvel, data.qacc)
+        # The shaft and a body behind a clutch as one complex number, which is faster.
+        self._position, self._velocity, self._acceleration = (
+            column if column.size == 1 else column.view(np.complex128)
+            for column in (data.qpos, data.qvel, data.qacc)
         )
         self._bends = model.na > 0
 
@@ -288,14 +283,8 @@ class _Armature:
         self._set(x, v, i, z)
         mujoco.mj_forwardSkip(self._model, self._data, _WHOLE, _NO_SENSORS)
         drive = self._drive
-        back_emf = self.back_emf_constant * v.real
-        rate = (voltage - drive.resistance * i - back_emf) / drive.inductance
+        rate = (voltage - drive.resistance * i - self.back_emf_constant * v.real) / drive.inductance
         return self._acceleration.item(), rate, self._data.act_dot.item() if self._bends else 0.0
-
-
-def _as_one(column: Samples) -> NDArray[Any]:
-    """View the shaft, and a body behind a clutch, as one complex number, which is faster."""
-    return column if column.size == 1 else column.view(np.complex128)
 
 
 class GreyBoxJoint(Joint):
@@ -333,8 +322,7 @@ class GreyBoxJoint(Joint):
 
         NaN once the joint has turned beyond `LARGEST_ANGLE`.
         """
-        torques = self._loaded.p4 * commands
-        told = (stamps, torques, arrivals, self._moving)
+        told = (stamps, self._loaded.p4 * commands, arrivals, self._moving)
         angles = np.full(stamps.size, np.nan)
         _follow(self._constants, self._state, *told, angles)
         return angles

@@ -109,8 +109,7 @@ def built(
     if robot.base:
         _insert_base(root, robot.base, robot.base.mass - robot.hand.mass)
     _set_motor(named(root, "motor"), robot.drive, commands_current=assisted)
-    actuators = next(root.iter("actuator"))
-    actuators.extend(_pulls(friction))
+    next(root.iter("actuator")).extend(_pulls(friction))
     if scene:
         _merge(root, _parse(model.with_name("scene.xml")))
     _dress(root, added)

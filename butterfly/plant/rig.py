@@ -229,8 +229,7 @@ class Rig:
     ) -> Log:
         """Return the log of `play` from (n,) timestamps, commands and true angles of a run."""
         angle = self.encoder.read(time, true, rng)
-        about = self._about(*run)
-        log = recorded(time, commands, angle, input_kind=self.robot.input_kind, **about)
+        log = recorded(time, commands, angle, input_kind=self.robot.input_kind, **self._about(*run))
         return self._kept(log, rng)
 
     def _kept(self, log: Log, rng: np.random.Generator) -> Log:

@@ -55,8 +55,7 @@ def simulate_runs(
     bit, but on an even clock up to rounding. A run is an added mass, an excitation, and a seed for
     all its random numbers.
     """
-    generators = [np.random.default_rng(seed) for seed in seeds]
-    jobs = list(zip(runs, generators, strict=True))
+    jobs = list(zip(runs, map(np.random.default_rng, seeds), strict=True))
     threads = threads or os.cpu_count() or 1
     for number, log in enumerate(_simulated(rig, jobs, duration, threads, track)):
         sine = log.excitation
@@ -141,10 +140,9 @@ def _course(rig: Rig, excitation: Excitation, duration: float, rng: np.random.Ge
         edges, held = held_between(time, rig.path.delivered(commands), arrivals)
         lengths, reached = np.diff(edges), np.searchsorted(edges, time)
     counts = counts_of(lengths)
-    taken = np.concatenate([[0], np.cumsum(counts)])
-    return _Course(
-        time, commands, np.repeat(lengths / counts, counts), np.repeat(held, counts), taken[reached]
-    )
+    steps, held = np.repeat(lengths / counts, counts), np.repeat(held, counts)
+    rows = np.concatenate([[0], np.cumsum(counts)])[reached]
+    return _Course(time, commands, steps, held, rows)
 
 
 def _side_by_side(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[[], list[Log]]:

@@ -214,8 +214,7 @@ def filtered_difference(time: Samples, angle: Samples, lag: float = VELOCITY_LAG
     `FilteredDifference` computes sample by sample. They lag by it plus half a sample.
     """
     steps = np.diff(time)
-    keep = np.exp(-steps / lag)
-    return _low_passed(keep, np.diff(angle) / steps)
+    return _low_passed(np.exp(-steps / lag), np.diff(angle) / steps)
 
 
 @compiled

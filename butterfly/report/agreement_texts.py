@@ -16,11 +16,7 @@ _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a moving 
 _FRICTION = ("a friction term missing in the model",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log (warm-up)",)
-_SCATTER = (
-    "a varying resistance",
-    "drive saturation",
-    "a moving base",
-)
+_SCATTER = ("a varying resistance", "drive saturation", "a moving base")
 _FOLLOWS = {
     Condition.MASS: "the added mass",
     Condition.COMMAND: "the command",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
+from butterfly.arrays import Samples
 from butterfly.model.parameters import AddedMass
 
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
@@ -41,7 +42,7 @@ def grams(mass: AddedMass) -> str:
     return f"{1e3 * mass.mass:g} g"
 
 
-def middle(fits: Sequence[float] | NDArray[np.float64]) -> int:
+def middle(fits: Sequence[float] | Samples) -> int:
     """Return the number of the log with the middle FIT."""
     return int(np.argsort(fits)[len(fits) // 2])
 
@@ -100,9 +101,7 @@ def logs_panel(names: Sequence[str], across: str) -> Figure:
     return figure.update_yaxes(tickvals=rows, ticktext=texts, range=[count - 0.4, -0.6])
 
 
-def seen_samples(
-    columns: Sequence[NDArray[np.float64]], most: int, *, every: int = 1
-) -> NDArray[np.intp]:
+def seen_samples(columns: Sequence[Samples], most: int, *, every: int = 1) -> NDArray[np.intp]:
     """Return the numbers of the samples that a drawing needs of (n,) curves with one time axis.
 
     Each ``every``-th sample where ``most`` are not exceeded; else of each stretch of time those

@@ -75,8 +75,7 @@ def _outdone(finding: Finding, estimate: Estimate) -> bool:
     """Whether a term that did not help the method is missing in the free runs."""
     missing = (each for each in estimate.findings if each.kind is FindingKind.MISSING_TERM)
     lacking = {name for each in missing for name in re.findall(r"\w+", each.parameters[0])}
-    idle = finding.kind is FindingKind.NOT_HELPING
-    return idle and not lacking.isdisjoint(finding.parameters)
+    return finding.kind is FindingKind.NOT_HELPING and not lacking.isdisjoint(finding.parameters)
 
 
 def _contrasts(estimate: Estimate) -> list[Contrast]:
@@ -203,14 +202,6 @@ def _poor_fit(finding: Finding, _: Values) -> str:
     return f"The model does not follow the logs or their velocity: median FIT {fit} %. {cure}"
 
 
-def _contradicted(finding: Finding, _: Values) -> str:
-    return (
-        f"The given motor and body data contradict these values: {' and '.join(finding.parameters)}"
-        f" would be {_number(finding):.1f} standard errors below 0. Check the given values, their "
-        "units and the gear ratio."
-    )
-
-
 def _few_masses(finding: Finding, _: Values) -> str:
     if _number(finding) < _LEAST_MASSES:
         return "Fewer than three added masses: no leave-one-mass-out check of the intervals."
@@ -302,7 +293,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The given {names} and the one that follows from the given motor and body data differ by "
         "{number:.1f} standard uncertainties. Check both, and the gear ratio."
     ),
-    FindingKind.CONTRADICTED: _contradicted,
+    FindingKind.CONTRADICTED: (
+        "The given motor and body data contradict these values: {combined} would be {number:.1f} "
+        "standard errors below 0. Check the given values, their units and the gear ratio."
+    ),
     FindingKind.KNOWN_APART: (
         "The added masses contradict the given {combined}: they suggest values about {size:.2g} % "
         "{larger}. One of the two is wrong."

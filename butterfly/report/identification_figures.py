@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 from scipy.interpolate import PchipInterpolator
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.identification import Identification
@@ -226,7 +227,7 @@ class IdentificationPlots:
         return figure.update_xaxes(range=first_stretch(run.log))
 
 
-def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def swings_between(points: list[ResponsePoint]) -> tuple[Samples, Samples]:
     """Return frequencies in rad/s from the first log's to the last one's, and swings in rad.
 
     Those of the logs at theirs (the geometric mean of several), on a smooth line over logarithms
@@ -241,15 +242,13 @@ def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], ND
     return omega, np.exp(PchipInterpolator(np.log(measured), swing)(np.log(omega)))
 
 
-def _typical_swing(
-    data: DataSet, mass: AddedMass
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _typical_swing(data: DataSet, mass: AddedMass) -> tuple[Samples, Samples]:
     omega = np.geomspace(*_UNASKED, _POINTS)
     logs = [log.angle for log in data.logs if log.added_mass == mass]
     swings = [rms_amplitude(angle - angle.mean()) for angle in logs]
     return omega, np.full_like(omega, np.median(swings))
 
 
-def _degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _degrees(response: NDArray[np.complex128]) -> Samples:
     """Phase within -270 .. 90 degrees, so that a lag beyond 180 does not jump to the top."""
     return np.asarray(np.degrees(np.angle(1j * response)) - 90)

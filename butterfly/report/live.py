@@ -125,12 +125,10 @@ def _carried(
     delays = [_INTERVALS * each.half for each in sliders if each.name == "delay"]
     order = [int(k) for k in np.argsort(fits) if math.isfinite(fits[k])]
     logs: dict[int, LiveLog] = {}
-    for number in order:
-        setting = data.simulations.setting(number, estimate)
-        simulation = data.simulations.simulation(number, setting)
-        logs[number] = LiveLog.of(
-            simulation, setting, float(fits[number]), max(delays, default=0.0)
-        )
+    for k in order:
+        setting = data.simulations.setting(k, estimate)
+        simulation = data.simulations.simulation(k, setting)
+        logs[k] = LiveLog.of(simulation, setting, float(fits[k]), max(delays, default=0.0))
     every = counted(len(fits), "log")
     if sum(each.size for each in logs.values()) <= ROOM:
         lost = f" ({len(fits) - len(logs)} diverge)" if len(logs) < len(fits) else ""
@@ -149,11 +147,7 @@ def _carried(
 
 
 def _rendered(
-    twin: Twin,
-    program: str,
-    sliders: Sequence[Slider],
-    logs: Sequence[LiveLog],
-    which: str,
+    twin: Twin, program: str, sliders: Sequence[Slider], logs: Sequence[LiveLog], which: str
 ) -> Markup:
     best = max(logs, key=lambda each: each.raw)
     middling = sorted(logs, key=lambda each: each.raw)[len(logs) // 2]

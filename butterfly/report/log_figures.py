@@ -51,8 +51,7 @@ def recorded_figure(log: Log) -> Figure:
     titles = {"input": f"input in {log.input_kind.unit}", "angle": f"angle in {way}"}
     titles |= {"velocity": f"velocity in {way}/s", "supply": "supply in V", "enabled": "enabled"}
     curves = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
-    middles = (log.time[1:] + log.time[:-1]) / 2
-    curves["interval in ms"] = (middles, 1e3 * np.diff(log.time))
+    curves["interval in ms"] = ((log.time[1:] + log.time[:-1]) / 2, 1e3 * np.diff(log.time))
     count = len(curves)
     figure = panels("time in s", [*curves], 220 * count + 80, spacing=0.03)
     for row, (x, y) in enumerate(curves.values(), start=1):
@@ -97,8 +96,7 @@ def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> S
         (*each, *[gap] * (longest - len(each))) for each, gap in zip(curves, nothing, strict=True)
     ]
     figure = time_figure(runs[first], bands[first], most=_LEAST)
-    stretches = [first_stretch(run.log) for run in runs]
-    return Series.of(figure, [[each] for each in filled], stretches)
+    return Series.of(figure, [[each] for each in filled], [first_stretch(run.log) for run in runs])
 
 
 def first_stretch(log: Log) -> tuple[float, float] | None:

@@ -131,8 +131,7 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
 def loop_rows(identification: Identification) -> list[tuple[str, ...]]:
     """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
     rows = []
-    parts = {"": identification.fits, ", held out": identification.held_out}
-    for which, fits in parts.items():
+    for which, fits in {"": identification.fits, ", held out": identification.held_out}.items():
         names = [name for name in fits if name in identification.drive_fits]
         if not names:
             continue

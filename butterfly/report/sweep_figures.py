@@ -82,8 +82,7 @@ def axis_figure(table: Estimates, field: str, names: Sequence[str]) -> Figure | 
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
     titles = [f"{name} error<br>in %" for name in names]
-    height = _ROW * len(names) + 90
-    figure = panels(escape(field_label(field)), titles, height, spacing=0.03)
+    figure = panels(escape(field_label(field)), titles, _ROW * len(names) + 90, spacing=0.03)
     for index, method in enumerate(table.estimators):
         colour = PALETTE[index % len(PALETTE)]
         style: dict[str, Any] = {"mode": "lines+markers", "name": method, "legendgroup": method}
@@ -122,9 +121,7 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
 
 def spans_decades(values: NDArray[Any]) -> bool:
     """Whether values ask for a logarithmic axis."""
-    if values.dtype == object or not (values > 0).all():
-        return False
-    return bool(values.max() > 30 * values.min())
+    return values.dtype != object and bool((values > 0).all() and values.max() > 30 * values.min())
 
 
 def heat_maps(table: Estimates, fields: Sequence[str]) -> dict[str, Figure]:

@@ -195,8 +195,7 @@ def _time_figure(each: ThreeWay) -> Figure:
     every = max(1, round(_STEP / log.mean_step))
     rows = seen_samples(list(columns.values()), _MOST, every=every)
     way = log.added_mass.joint.way
-    titles = (f"angle in {way}", f"error in {way}")
-    figure = panels("time in s", titles, 460, shares=(0.62, 0.38))
+    figure = panels("time in s", (f"angle in {way}", f"error in {way}"), 460, shares=(0.62, 0.38))
     x = log.time[rows]
     for name, angle in columns.items():
         style = {"mode": "lines", "name": name, "line": _LINES[name]}

@@ -65,8 +65,7 @@ def _phases_of_low_crest(harmonics: tuple[int, ...], seed: int) -> tuple[Samples
         peak = float(np.abs(signal).max())
         if peak < least:
             best, least = phases, peak
-        clipped = np.clip(signal, -_CLIP * peak, _CLIP * peak)
-        phases = np.angle(np.fft.rfft(clipped)[lines])
+        phases = np.angle(np.fft.rfft(np.clip(signal, -_CLIP * peak, _CLIP * peak))[lines])
     return best, least
 
 
@@ -191,8 +190,7 @@ class Table:
 
     def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
-        index = np.searchsorted(self.time, time, side="right")
-        return np.array((0.0, *self.values))[index]
+        return np.array((0.0, *self.values))[np.searchsorted(self.time, time, side="right")]
 
 
 Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table

@@ -74,9 +74,7 @@ def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
     For a sine it begins the last ``seconds``, since the start depends on how the joint came to
     rest.
     """
-    if log.excitation is None:
-        return 0
-    return int(np.searchsorted(log.time, log.time[-1] - seconds))
+    return 0 if log.excitation is None else int(np.searchsorted(log.time, log.time[-1] - seconds))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -53,11 +53,10 @@ def _average(grid, instants, values, slopes, into, weights, means, counts):
             weights[2, row] = 3.0 * two - 2.0 * three
             weights[3, row] = length * (three - two)
             if slopes:
-                weights[0, row], weights[1, row] = (
-                    6.0 * rate * (two - one),
-                    1.0 - 4.0 * one + 3.0 * two,
-                )
-                weights[2, row], weights[3, row] = 6.0 * rate * (one - two), 3.0 * two - 2.0 * one
+                weights[0, row] = 6.0 * rate * (two - one)
+                weights[1, row] = 1.0 - 4.0 * one + 3.0 * two
+                weights[2, row] = 6.0 * rate * (one - two)
+                weights[3, row] = 3.0 * two - 2.0 * one
             row += 1
     return row
 

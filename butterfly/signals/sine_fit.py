@@ -132,8 +132,7 @@ def fit_halves(basis: Samples, values: Samples, omega: float) -> tuple[SineFit, 
     )
     harmonics = basis.shape[0] // 2
     both = first + second, of_first + of_second
-    whole = fit_basis(basis, values, omega, harmonics, both)
-    return whole, before, after
+    return fit_basis(basis, values, omega, harmonics, both), before, after
 
 
 def _equations(basis: Samples, values: Samples) -> tuple[Samples, Samples]:

@@ -87,8 +87,7 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
     grid = uniform_grid(log.time)
     step = grid[1] - grid[0]
     angle = resample(log.time, log.angle, grid)[::decimation]
-    count = math.floor(_WINDOW / (decimation * step))
-    steady = angle[-count:]
+    steady = angle[-math.floor(_WINDOW / (decimation * step)) :]
     if steady.size < 2 * decimation:
         raise InputError(
             log.source, "time", f"{log.time[-1]:.3g} s", f"at least about {_WINDOW:g} s"

@@ -126,8 +126,7 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
     """(100) with the first script's mistake: an index into the array without its maximum."""
     gains = [point.gain_db for point in points]
     first = int(np.argmax(gains))
-    second = int(np.argmax(np.delete(gains, first)))
-    return scripted_resonance(points[first], points[second])
+    return scripted_resonance(points[first], points[int(np.argmax(np.delete(gains, first)))])
 
 
 def complex_fit(points: Sequence[ResponsePoint]) -> tuple[Samples, Samples]:

@@ -109,8 +109,7 @@ class Yardstick:
         numbers = np.linspace(0, len(self.cases) - 1, min(_SOME, len(self.cases)))
         some = [self.cases[int(number)] for number in numbers]
         most = int(_TRIED / self.step)
-        errors = in_threads(partial(_Case.error, move=move, most=most), some, untracked, "")
-        return max(errors)
+        return max(in_threads(partial(_Case.error, move=move, most=most), some, untracked, ""))
 
     def accuracy(self, move: Mover) -> Accuracy:
         """Return the errors of all logs."""

@@ -111,8 +111,7 @@ class C:
         """Return a function's first line."""
         kinds = function.kinds
         given = ", ".join(f"{self.type_of(kinds[each])}{each}" for each in function.arguments)
-        name = self._names[function]
-        return f"static inline {self.type_of(function.returned)}{name}({given})"
+        return f"static inline {self.type_of(function.returned)}{self._names[function]}({given})"
 
     def field(self, owner: str, name: str) -> str:
         """Return a constant of the joint."""

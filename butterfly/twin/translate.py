@@ -218,8 +218,7 @@ class _Reduction:
 
     def _call(self, called: Any, arguments: list[Expression]) -> Expression:  # noqa: ANN401
         if called is np.clip:
-            inner = self._call(max, arguments[:2])
-            return self._call(min, [inner, arguments[2]])
+            return self._call(min, [self._call(max, arguments[:2]), arguments[2]])
         if name := OF_NUMBERS.get(called):
             first, *others = arguments
             if name in {"min", "max"} and len(others) > 1:

@@ -154,8 +154,7 @@ class LinearisedRun:
         sensor = SensorErrors.of(measured, angle)
         if sensor.white:
             return sensor, np.empty((self.whole.size, 0))
-        shifts = self.unsure * random.standard_normal(DRAWS)
-        drawn = sensor.draw(angle, shifts, self.counts, random)
+        drawn = sensor.draw(angle, self.unsure * random.standard_normal(DRAWS), self.counts, random)
         _take_away(self.own, drawn)
         return sensor, drawn
 

@@ -74,10 +74,8 @@ def with_free_gain(data: DataSet, estimator: Estimator, before: Estimate) -> Est
     known = data.known | Prior({"loop_kp": Known(value=1.0, uncertainty=math.inf)})
     terms = tuple({*before.names} & {*offered(estimator.method)})
     try:
-        first = [Start.at(before, data)]
-        found = replace(estimator, terms=terms).of_logs(data.logs, first, known)
+        found = replace(estimator, terms=terms).of_logs(data.logs, [Start.at(before, data)], known)
     except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
         return None
     left = 1 - float(np.median(data.simulations.fits(found))) / 100
-    other = abs(found.parameters.loop_kp - 1) > PRECISE
-    return found if other and left < LOST * misfit else None
+    return found if abs(found.parameters.loop_kp - 1) > PRECISE and left < LOST * misfit else None

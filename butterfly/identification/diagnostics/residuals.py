@@ -134,8 +134,7 @@ class MissingTerms:
         """Tell which they are, and what they move."""
         if not self.terms:
             return []
-        concerned = (self.names, *self.moved)
-        return [Finding(FindingKind.MISSING_TERM, concerned, number=self.share)]
+        return [Finding(FindingKind.MISSING_TERM, (self.names, *self.moved), number=self.share)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

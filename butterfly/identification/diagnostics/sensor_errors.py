@@ -99,8 +99,7 @@ def _places(angle: Samples, step: float) -> Places:
     """Return where (n,) angles in rad are in a step of the encoder, of which 0 is the beginning."""
     count, places = SensorErrors.places, np.empty(angle.size, dtype=np.int16)
     for part in blocks(angle.size):
-        steps = np.floor((angle[part] / step + 0.5) * count)
-        places[part] = steps.astype(np.int64) & (count - 1)
+        places[part] = np.floor((angle[part] / step + 0.5) * count).astype(np.int64) & (count - 1)
     return places
 
 

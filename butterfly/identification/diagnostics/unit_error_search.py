@@ -135,8 +135,7 @@ class _Mistake:
                 return replace(log, added_mass=replace(mass, arm=self.number * mass.arm))
             case UnitError.SWAPPED:
                 return replace(log, input=log.angle, angle=log.input, lead=None)
-        delivered = np.interp(log.time + self.number, log.time, log.input)
-        return replace(log, input=delivered, lead=None)
+        return replace(log, input=np.interp(log.time + self.number, log.time, log.input), lead=None)
 
 
 def _turned(log: Log, factor: float) -> Log:
@@ -174,8 +173,7 @@ class _Fit:
 
     def carrying(self, masses: Sequence[AddedMass]) -> list[Windows]:
         """Return the same logs with other masses."""
-        pairs = zip(self.windows, masses, strict=True)
-        return [each._replace(added=mass) for each, mass in pairs]
+        return [each._replace(added=mass) for each, mass in zip(self.windows, masses, strict=True)]
 
     def beside(self, changes: Samples, *names: str) -> tuple[float, float]:
         """Return the misfit if values differ from log to log as a slope times (k, j) changes."""
@@ -263,8 +261,7 @@ class _Search:
 
     @property
     def _known(self) -> dict[str, float]:
-        fixed = self.data.known.fixed
-        return {name: value for name, value in fixed.items() if name in _NAMES}
+        return {name: value for name, value in self.data.known.fixed.items() if name in _NAMES}
 
     @cached_property
     def _thin(self) -> DataSet:

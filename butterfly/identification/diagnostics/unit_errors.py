@@ -192,8 +192,7 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     for error, unit in TABLE.items():
         if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < PRECISE):
             return [unit_error(error, unit.factor)]
-    same = np.all(np.abs(ratios / common - 1) < _DETUNED)
-    return [_of_omega(common, *sines)] if same else []
+    return [_of_omega(common, *sines)] if np.all(np.abs(ratios / common - 1) < _DETUNED) else []
 
 
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:

@@ -257,8 +257,7 @@ class FreeRunResiduals:
             np.array([values.get(name, here[name]) for name in names])
             for values in (choice.values, *choice.rivals)
         )
-        kept = np.flatnonzero([label in names for label in self.labels])
-        problem = self.keeping(kept, first)
+        problem = self.keeping(np.flatnonzero([label in names for label in self.labels]), first)
         rivals = tuple((each * problem.scale)[: problem.shared] for each in others)
         return problem, problem.descend(first), rivals
 

@@ -178,8 +178,7 @@ class HarmonicBalance(Estimator):
         """Whether to try a base that gives: parameters follow what they should not."""
         if self.terms is not None or not candidates((BASE,), fit.phasors.masses, fit.phasors.known):
             return False
-        rarer = not {*RARER}.isdisjoint(chosen.names)
-        return rarer or bool(contrasts_of(fit.solved, conditions))
+        return not {*RARER}.isdisjoint(chosen.names) or bool(contrasts_of(fit.solved, conditions))
 
     def _chosen(
         self, fit: HarmonicBalanceFit, conditions: Conditions | None, optional: Sequence[str]

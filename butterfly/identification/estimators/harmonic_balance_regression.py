@@ -172,9 +172,7 @@ class Phasors:
         swung = np.array([mass.swung for mass in self.masses])
         mass = np.array([mass.mass for mass in self.masses])
         on_base = {each: self.standing.with_added_mass(each).on_base for each in {*self.masses}}
-        pushed = {
-            name: np.array([on_base[each][name] for each in self.masses]).T for name in _ON_BASE
-        }
+        pushed = {each: np.array([on_base[m][each] for m in self.masses]).T for each in _ON_BASE}
         motion = settings.motion(0.0, 0.0, weight=weight, mass=mass, carried=swung, **pushed)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
@@ -270,8 +268,7 @@ class HarmonicBalanceFit:
         solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
         slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
         negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
-        equations = CellEquations.of(regression, solution)
-        return submodels_of(equations, phasors.masses, negligible)
+        return submodels_of(CellEquations.of(regression, solution), phasors.masses, negligible)
 
     def on_likeliest_base(self, more: Sequence[str] = ()) -> HarmonicBalanceFit:
         """Return the fit, its phasors on the likeliest base beside ``more`` terms."""
@@ -324,8 +321,7 @@ class HarmonicBalanceFit:
         equations = _regression(on, on.equations(about), self.weights, about)
         found = equations.solve().values
         errors = equations.rows @ equations.unknowns(found) - equations.target
-        gives = found[names.index(BASE)] > 0
-        return (float(errors @ errors) if gives else np.inf), found
+        return (float(errors @ errors) if found[names.index(BASE)] > 0 else np.inf), found
 
     def lacking(self, lost: Sequence[str], conditions: Conditions) -> str | None:
         """Return the rarer term that the balance lacks, if any; those ``lost`` are not tried."""

@@ -132,8 +132,7 @@ def _of_ratios(data: DataSet) -> Start | None:
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
     try:
-        known = data.known | Prior.of({"p4": 1.0})
-        ratios = WeakForm().of_logs(logs, zeros, known).parameters
+        ratios = WeakForm().of_logs(logs, zeros, data.known | Prior.of({"p4": 1.0})).parameters
     except ButterflyError:
         return None
     if not ratios.p1:
@@ -186,8 +185,7 @@ def lowest_end(
 def _leaves_noise(at: Equations) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
     noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
-    small = 2 * at.cost <= len(at.logs) * MATTERS**2
-    return small and at.cost <= _ELSEWHERE * noise
+    return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * noise
 
 
 ProblemOf = Callable[[Sequence[Log], Start, Prior], FreeRunResiduals]
@@ -228,8 +226,7 @@ def servo_start(
         begun = replace(start, parameters=replace(late, delay=0.0))
         problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
         if ends:
-            at = ends[0][2].scale * ends[0][3].point / problem.scale
-            end = problem.descend(at, most=_PASSES)
+            end = problem.descend(ends[0][2].scale * ends[0][3].point / problem.scale, most=_PASSES)
         else:
             end = problem.descend(problem.initial)
         ends.append((end.at.cost, delay, problem, end))

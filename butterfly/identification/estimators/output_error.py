@@ -301,8 +301,7 @@ class OutputError(Estimator):
                 terms = tuple(name for name in terms if name != "slow_delay")
         else:
             terms = requested_terms(terms, known.uncertain)
-        settled = {*terms, *self.fixed, *known.parameters}
-        brought = companions({*terms, *known.uncertain}) - settled
+        brought = companions({*terms, *known.uncertain}) - {*terms, *self.fixed, *known.parameters}
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
     def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
@@ -415,8 +414,7 @@ def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals,
     """Return the residuals without the terms that are 0, and where they end."""
     optional = {*tried([each.log for each in problem.simulations]), *RARER}
     pairs = zip(problem.names, end.point.tolist(), strict=True)
-    none = {name for name, value in pairs if not value}
-    told = problem.without(none & optional).keys
+    told = problem.without({name for name, value in pairs if not value} & optional).keys
     kept = np.flatnonzero([key in told for key in problem.keys])
     fewer = problem.keeping(kept, end.point[kept])
     return fewer, fewer.descend(fewer.initial)

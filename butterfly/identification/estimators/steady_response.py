@@ -89,9 +89,7 @@ class RestAngles:
         )
         turns = np.round((own.middles - own.zeros) / (2 * np.pi))
         own = replace(own, middles=own.middles - 2 * np.pi * turns)
-        if asked is False or not usable:
-            return own
-        return own.with_bias(asked=asked is True)
+        return own if asked is False or not usable else own.with_bias(asked=asked is True)
 
     def moved(self, simulated: Samples) -> RestAngles:
         """Return them so that a model whose swings went about (n,) middles follows the logs."""
@@ -188,8 +186,7 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
     steady = [k for k in sines if _is_steady(data, k)]
     lost = [k for k in sines if k not in steady]
     names = tuple(data.logs[k].name for k in lost)
-    left_out = Finding(FindingKind.LEFT_OUT, number=len(sines), logs=names)
-    return steady, [left_out] if lost else []
+    return steady, [Finding(FindingKind.LEFT_OUT, number=len(sines), logs=names)] if lost else []
 
 
 def _is_steady(data: DataSet, number: int) -> bool:
@@ -252,5 +249,4 @@ def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> P
     model = replace(phasors, angle=moved, swing=np.abs(moved), remainder=none)
     matrix, target = model.equations(fit.parameters)
     values = [0.0 if TERMS[n].of_gain else getattr(fit.parameters, n) for n in phasors.names]
-    left = matrix @ np.array(values) - target
-    return replace(phasors, remainder=np.where(told, left, 0.0))
+    return replace(phasors, remainder=np.where(told, matrix @ np.array(values) - target, 0.0))

@@ -150,8 +150,7 @@ class WeakForm(Estimator):
         windows = [self._windows(log, reading_of(log, zeros), periods) for log in logs]
         plain, terms = fitted_terms(logs, windows, self.terms, reference.fixed)
         fixed = terms.settings | {"cogging_periods": periods}
-        parameters = LumpedParameters(**fixed | plain.values)
-        pairs = seen(logs, windows, parameters, zeros)
+        pairs = seen(logs, windows, LumpedParameters(**fixed | plain.values), zeros)
         fit = refined(plain, pairs)
 
         solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))

@@ -184,16 +184,14 @@ def chosen_by_weight(
     chosen: WeighedLogs | None = None
     while found and found.findings and not out_of_time("the selection of terms"):
         every = wide.without(not_tried(found.problem))
-        absent = {*every.keys} - {*found.problem.keys}
-        offers = [name for name, _ in absent if name in RARER]
+        offers = [name for name, _ in {*every.keys} - {*found.problem.keys} if name in RARER]
         there = found.next_in(every)
         if not offers or there is None:
             break
         lacking = lacking_term(there.equations, offers, there.conditions)
         if lacking is None:
             break
-        idle = {*offers} - {lacking}
-        found = there.taking(every.without(idle)).settled_within(MOST)
+        found = there.taking(every.without({*offers} - {lacking})).settled_within(MOST)
         if not found or not found.settled or LOST * found.end.at.cost > end.at.cost:
             break
         chosen = found

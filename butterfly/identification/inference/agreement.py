@@ -149,8 +149,7 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
 
 def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
     """Whether friction follows a condition, as it does where a term of it is missing."""
-    found = contrasts_of(equations, conditions)
-    return any(each.parameter in _FRICTION for each in found)
+    return any(each.parameter in _FRICTION for each in contrasts_of(equations, conditions))
 
 
 def lacking_term(
@@ -171,8 +170,7 @@ def lacking_term(
     if best is None or not best.chance * len(names) < 1 - CONFIDENCE:
         return None
     of = (*_OF_TORQUES, *(("delay",) if best.parameter == "slow_delay" else ()))
-    matters = _matters(equations, best, [best.at_mean], conditions, of)
-    return best.parameter if matters else None
+    return best.parameter if _matters(equations, best, [best.at_mean], conditions, of) else None
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
@@ -261,8 +259,7 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
 
 def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
     """Return friction or gain that differs from log to log (adjusted F test), the best first."""
-    found = _from_log_to_log(equations.of_logs)
-    return tuple(sorted(found, key=lambda each: -each.share))
+    return tuple(sorted(_from_log_to_log(equations.of_logs), key=lambda each: -each.share))
 
 
 def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:

@@ -51,8 +51,7 @@ def cluster_covariance(
     eigenvalues, axes = np.linalg.eigh(residual_maker)
     # a cluster that alone determines a parameter leaves no residual
     roots = np.maximum(eigenvalues, ROUNDING) ** -0.5
-    inverse_root = np.einsum("nij,nj,nkj->nik", axes, roots, axes)
-    influence = inverse_root @ rows @ normal
+    influence = np.einsum("nij,nj,nkj->nik", axes, roots, axes) @ rows @ normal
     scores = np.einsum("nip,ni->np", influence, residuals)
     covariance = np.asarray(scores.T @ scores)
     freedom = _satterthwaite(rows, np.asarray(normal), influence)

@@ -62,8 +62,7 @@ class Conditioning:
         found = cls(number=number, weakest=tuple(names[k] for k in taking))
         if about is None or taking.size != 2:  # noqa: PLR2004 - which are a sum
             return found
-        step = np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
-        values = about[0] - step
+        values = about[0] - np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
         (first, second), (one, other) = found.weakest, right[-1][taking] / size[taking]
         share = float(-one / other)
         both = float(values[taking[0]] + share * values[taking[1]])

@@ -189,8 +189,7 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     Standard errors take what a fit leaves for noise; where it is as large as what a parameter alone
     does to the rows, a misfit may have made the value: a ripple of the velocity is read as inertia.
     """
-    curvature = equations.curvature.sum(axis=0)
-    scaled, size = unit_diagonal(curvature)
+    scaled, size = unit_diagonal(equations.curvature.sum(axis=0))
     alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
     effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
     most = np.full(effect.size, np.finfo(float).max)

@@ -79,8 +79,7 @@ class TermChoice:
             Finding(FindingKind.SCANNED, (name,), number=value)
             for name, value in self.settings.items()
         )
-        lost = (Finding(kind, names) for kind, names in said.items() if names)
-        return (*scanned, *lost)
+        return (*scanned, *(Finding(kind, names) for kind, names in said.items() if names))
 
     def without(self, idle: tuple[str, ...]) -> TermChoice:
         """Return the choice without some terms that turned out to be nothing."""
@@ -209,8 +208,7 @@ class _Trial(NamedTuple):
         if self.nested.conditions is None:
             return False
         (kept,) = _kept(self.nested, always, [self.terms])
-        equations = self.nested.restricted(kept, self.fitted)
-        return friction_disagrees(equations, self.nested.conditions)
+        return friction_disagrees(self.nested.restricted(kept, self.fitted), self.nested.conditions)
 
     @property
     def values(self) -> dict[str, float]:
@@ -225,9 +223,7 @@ def _all_trials(
     by_log = [replace(nested, folds=np.arange(nested.folds.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
-            if found := [
-                each for nested in split for each in _trials(nested, always, wanted, most)
-            ]:
+            if found := [each for own in split for each in _trials(own, always, wanted, most)]:
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
@@ -286,8 +282,7 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
     """Whether a set of terms predicts as well as the best, but for a standard error."""
     worse = trial.errors - best.errors
     error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
-    slack = max(best.nested.slack * error, best.nested.negligible)
-    return bool(worse.mean() <= slack)
+    return bool(worse.mean() <= max(best.nested.slack * error, best.nested.negligible))
 
 
 def _kept(

@@ -10,16 +10,7 @@ import math
 import numpy as np
 
 from butterfly.compiled import inner, pasted
-from butterfly.model.kernel.equation import (
-    M,
-    V,
-    X,
-    Z,
-    excess_at,
-    holds_to,
-    pull,
-    rates,
-)
+from butterfly.model.kernel.equation import M, V, X, Z, excess_at, holds_to, pull, rates
 from butterfly.model.kernel.moving_base import moving_rates, stuck_rates
 
 STEP, REVERSAL, REST, LOOSE, STUCK, FREED = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
