@@ -33,9 +33,9 @@ def short(tmp_path):
 
 @pytest.fixture(scope="module")
 def quickstart():
-    """The quick start with every other of its sines."""
+    """The quick start with every third of its sines."""
     experiment = read_experiment(QUICKSTART)
-    few = {"excitations": experiment.excitations[::2]}
+    few = {"excitations": experiment.excitations[::3]}
     return experiment.plant.robot.lumped, perform(experiment.model_copy(update=few))
 
 

@@ -189,12 +189,13 @@ def test_seeds_fix_bands_and_only_their_own_part(data, found):
 
 
 def test_weights_leave_linear_models_alone_and_drop_draws_that_are_worse_than_promised(data, found):
-    draws = weighed(draw_parameters(found, 60), data)
+    few = data.take([0, 4, 8])
+    draws = weighed(draw_parameters(found, 60), few)
     assert draws.effective_size > 0.9 * 60
     reach = 1960 * found.standard_errors
     limits = {"lower": found.values - reach, "upper": found.values + reach}
     wide = replace(found, covariance=1e6 * found.covariance, **limits)
-    far = weighed(draw_parameters(wide, 60, masses=MASSES), data)
+    far = weighed(draw_parameters(wide, 60, masses=MASSES), few)
     assert 1 < far.effective_size < 50
     assert far.weights.sum() == pytest.approx(1)
 
