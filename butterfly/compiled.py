@@ -163,9 +163,9 @@ class _InnerLibrary(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         """Inline only what has to be, and take out references that are counted in vain."""
-        manager = self._codegen._module_pass_manager(opt=0)  # type: ignore[no-untyped-call]  # noqa: SLF001
-        passes, builder = manager
-        passes.run(self._final_module, builder)
+        found = self._codegen._module_pass_manager(opt=0)  # type: ignore[no-untyped-call]  # noqa: SLF001
+        passes, *builder = found if isinstance(found, tuple) else (found,)  # numba < 0.62
+        passes.run(self._final_module, *builder)
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]

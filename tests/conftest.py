@@ -100,10 +100,10 @@ def butterfly(monkeypatch, capsys):
     return run
 
 
-def brief_quickstart(folder, simulator, few=3):
+def brief_quickstart(folder, simulator, few=3, every=3):
     """Write the quick start on as few sines and masses, short but steady enough to fit."""
     content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
-    content.update(duration=12.0, excitations=content["excitations"][::3][:few])
+    content.update(duration=12.0, excitations=content["excitations"][::every][:few])
     content["added_masses"] = content["added_masses"][:few]
     content["plant"] |= {"simulator": simulator, "run_in": 0.0}
     content["plant"]["clock"]["step"] = 0.005

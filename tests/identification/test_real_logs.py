@@ -76,9 +76,6 @@ def test_other_methods_name_the_regimes(late, estimator):
     assert (first.parameter, first.condition) == ("delay", Condition.REGIME)
 
 
-pytestmark = pytest.mark.slow
-
-
 def _found(row, number):
     robot = draw(row, number, 9101)
     estimate = bf.identify(robot.logs, OutputError(workers=1)).estimate
@@ -86,6 +83,7 @@ def _found(row, number):
     return robot.truth, {name: limits for name, *limits in rows}
 
 
+@pytest.mark.slow
 def test_a_base_and_regimes_are_found_beside_friction_that_differs_by_a_fifth():
     truth, found = _found("base, friction by log, regimes", 35)
     assert {"base_compliance", "slow_delay"} <= found.keys()
@@ -97,6 +95,7 @@ def test_a_base_and_regimes_are_found_beside_friction_that_differs_by_a_fifth():
     assert upper - lower < 2e-3 * value
 
 
+@pytest.mark.slow
 def test_friction_that_differs_alone_is_no_rarer_term():
     truth, found = _found("friction by log", 5)
     assert found.keys().isdisjoint(RARER)
@@ -104,18 +103,16 @@ def test_friction_that_differs_alone_is_no_rarer_term():
     assert lower <= truth["p1"] <= upper
 
 
-@pytest.fixture(scope="module", params=[3, pytest.param(1, marks=pytest.mark.slow)])
-def data(real_manifest, request):
-    """A third of the logs, or all."""
-    logs = real_manifest.logs[:: request.param]
-    return read_data_set(real_manifest.model_copy(update={"logs": logs}))
+@pytest.fixture(scope="module")
+def data(real_manifest):
+    return read_data_set(real_manifest)
 
 
 @pytest.fixture(scope="module")
 def estimates(data):
-    """By each method; of few logs with the terms that output error chooses from all."""
+    """By each method."""
     closed = HarmonicBalance()(data)
-    fit = OutputError(workers=1, terms=None if len(data.logs) > 20 else ("slow_delay", "drag"))
+    fit = OutputError(workers=1)
     logs, zeros = data.logs, data.equilibria
     return {
         "default": closed,
@@ -126,6 +123,7 @@ def estimates(data):
     }
 
 
+@pytest.mark.slow
 def test_every_estimator_finds_the_known_robot(estimates):
     for name, estimate in estimates.items():
         found = estimate.parameters
@@ -139,6 +137,7 @@ def test_every_estimator_finds_the_known_robot(estimates):
     assert estimates["output error"].parameters.p2 < 6e-4
 
 
+@pytest.mark.slow
 def test_the_clock_s_two_regimes_have_a_delay_each_about_a_message_apart(estimates):
     """Where it switches within a log the phase jumps by 0.94 ms (six logs: 0.86 to 0.98)."""
     found = estimates["output error"]
@@ -149,6 +148,7 @@ def test_the_clock_s_two_regimes_have_a_delay_each_about_a_message_apart(estimat
     assert ("delay", Condition.REGIME) in follows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["default", "output error"])
 def test_intervals_hold_the_estimates_with_one_mass_left_out_and_resonances_are_known(
     estimates, name
@@ -162,6 +162,7 @@ def test_intervals_hold_the_estimates_with_one_mass_left_out_and_resonances_are_
     np.testing.assert_allclose(found, [4.50, 6.02, 6.46], rtol=0.012 if name == "default" else 0.01)
 
 
+@pytest.mark.slow
 def test_the_logs_are_followed_least_by_friction_that_is_viscous_and_coulomb_s_alone(
     data, estimates
 ):
@@ -176,6 +177,7 @@ def test_the_logs_are_followed_least_by_friction_that_is_viscous_and_coulomb_s_a
     assert 95 <= np.median(fits) < 96.5
 
 
+@pytest.mark.slow
 def test_the_logs_are_outside_their_bands_and_nothing_that_the_model_has_is_named(data, estimates):
     misfit = residuals_of(data, estimates["default"])
     assert misfit.outside == len(misfit.logs)

@@ -27,7 +27,7 @@ START = [Start(ROBOT, ZEROS)]
 def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_length():
     masses = MASSES * 4
     late = replace(ROBOT, delay=0.005)  # far from its bound, where spread is less than half
-    clean = wild(late, masses, 12.0)
+    clean = wild(late, masses, 16.0)
     shares = np.resize([0.1, 1.0, 0.15, 0.1, 0.4], len(clean))
     clean = [
         log.take(np.arange(int(share * log.time.size)))

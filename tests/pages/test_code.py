@@ -91,18 +91,20 @@ class _Reader:
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    """A folder with a quick start on four logs, and what it simulates: somebody's robot."""
-    folder = tmp_path_factory.mktemp("robot")
-    bf.simulate(brief_quickstart(folder, "grey-box", few=2), out=folder / "data")
-    return folder
+def robots(tmp_path_factory):
+    """Folders with quick starts on 4 and on 12 logs, and what they simulate: somebody's robots."""
+    folders = [tmp_path_factory.mktemp("robot") for _ in range(2)]
+    for folder, few, every in zip(folders, (2, 4), (3, 2), strict=True):
+        bf.simulate(brief_quickstart(folder, "grey-box", few, every), out=folder / "data")
+    return folders
 
 
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in WITH_CODE],
 )
-def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, robot, tmp_path, monkeypatch):
+def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, robots, tmp_path, monkeypatch):
+    robot = robots[page in SLOW]
     monkeypatch.chdir(tmp_path)
     if page != "docs/your-robot.md":  # which makes it
         (tmp_path / "my-robot").symlink_to(robot / "data")
