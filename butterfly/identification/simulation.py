@@ -228,12 +228,15 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
 
 
 def rehearse() -> None:
-    """Call all that numba compiles of an identification, so that it is on disk from then on."""
+    """Call all that numba compiles of an identification, so that it is on disk from then on.
+
+    What a simulated experiment compiles itself comes last: by then that is on disk.
+    """
     time = np.arange(0.0, 0.2, 0.01)
     robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
     log = Log(time, time, time)
     simulation = Simulation(log, robot)
-    simulation.run(robot, 0.0).at(time)
     simulation.linearised(("p1",), robot, 0.0)
     hold.mean(time, time, time, log.intersample)
     polynomials.slope(time, 2, 2, 0.01)
+    simulation.run(robot, 0.0).at(time)
