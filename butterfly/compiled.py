@@ -61,7 +61,7 @@ def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers
 
 
 def pasted(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
-    """Compile a function as if its lines stood in its callers, of which there are one or two.
+    """Compile a function as if its lines stood in its callers, which are few, or it is short.
 
     That spares a compilation of its own. In a hot loop it is slower where it takes arrays, whose
     references are counted.

@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -62,7 +63,7 @@ def rehearse_all() -> None:
     rehearse()
     time = np.arange(0.0, 0.2, 0.01)
     fixed = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
-    moving = LumpedParameters(**vars(fixed) | {"base_compliance": 1e-3, "base_frequency": 30.0})
+    moving = replace(fixed, base_compliance=1e-3, base_frequency=30.0)
     opened = Log(time, time, time)
     closed = Log(time, time, time, servo=ServoLoop(law="pid-torque"), setpoint=time)
     for robot in (fixed, moving):
