@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from butterfly import outputs
 from butterfly.errors import InputError, size_text
 
 _PACKAGE = Path(__file__).parent
@@ -54,13 +55,16 @@ def most_in(packed: int) -> int:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, mark: str = "", *, own: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its name when the block succeeds.
 
     The temporary name is unique, so several processes may write one path: the last one wins. It has
     the ending of ``path``, for writers that need it. The block creates the file, with the usual
-    permissions. InputError if it cannot be written.
+    permissions, and with its ``mark`` if any (see `butterfly.outputs`). InputError if it cannot be
+    written or may not, unless the path is the program's ``own``.
     """
+    if not own:
+        outputs.require_free(path, mark)
     draft = path.with_name(f"{DRAFT}{secrets.token_hex(8)}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -83,6 +87,7 @@ def require_file(path: Path, expected: str) -> int:
         found = path.stat()
         if stat.S_ISREG(found.st_mode):
             path.open("rb").close()
+            outputs.note_input(path)
             return found.st_size
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", expected) from None
@@ -104,10 +109,16 @@ def read_file(path: Path, expected: str, most: float = math.inf) -> bytes:
         raise InputError(path, "path", error.strerror or error, "a readable file") from None
 
 
-def write_file(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all, a text as UTF-8; InputError if it cannot be written."""
-    with replacing(path) as draft:
+def write_file(path: Path, content: str | bytes, mark: str = "", *, own: bool = False) -> None:
+    """Write a file whole or not at all, a text as UTF-8 (see `replacing`)."""
+    with replacing(path, mark, own=own) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_xml(path: Path, content: str, kind: str) -> None:
+    """Write an XML file of a kind, its mark as a comment at the end."""
+    mark = outputs.mark_of(path, kind)
+    write_file(path, f"{content.rstrip()}\n{mark}\n", mark)
 
 
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
@@ -125,8 +136,11 @@ def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
 
 
 def write_document(content: Mapping[str, Any], path: Path) -> None:
-    """Write a document to a file; InputError if it cannot be written."""
-    write_file(path, json_text(finite(content)))
+    """Write a document to a .json file; InputError if it cannot be written."""
+    outputs.require_endings(path, (".json",))
+    schema, second, *_ = content
+    mark = outputs.mark_of_document(content[schema].removeprefix("butterfly."), second)
+    write_file(path, json_text(finite(content)), mark)
 
 
 def shipped(relative: str | Path) -> Path:

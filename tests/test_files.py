@@ -30,7 +30,7 @@ def test_what_fails_halfway_leaves_the_old_file_and_no_litter(tmp_path):
     path.write_text("old")
 
     def fail_halfway():
-        with replacing(path) as draft:
+        with replacing(path, own=True) as draft:
             draft.write_text("ne")
             raise RuntimeError
 
@@ -54,7 +54,7 @@ import sys
 from pathlib import Path
 from butterfly.files import replacing
 for _ in range(100):
-    with replacing(Path(sys.argv[1])) as draft:
+    with replacing(Path(sys.argv[1]), own=True) as draft:
         draft.write_text(sys.argv[2] * 20_000)
 """
 

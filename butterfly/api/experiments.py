@@ -25,9 +25,10 @@ from butterfly.files import locate, write_document
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers
-from butterfly.logs.manifest import read_manifest
+from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.model.parameters import LumpedParameters
+from butterfly.outputs import call, require_free
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
 from butterfly.report.orbit_page import orbit_page
@@ -84,7 +85,11 @@ class Sweep(_Done):
 
 
 def simulate(
-    experiment: Named | Experiment, *, out: Named | None = None, track: Track = untracked
+    experiment: Named | Experiment,
+    *,
+    out: Named | None = None,
+    overwrite: bool = False,
+    track: Track = untracked,
 ) -> DataSet:
     """Simulate an experiment in MuJoCo, and return its logs.
 
@@ -94,21 +99,26 @@ def simulate(
         An experiment file, a shipped experiment's name, or `read_experiment`'s result.
     out
         Folder for the logs and their manifest, in the format of real logs.
+    overwrite
+        Whether to replace existing logs and manifests of the same names.
     track
         Progress callback.
 
     Raises
     ------
     InputError
-        If the experiment is invalid, or the simulation diverges.
+        If the experiment is invalid, the simulation diverges, or a file may not be replaced.
     """
     plan = read_experiment(experiment) if isinstance(experiment, str | PathLike) else experiment
     if not isinstance(plan, Experiment):
         expected = "an experiment: a file, a name, or read_experiment's result"
         raise InputError("simulate", "experiment", type(plan).__name__, expected)
-    logs = list(simulated_logs(plan, track=track))
-    if out is not None:
-        return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
+    with call(overwrite=overwrite):
+        if out is not None:
+            require_free(Path(out) / MANIFEST_NAME)
+        logs = list(simulated_logs(plan, track=track))
+        if out is not None:
+            return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
     return data_set_of(plan, logs)
 
 
@@ -166,6 +176,7 @@ def run(
     plan = plan_sweep(source, track=track)
     folder = Path("results") / plan.experiment.name if out is None else Path(out)
     tasks = chosen_of(plan.tasks, only)  # what cannot be done leaves nothing behind
+    ResultStore(folder).require_own()
     if plan.experiment.sweep is None and engine == "local":
         kept = None if force else ResultStore(folder).latest(tasks[0].key)
         if kept is not None and kept.status == REFUSED:
@@ -174,13 +185,15 @@ def run(
             found = _kept_run(folder, kept, plan.experiment.plant.robot.lumped, {})
             again = "This run was already done; --force repeats it."
             return replace(found, sentences=(again, *found.sentences))
-        return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
+        with call(folder=folder):
+            return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
-    keep_experiment(source, folder)
-    summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
-    store = ResultStore(folder)
-    page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
-    write_page(page, folder / "report.html", figures=figures)
+    with call(folder=folder):
+        keep_experiment(source, folder)
+        summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
+        store = ResultStore(folder)
+        page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
+        write_page(page, folder / "report.html", figures=figures)
     counts = (
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
         f"{summary.unsuccessful} failed."

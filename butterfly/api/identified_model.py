@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.files import write_file
 from butterfly.logs.log import Log
 from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
+from butterfly.outputs import call
 from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
@@ -143,6 +143,7 @@ class IdentifiedModel:
         hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+        overwrite: bool = False,
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
 
@@ -162,6 +163,8 @@ class IdentifiedModel:
             Time step of your simulator in s.
         integrator
             MuJoCo integrator.
+        overwrite
+            Whether to replace an existing file of a format that holds no mark: C, JSON.
 
         Returns
         -------
@@ -174,11 +177,12 @@ class IdentifiedModel:
             If ``hand_mass`` is impossible, the format does not fit this joint, or the file cannot
             be written.
         """
-        from butterfly.twin.forms import write_as  # noqa: PLC0415 - slow to import
+        from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
         options = Options(timestep=timestep, integrator=integrator)
-        written = write_as(to, self.twin(added_mass, hand_mass=hand_mass), options)
-        write_file(Path(path), written.text)
+        with call(overwrite=overwrite):
+            twin = self.twin(added_mass, hand_mass=hand_mass)
+            written = write_twin(to, twin, options, Path(path))
         for sentence in written.left_out:
             warnings.warn(sentence, stacklevel=2)
         return written

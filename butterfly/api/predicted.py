@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from butterfly.api.results import Tabulated, about_log
-from butterfly.files import replacing, write_file
+from butterfly.files import replacing, write_xml
 from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
@@ -23,6 +23,7 @@ from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Predicti
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
+from butterfly.outputs import call, mark_of, require_endings
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
@@ -80,31 +81,44 @@ class Drawn(Answer):
             for row in self.rows()
         ]
 
-    def write(self, path: str | PathLike[str]) -> None:
+    def write(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the draws as CSV, as Parquet (.parquet), or as a folder of MJCF (no ending).
 
         Column names include units: ``p1 [kg m²]``. The MJCF files are 0000.xml, 0001.xml, ….
 
+        Parameters
+        ----------
+        path
+            File or folder to write.
+        overwrite
+            Whether to replace an existing CSV file.
+
         Raises
         ------
         InputError
-            If a file cannot be written.
+            If a file cannot be written, or exists and may not be replaced.
         """
         path, rows = Path(path), self.rows()
+        require_endings(path, ("", ".csv", ".parquet"))
         if not path.suffix:
             for number, model in enumerate(self.models()):
-                write_file(path / f"{number:04d}.xml", model)
+                write_xml(path / f"{number:04d}.xml", model, "draw")
             return
         names = {key: f"{key} [{self.units[f'rows.{key}']}]" for key in rows[0]}
-        if path.suffix == ".parquet":
+        if path.suffix.lower() == ".parquet":
             import pyarrow as pa  # noqa: PLC0415 - slow to import
             from pyarrow import parquet  # noqa: PLC0415
 
-            with replacing(path) as draft:
-                columns = {name: [row[key] for row in rows] for key, name in names.items()}
-                parquet.write_table(pa.table(columns), draft)
+            columns = {name: [row[key] for row in rows] for key, name in names.items()}
+            marked = pa.table(columns).replace_schema_metadata({"butterfly.draws": ""})
+            with replacing(path, mark_of(path, "draws")) as draft:
+                parquet.write_table(marked, draft)
             return
-        with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
+        with (
+            call(overwrite=overwrite),
+            replacing(path) as draft,
+            draft.open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.writer(file)
             writer.writerow(names.values())
             writer.writerows(row.values() for row in rows)

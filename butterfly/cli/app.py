@@ -13,16 +13,18 @@ import threading
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from inspect import BoundArguments
 from pathlib import Path
-from typing import Annotated, NamedTuple, NoReturn
+from typing import Annotated, Any, NamedTuple, NoReturn
 
 from cyclopts import App, Group, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptionError
 
-from butterfly import __version__, progress
+from butterfly import __version__, outputs, progress
 from butterfly.cli import output
 from butterfly.cli.output import Asked, ExitCode, asked, write_json
 from butterfly.cli.output import warn as print_warning
+from butterfly.cli.written import check as check_outputs
 from butterfly.errors import (
     ButterflyError,
     InputError,
@@ -34,11 +36,12 @@ from butterfly.errors import (
 
 
 class Command(NamedTuple):
-    """The group that lists it in the help, its place in `butterfly.cli`, and its kind of answer."""
+    """The group that lists it in the help, its place in `butterfly.cli`, its kinds of answer."""
 
     panel: str
     path: str
     answer: str = ""
+    also: tuple[str, ...] = ()  # kinds of other answers
 
     @property
     def summary(self) -> str:
@@ -50,19 +53,19 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "inspect": Command("Logs", "logs:inspect", "inspection"),
+    "inspect": Command("Logs", "logs:inspect", "inspection", ("model",)),
     "manifest": Command("Logs", "logs:manifest"),
     "fetch": Command("Logs", "logs:fetch"),
     "identify": Command("Identify", "estimate:identify", "identification"),
     "select": Command("Identify", "estimate:select", "selection"),
     "design": Command("Identify", "estimate:design", "design"),
-    "validate": Command("Check a result", "estimate:validate", "validation"),
+    "validate": Command("Check a result", "estimate:validate", "validation", ("leaderboard",)),
     "residual": Command("Check a result", "estimate:residual", "residual"),
     "predict": Command("Check a result", "experiments:predict", "prediction"),
-    "compare": Command("Check a result", "estimate:compare", "comparison"),
+    "compare": Command("Check a result", "estimate:compare", "comparison", ("change", "runs")),
     "export": Command("Use a result", "robot:export"),
     "show": Command("Use a result", "robot:show"),
-    "run": Command("Simulated experiments", "experiments:run", "run"),
+    "run": Command("Simulated experiments", "experiments:run", "run", ("sweep",)),
     "simulate": Command("Simulated experiments", "experiments:simulate"),
     "schema": Command("Simulated experiments", "experiments:schema"),
     "reproduce": Command("Simulated experiments", "experiments:reproduce", "reproduction"),
@@ -160,6 +163,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         budget: Annotated[
             float | None, Parameter(metavar="s", group=_EVERYWHERE, allow_leading_hyphen=True)
         ] = None,
+        overwrite: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
         help_all: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
     ) -> ExitCode | None:
         """Call a command.
@@ -174,6 +178,8 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             Write the answer as JSON to this file; - prints only the JSON.
         budget
             Time limit of the search. Default: 60; no limit for `run`.
+        overwrite
+            Replace existing files (CSV, C, films, logs).
         help_all
             Show all options of a command, including the rare ones.
         """
@@ -189,31 +195,40 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             raise InputError("butterfly", "--budget", budget, "0 s or more")
         seconds = progress.BUDGET if budget is None and searches else budget or math.inf
         asked.quiet, asked.verbose, asked.json = quiet, verbose, json
+        kinds = (COMMANDS[name].answer, *COMMANDS[name].also) if name in COMMANDS else ()
         search = progress.current_search()
-        try:
-            gc.disable()  # while modules are imported it would look through them again and again
+        with outputs.call(overwrite=overwrite):
             try:
-                command, bound, _ = app.parse_args(tokens)
-            finally:
-                gc.freeze()
-                gc.enable()
-            with progress.budget(seconds) as search:
-                ended: ExitCode | None = command(*bound.args, **bound.kwargs)
-        except UnusableError as refused:
-            from butterfly.result import document  # noqa: PLC0415 - slow to import
-            from butterfly.verdict import Level, Verdict  # noqa: PLC0415
+                command, bound = _parsed(app, tokens)
+                check_outputs(command, bound.arguments, json, kinds)
+                with progress.budget(seconds) as search:
+                    ended: ExitCode | None = command(*bound.args, **bound.kwargs)
+            except UnusableError as refused:
+                from butterfly.result import document  # noqa: PLC0415 - slow to import
+                from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
-            verdict = Verdict(Level.WARNING, refused.reasons)
-            kind, title = COMMANDS[name].answer, "No answer: the values are physically impossible"
-            write_json(document(kind, title, {}, verdict=verdict, summary=verdict.lines))
-            raise
-        except ButterflyError:
-            if search.left_out:
-                print_warning(search.sentence)
-            raise
-        return ended
+                verdict = Verdict(Level.WARNING, refused.reasons)
+                head = COMMANDS[name].answer, "No answer: the values are physically impossible"
+                write_json(document(*head, {}, verdict=verdict, summary=verdict.lines))
+                raise
+            except ButterflyError:
+                if search.left_out:
+                    print_warning(search.sentence)
+                raise
+            return ended
 
     return launch
+
+
+def _parsed(app: App, tokens: Sequence[str]) -> tuple[Callable[..., Any], BoundArguments]:
+    """Return the called command and its arguments."""
+    gc.disable()  # while modules are imported it would look through them again and again
+    try:
+        command, bound, _ = app.parse_args(tokens)
+    finally:
+        gc.freeze()
+        gc.enable()
+    return command, bound
 
 
 def _name_of(tokens: Sequence[str]) -> str:

@@ -28,6 +28,7 @@ from butterfly.cli.options import (
     parse_pairs,
 )
 from butterfly.cli.output import ExitCode, say, show, show_progress
+from butterfly.cli.written import SAVED
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
 from butterfly.identification.inference.term_choice import CANDIDATES
@@ -41,7 +42,7 @@ def identify(
     options: DataOptions = SILENT,
     holdout: Holdout = None,
     against: tuple[Annotated[str, Parameter(metavar="PAIRS")], ...] = (),
-    save: Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE")] = None,
+    save: Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE"), SAVED] = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
     """Identify the joint from logs.
@@ -56,8 +57,7 @@ def identify(
     data
         Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name.
     against
-        Other parameters to compare with: p1=0.0033,p2=0.0014,p3=0.05. Without p4 the best-fitting
-        p4. Repeatable.
+        Compare with p1=0.003,p2=0.001,p3=0.05. Default of p4: best-fitting. Repeatable.
     save
         Save the result (.json) for other commands.
     """

@@ -10,10 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.cli.options import NO_REPORT, WRITTEN, Data, Experiment, Out, Report, parse_pairs
+from butterfly.cli.options import (
+    NO_REPORT,
+    OUT,
+    WRITTEN,
+    Data,
+    Experiment,
+    OutFolder,
+    Report,
+    parse_pairs,
+)
 from butterfly.cli.output import ExitCode, say, show, show_progress, show_table, warn, write_json
+from butterfly.cli.written import FOLDER, OutputFile
 from butterfly.errors import InputError
-from butterfly.files import replacing, shipped
+from butterfly.files import shipped, write_file
 
 if TYPE_CHECKING:
     from butterfly.thesis.tables import Synthetic
@@ -23,7 +33,7 @@ def run(
     experiment: Experiment,
     /,
     *,
-    out: Out = None,
+    out: OutFolder = None,
     figures: Annotated[bool, Parameter(group=WRITTEN)] = False,
     jobs: Annotated[int | None, Parameter(metavar="N")] = None,
     force: bool = False,
@@ -73,9 +83,7 @@ def run(
     return ExitCode.NO_RESULT if isinstance(found, bf.Sweep) and found.unsuccessful else ended
 
 
-def simulate(
-    experiment: Experiment, /, *, out: Annotated[Path, Parameter(name=("--out", "-o"))]
-) -> None:
+def simulate(experiment: Experiment, /, *, out: Annotated[Path, OUT, FOLDER]) -> None:
     """Simulate an experiment in MuJoCo, and write only its logs.
 
     The format is that of real logs, so `butterfly identify OUT` reads them.
@@ -103,7 +111,7 @@ def predict(
     bands: bool = False,
     draws: Annotated[int, Parameter(metavar="N")] = 200,
     seed: Annotated[int, Parameter(metavar="N")] = 0,
-    out: Out = None,
+    out: Annotated[Path | None, OUT, OutputFile(("", ".csv", ".parquet"))] = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
     """Predict logs, or a new experiment, with known parameters.
@@ -154,7 +162,7 @@ def reproduce(
     /,
     *,
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
-    out: Out = None,
+    out: OutFolder = None,
 ) -> None:
     """Reproduce the thesis's numbers, with its mistakes and corrected.
 
@@ -220,7 +228,7 @@ def schema(
     what: Annotated[Literal["experiment", "manifest"], Parameter(name="FILE")] = "experiment",
     /,
     *,
-    out: Out = None,
+    out: Annotated[Path | None, OUT, OutputFile((".json",))] = None,
 ) -> None:
     """Print the JSON Schema of experiment or manifest files.
 
@@ -244,8 +252,7 @@ def schema(
     if out is None:
         print(text, end="")
         return
-    with replacing(out) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_file(out, text)
     say(f"Schema: {out}")
 
 

@@ -8,8 +8,18 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.cli.options import SILENT, Data, DataOptions, LogNumbers, Out, Page, parse_numbers
+from butterfly.cli.options import (
+    OUT,
+    SILENT,
+    Data,
+    DataOptions,
+    LogNumbers,
+    OutFolder,
+    Page,
+    parse_numbers,
+)
 from butterfly.cli.output import ExitCode, say, show, show_progress
+from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 
 
@@ -62,7 +72,7 @@ def manifest(
     folder: Annotated[Path, Parameter(name="FOLDER")],
     /,
     *,
-    out: Out = None,
+    out: Annotated[Path | None, OUT, OutputFile((".yaml", ".yml"))] = None,
     options: DataOptions = SILENT,
 ) -> None:
     """Write a draft manifest for the logs in a folder.
@@ -82,10 +92,10 @@ def manifest(
     from butterfly.files import write_file  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.logs import manifest_draft as drafts  # noqa: PLC0415
     from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
+    from butterfly.outputs import require_free  # noqa: PLC0415
 
     path = out or folder / MANIFEST_NAME
-    if out is None and path.exists():
-        raise InputError(path, "path", "an existing manifest", "another file with --out")
+    require_free(path)
     named = drafts.has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
@@ -107,7 +117,7 @@ def manifest(
 def fetch(
     *,
     source: Annotated[str | None, Parameter(name="--from", metavar="DIR_OR_URL")] = None,
-    out: Out = None,
+    out: OutFolder = None,
 ) -> None:
     """Download the 41 public logs of the thesis (40 MB).
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from butterfly.cli.written import FOLDER, PAGE, REPORT
 from butterfly.errors import InputError
 
 _ALL = "--help-all" in sys.argv
@@ -25,7 +26,8 @@ Data = Annotated[Path, Parameter(name="DATA")]
 _EXPERIMENT = "An experiment file (YAML), or a shipped experiment's name."
 Experiment = Annotated[Path, Parameter(name="EXPERIMENT", help=_EXPERIMENT)]
 
-Out = Annotated[Path | None, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")]
+OUT = Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")
+OutFolder = Annotated[Path | None, OUT, FOLDER]
 _LOG = "Log numbers from 0, separated by commas. Default: all."
 _HOLDOUT = "Held-out logs, never fitted: names or glob patterns, separated by commas."
 _HAND_MASS = "Mass to write for the moving body; the motion does not depend on it. Default: chosen."
@@ -33,7 +35,7 @@ LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", he
 Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
 HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
 Limit = Annotated[int, Parameter(metavar="N")]
-Page = Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE")]
+Page = Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE"), PAGE]
 Split = Literal["auto", "mass", "frequency", "log", "time"]
 
 
@@ -50,15 +52,14 @@ class Report:
         Write the report's figures as PNG and SVG too.
     """
 
-    report: Annotated[Path | None, Parameter(name=("--report", "-r"), metavar="FILE")] = None
+    report: Annotated[Path | None, Parameter(name=("--report", "-r"), metavar="FILE"), REPORT] = (
+        None
+    )
     figures: bool = False
 
     def __post_init__(self) -> None:
         if self.figures and self.report is None:
             raise InputError("butterfly", "--figures", "without --report", "--report FILE as well")
-        if self.report is not None and self.report.is_dir():
-            expected = f"a file, such as {self.report / 'report.html'}"
-            raise InputError(self.report, "--report", "a folder", expected)
 
 
 NO_REPORT = Report()

@@ -14,8 +14,9 @@ import pyarrow.compute as pc
 from cyclopts import Parameter as Option
 from pyarrow import csv, parquet
 
-from butterfly.cli.options import Limit, Out, parse_pairs
+from butterfly.cli.options import OUT, Limit, parse_pairs
 from butterfly.cli.output import ExitCode, say, show_progress, show_table, write_json
+from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.record import OK, RunRecord
 from butterfly.experiment.source import EXPERIMENT, read_experiment
@@ -25,6 +26,7 @@ from butterfly.files import replacing
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
+from butterfly.outputs import mark_of
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit, with_error
 from butterfly.report.parameter_table import parameter_texts
@@ -127,7 +129,7 @@ def table(
     where: Annotated[str | None, Option(name="--filter", metavar="PAIRS")] = None,
     columns: Annotated[str | None, Option(metavar="NAMES")] = None,
     limit: Limit = 50,
-    out: Out = None,
+    out: Annotated[Path | None, OUT, OutputFile((".csv", ".parquet"))] = None,
 ) -> None:
     """Print a sweep's table, or export it.
 
@@ -149,8 +151,6 @@ def table(
     out
         Write all rows to this file: .csv or .parquet.
     """
-    if out is not None and out.suffix not in {".csv", ".parquet"}:
-        raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
     name = table or (RUNS if out is None else ESTIMATES)
     found = chosen_rows(ResultStore(folder).table(name), where, columns)
     if out is None:
@@ -158,11 +158,11 @@ def table(
             say(f"{limit} of {found.num_rows} rows. --limit N prints more; --out FILE writes all.")
         show_rows(f"{folder}: {name}", found, limit, asked=columns is not None)
     else:
-        with replacing(out) as draft:
-            if out.suffix == ".csv":
+        with replacing(out, mark_of(out, "table")) as draft:
+            if out.suffix.lower() == ".csv":
                 csv.write_csv(without_formulas(found), draft)
             else:
-                parquet.write_table(found, draft)
+                parquet.write_table(found.replace_schema_metadata({"butterfly.table": ""}), draft)
         say(f"{found.num_rows} rows: {out}")
     plan = folder / EXPERIMENT
     kind = read_experiment(plan).input_kind if plan.exists() else InputKind.TORQUE

@@ -10,8 +10,9 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import butterfly as bf
-from butterfly.cli.options import WRITTEN, HandMass, Out
+from butterfly.cli.options import OUT, WRITTEN, HandMass
 from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
+from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
 
@@ -24,6 +25,7 @@ Arm = Annotated[
     float | None, Parameter(metavar="m", help="Distance from pivot to added mass. Default: 0.104.")
 ]
 _FILMS = (".gif", ".mp4", ".webp")
+_PICTURES = (".png", ".jpg", ".jpeg")
 
 
 def show(
@@ -33,7 +35,7 @@ def show(
     run: Annotated[int, Parameter(metavar="N", validator=Number(gte=0))] = 0,
     web: bool = False,
     port: Annotated[int, Parameter(metavar="N", validator=Number(gte=0, lte=65535))] = 0,
-    out: Out = None,
+    out: Annotated[Path | None, OUT, OutputFile((*_FILMS, *_PICTURES))] = None,
     angle: Annotated[float | None, Parameter(metavar="rad", allow_leading_hyphen=True)] = None,
     seconds: Annotated[float, Parameter(metavar="s", validator=Number(gte=0.1))] = 8.0,
     fps: Annotated[int, Parameter(metavar="N", validator=Number(gte=1, lte=120))] = 25,
@@ -172,6 +174,7 @@ def _with_run(source: Path, number: int) -> Experiment:
     return plan
 
 
+_TWINS = tuple(sorted({ending for _, *endings in FORMS.values() for ending in endings}))
 _Form: Any = Literal[tuple(FORMS)]
 _Integrator: Any = Literal[INTEGRATORS]
 
@@ -180,7 +183,7 @@ def export(
     source: Source,
     /,
     *,
-    out: Annotated[Path, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="FILE")],
+    out: Annotated[Path, OUT, OutputFile(_TWINS)],
     to: Annotated[_Form, Parameter(group=WRITTEN)] = "mjcf",
     timestep: Annotated[
         float, Parameter(group=WRITTEN, metavar="s", validator=Number(gte=1e-6, lte=0.1))
@@ -218,8 +221,7 @@ def export(
         Added mass, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
-    from butterfly.files import write_file  # noqa: PLC0415
-    from butterfly.twin.forms import write_as  # noqa: PLC0415
+    from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
     if actuator and to != "bam":
         raise InputError("export", "--actuator", actuator, "--to bam as well")
@@ -227,8 +229,7 @@ def export(
     if named.judged is not None:
         say_verdict(named.judged)
     asked = Options(timestep=timestep, integrator=integrator, actuator=actuator)
-    made = write_as(to, named.twin, asked)
-    write_file(out, made.text)
+    made = write_twin(to, named.twin, asked, out)
     say(f"Twin: {out}, {made.about}.")
     for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
         say(sentence)

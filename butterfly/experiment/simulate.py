@@ -17,6 +17,7 @@ from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.prior import Known, Prior
+from butterfly.outputs import require_free
 from butterfly.plant.rig import Simulator
 from butterfly.plant.robot import Shape
 from butterfly.plant.rollout import simulate_runs
@@ -64,7 +65,13 @@ def planned_logs(experiment: Experiment) -> list[Log]:
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
-    """Write logs like the real ones; return the path of the manifest, written last."""
+    """Write logs like the real ones; return the path of the manifest, written last.
+
+    InputError before any is written if one exists and may not be replaced.
+    """
+    logs = list(logs)
+    for name in (MANIFEST_NAME, *map(file_of, logs)):
+        require_free(folder / name)
     entries = []
     for log in logs:
         entries.append(_entry(log, file_of(log)))

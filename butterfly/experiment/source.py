@@ -29,10 +29,11 @@ _DEEPEST = 10  # files that may extend each other
 _OF_SIGNALS = re.compile(r"\bfile\.(choice\.)?path\.")  # in the place of a path, as a sweep says it
 _STORED = "sha256:"
 
-_HEAD = """\
+HEAD = """\
 # The experiment of these results, with all files that it extends.
 # To repeat it: `butterfly run` this file.
 """
+"""How the experiment begins that is kept with its results."""
 
 
 class Source:
@@ -95,7 +96,7 @@ def keep_experiment(source: Source, folder: Path) -> list[str]:
     signals = {str(named.path): path for named, (path, _) in source.signals.items()}
     within = {name: _below(path, source.path.parent) for name, path in signals.items()}
     text = yaml_text(_with_paths(source.content, lambda path: within.get(path, path)))
-    contents = {EXPERIMENT: (_HEAD + text).encode()}
+    contents = {EXPERIMENT: (HEAD + text).encode()}
     contents |= {within[name]: path.read_bytes() for name, path in signals.items()}
     extended = [document.path for document in source.documents]
     read = [path.resolve() for path in (*extended, *signals.values())]

@@ -12,6 +12,7 @@ Durations are only in the records, so the tables are identical however a sweep w
 from __future__ import annotations
 
 import io
+import re
 import shutil
 import time
 from collections.abc import Iterable, Mapping
@@ -33,12 +34,15 @@ from butterfly.experiment.record import (
     digest_of,
     origin_of,
 )
+from butterfly.experiment.source import EXPERIMENT, HEAD
 from butterfly.experiment.sweep_tables import TABLES, SweepColumns
 from butterfly.files import DRAFT, read_file, write_file
+from butterfly.outputs import note_input
 from butterfly.progress import Track, untracked
 
 SWEEP = "sweep.json"
 
+_KEY = re.compile(r"[0-9a-f]{24}")  # of a run
 _RUNS = 2_000  # whose rows are gathered before they are written
 _ENDS = 20  # times that a sweep is ended, while others end theirs in the same folder
 _LOOKS, _MOMENT = 4, 0.05  # at a table, and s between them
@@ -59,8 +63,27 @@ class ResultStore:
         """Folder of a run's logs."""
         return self.folder / "runs" / key[:2] / key
 
+    def require_own(self) -> None:
+        """Raise InputError unless the folder is new, empty, or one of results."""
+        expected = "a new folder, or one of butterfly's results"
+        marks = {EXPERIMENT: HEAD.encode(), SWEEP: b"{"}
+        try:
+            names = sorted(path.name for path in self.folder.iterdir())
+            own = [
+                name
+                for name in {*marks} & {*names}
+                if (self.folder / name).read_bytes().startswith(marks[name])
+            ]
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise InputError(self.folder, "--out", error.strerror or error, expected) from None
+        if names and not own:
+            raise InputError(self.folder, "--out", f"a folder with {names[0]}", expected)
+
     def read(self, key: str) -> RunRecord | None:
         """Return a run's record; None if missing or unreadable by this version."""
+        note_input(self.record_path(key))
         try:
             text = self.record_path(key).read_text(encoding="utf-8")
         except (OSError, ValueError):
@@ -84,9 +107,10 @@ class ResultStore:
         """Write the files of a run, then its record, each as a whole."""
         key = outcome.record.key
         for name, content in outcome.files.items():
-            write_file(self.files_path(key) / name, content)
+            write_file(self.files_path(key) / name, content, own=True)
         files = {name: digest_of(content) for name, content in outcome.files.items()}
-        write_file(self.record_path(key), replace(outcome.record, files=files).to_json())
+        record = replace(outcome.record, files=files).to_json()
+        write_file(self.record_path(key), record, own=True)
 
     def holds(self, record: RunRecord) -> bool:
         """Whether the files of a run are intact beside its record."""
@@ -96,7 +120,7 @@ class ResultStore:
         """Write the plan before its runs; earlier tables stay."""
         with suppress(InputError):
             sweep = replace(sweep, tables=self.sweep().tables)
-        write_file(self.folder / SWEEP, sweep.to_json())
+        write_file(self.folder / SWEEP, sweep.to_json(), own=True)
 
     def end_sweep(self, sweep: SweepRecord, *, track: Track = untracked) -> None:
         """Write the tables from the records, in the sweep's order, and the plan.
@@ -107,9 +131,9 @@ class ResultStore:
         for _ in range(_ENDS):
             tables = self._tables(sweep, track)
             for name, content in tables.items():
-                write_file(self.folder / name, content)
+                write_file(self.folder / name, content, own=True)
             files = {name: digest_of(content) for name, content in tables.items()}
-            write_file(self.folder / SWEEP, replace(sweep, tables=files).to_json())
+            write_file(self.folder / SWEEP, replace(sweep, tables=files).to_json(), own=True)
             if _hold(self.folder, files):
                 return
 
@@ -165,12 +189,12 @@ class ResultStore:
         """
         wanted = {run.key for run in self.sweep().runs}
         removed = [path for path in self.folder.rglob(f"{DRAFT}*") if _is_stale(path)]
-        for path in sorted((self.folder / "runs").glob("*/[!.]*.json")):
+        kept = [path for path in (self.folder / "runs").glob("*/*") if _KEY.fullmatch(path.stem)]
+        for path in sorted(path for path in kept if path.suffix == ".json"):
             record = self.read(path.stem)
             unwanted = record is None or (failed and record.status != OK)
             if unwanted or path.stem not in wanted:
                 removed += [path, self.files_path(path.stem)]
-        kept = (self.folder / "runs").glob("*/*")
         removed += [path for path in kept if path.is_dir() and path.name not in wanted]
         existing = [
             path for path in dict.fromkeys(removed) if path.exists() and not self._is_linked(path)

@@ -184,7 +184,8 @@ class Identification(Result):
             root = Path(manifest["root"])
             root = root.relative_to(folder) if root.is_relative_to(folder) else root
             content["data"]["manifest"]["root"] = root.as_posix()
-        write_document(content, Path(path))
+        schema = content.pop("schema")
+        write_document({"schema": schema, "saved": True, **content}, Path(path))
 
     def basis(self) -> dict[str, Any]:
         """Return the data and options that it rests on, without the place of its logs."""

@@ -20,6 +20,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
+from butterfly.outputs import mark_of, require_endings, require_free
 from butterfly.report.forest import Axis, Whisker
 from butterfly.verdict import Level, Verdict
 
@@ -265,11 +266,19 @@ def _packed(program: str) -> str:
 
 def write_html(page: Page, path: Path) -> None:
     """Write a page as HTML alone."""
-    write_file(path, rendered(page))
+    require_page(page, path)
+    write_file(path, rendered(page), mark_of(path, page.kind))
+
+
+def require_page(page: Page, path: Path) -> None:
+    """Raise InputError unless a page may be written to a path."""
+    require_endings(path, (".html",))
+    require_free(path, mark_of(path, page.kind))
 
 
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     """Write a report as HTML, and beside it its numbers as JSON, and its ``figures`` if wanted."""
+    require_page(page, path)
     if figures:
         from butterfly.report.pictures import write_pictures  # noqa: PLC0415 - slow to import
 

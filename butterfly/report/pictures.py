@@ -15,6 +15,7 @@ from matplotlib.figure import Figure as Still
 from matplotlib.ticker import LogFormatterSciNotation, MultipleLocator
 
 from butterfly.files import replacing
+from butterfly.outputs import mark_of
 from butterfly.report.figures import GREY, SYMBOLS
 
 if TYPE_CHECKING:
@@ -47,13 +48,17 @@ def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
     Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes,
     and lines across the first of them, are drawn, which is all that the reports use.
     """
+    said = {"png": {"Software": "butterfly.figure"}, "svg": {"Title": "butterfly.figure"}}
     for name, figure in figures.items():
         still = draw(figure)
         FigureCanvasAgg(still)  # what a figure is measured on
         edges = still.get_tightbbox().padded(_MARGIN)
         for canvas, suffix in ((FigureCanvasAgg, "png"), (FigureCanvasSVG, "svg")):
-            with replacing(folder / f"{name}.{suffix}") as draft:
-                canvas(still).print_figure(draft, format=suffix, bbox_inches=edges)
+            path = folder / f"{name}.{suffix}"
+            with replacing(path, mark_of(path, "figure")) as draft:
+                canvas(still).print_figure(
+                    draft, format=suffix, bbox_inches=edges, metadata=said[suffix]
+                )
 
 
 def draw(figure: Figure) -> Still:

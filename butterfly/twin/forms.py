@@ -5,20 +5,24 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+from butterfly.files import write_file, write_xml
+from butterfly.outputs import mark_of, require_endings, require_free
 
 if TYPE_CHECKING:
     from butterfly.twin.twin import Twin, Written
 
 FORMS = {
-    "mjcf": "butterfly.twin.stand_alone:as_mjcf",
-    "snippet": "butterfly.twin.snippet:as_snippet",
-    "urdf": "butterfly.twin.urdf:as_urdf",
-    "actuator": "butterfly.twin.actuator:as_actuator",
-    "c": "butterfly.twin.c:as_c",
-    "bam": "butterfly.twin.bam:as_bam",
+    "mjcf": ("butterfly.twin.stand_alone:as_mjcf", ".xml"),
+    "snippet": ("butterfly.twin.snippet:as_snippet", ".xml"),
+    "urdf": ("butterfly.twin.urdf:as_urdf", ".urdf", ".xml"),
+    "actuator": ("butterfly.twin.actuator:as_actuator", ".json"),
+    "c": ("butterfly.twin.c:as_c", ".h"),
+    "bam": ("butterfly.twin.bam:as_bam", ".json"),
 }
-"""What makes each form, by its name: a function of a twin and options."""
+"""What makes each form, by its name: a function of a twin and options; and its files' endings."""
 
 WITH_A_BODY = ("mjcf", "snippet", "urdf")
 """Forms that say a mass on which the motion does not depend."""
@@ -47,6 +51,18 @@ def xml_comment(sentence: str) -> str:
 
 def write_as(form: str, twin: Twin, options: Options = DEFAULTS) -> Written:
     """Return a twin in one of `FORMS`; InputError where the form cannot hold such a joint."""
-    module, name = FORMS[form].split(":")
+    module, name = FORMS[form][0].split(":")
     written: Written = getattr(import_module(module), name)(twin, options)
+    return written
+
+
+def write_twin(form: str, twin: Twin, options: Options, path: Path) -> Written:
+    """Write a twin to a file in one of `FORMS`, and return it (see `write_as`)."""
+    require_endings(path, FORMS[form][1:])
+    require_free(path, mark_of(path, form))
+    written = write_as(form, twin, options)
+    if mark_of(path, form):
+        write_xml(path, written.text, form)
+    else:
+        write_file(path, written.text)
     return written

@@ -55,9 +55,9 @@ def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results,
     again = bf.load(tmp_path / "r.json")
     assert again.to_dict() == each.to_dict()
     assert (repr(again), str(again)) == (repr(each), str(each))
-    again.report(tmp_path / "r.html")
+    again.report(tmp_path / "page.html")
     least = 1e5 if again.page().figures else 5e3  # with or without what draws them
-    assert (tmp_path / "r.html").stat().st_size > least
+    assert (tmp_path / "page.html").stat().st_size > least
 
 
 def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
@@ -70,8 +70,8 @@ def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
         assert each.verdict[0].startswith("Do not use: ")
         assert str(each).splitlines()[1] == each.verdict[0]
         assert ", do not use" in repr(each)
-        each.save(tmp_path / "r.json")
-        again = bf.load(tmp_path / "r.json")
+        each.save(tmp_path / f"{each.kind}.json")
+        again = bf.load(tmp_path / f"{each.kind}.json")
         assert again.judged == each.judged
         assert repr(again) == repr(each)
 

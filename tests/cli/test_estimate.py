@@ -203,7 +203,7 @@ def test_both_simulators_are_compared_with_the_logs_and_reported(answer, saved, 
 
 
 def test_two_identifications_are_compared(answer, saved, tmp_path):
-    told, page = tmp_path / "c.json", tmp_path / "c.html"
+    told, page = tmp_path / "told.json", tmp_path / "c.html"
     out = done(answer("compare", saved, saved, "--json", told, "--report", page))
     assert out.startswith("No significant change")
     assert "logs are in both" in out

@@ -147,7 +147,7 @@ def test_a_manifest_that_is_there_is_not_written_over(butterfly, quick_data, tmp
     path = quick_data / "manifest.yaml"
     before = path.read_bytes()
     said = butterfly("manifest", quick_data)
-    assert_one_line_error(said, path, "expected another file with --out")
+    assert_one_line_error(said, path, "an existing file")
     assert path.read_bytes() == before
     assert butterfly("manifest", quick_data, "--out", tmp_path / "draft.yaml")[0] == 0
 

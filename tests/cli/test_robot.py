@@ -150,9 +150,10 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
     told = json.loads((tmp_path / "s.json").read_text())
     assert f"BAM's {told['model']} of xl330" in out
     assert all(sentence in " ".join(out.split()) for sentence in told["notes"])
-    assert_one_line_error(answer("export", "quickstart", *asked), "--actuator")
+    other = ("--to", "bam", "--out", tmp_path / "other.json")
+    assert_one_line_error(answer("export", "quickstart", *other), "--actuator")
     assert_one_line_error(
-        answer("export", "servo", "--actuator", "mx64", "--out", tmp_path / "s.xml"), "--to bam"
+        answer("export", "servo", "--actuator", "mx64", "--out", tmp_path / "t.xml"), "--to bam"
     )
 
 
@@ -198,7 +199,7 @@ def test_a_run_that_does_not_exist_cannot_be_filmed(butterfly, tmp_path):
 
 
 def test_a_log_is_drawn_beside_its_free_run(butterfly, saved, tmp_path, painted):
-    film, still = tmp_path / "log.gif", tmp_path / "log.png"
+    film, still, other = (tmp_path / name for name in ("log.gif", "log.png", "other.gif"))
     result = bf.load(saved)
     out = done(butterfly("show", saved, "--log", 2, "--out", film, "--seconds", 1, "--fps", 10))
     assert out.startswith("Good: p1 ±")
@@ -212,8 +213,8 @@ def test_a_log_is_drawn_beside_its_free_run(butterfly, saved, tmp_path, painted)
     worst = np.argmax(abs(run.simulated - run.log.angle))
     assert painted[-1] == (run.log.angle[worst], run.simulated[worst])
     for asked, message in (
-        (("show", saved, "--log", 99, "--out", film), "got 99; expected a number from 0 to 8"),
+        (("show", saved, "--log", 99, "--out", other), "got 99; expected a number from 0 to 8"),
         (("show", saved, "--log", 1), "--out: got missing"),
-        (("show", "quickstart", "--log", 1, "--out", film), "a saved result"),
+        (("show", "quickstart", "--log", 1, "--out", other), "a saved result"),
     ):
         assert_one_line_error(butterfly(*asked), message)

@@ -77,8 +77,9 @@ def test_simulated_logs_are_read_back_with_what_was_done_and_a_seed_fixes_them(s
     assert [(log.added_mass, log.excitation) for log in logs] == read_experiment(short).runs()
     assert all(log.input_kind == "voltage" for log in logs)
     assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".mat", ".yaml"}
-    np.testing.assert_array_equal([log.angle for log in logs], angles(1, "again"))
-    assert not np.array_equal(angles(1, "again"), angles(2, "other"))
+    again = angles(1, "again")
+    np.testing.assert_array_equal([log.angle for log in logs], again)
+    assert not np.array_equal(again, angles(2, "other"))
 
 
 def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):

@@ -52,7 +52,7 @@ def test_a_file_of_the_experiment_is_never_replaced(given, tmp_path, butterfly):
         keep_experiment(Source(renamed), renamed.parent)
     before = renamed.read_text()
     result = butterfly("run", renamed, "--out", renamed.parent)
-    assert_one_line_error(result, "the experiment file itself", "--out")
+    assert_one_line_error(result, "a new folder", "--out")
     assert renamed.read_text() == before
     assert not (renamed.parent / "sweep.json").exists()  # it is refused before anything is done
     contents = []

@@ -9,11 +9,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError
 from butterfly.files import replacing
 from butterfly.model.parameters import AddedMass
+from butterfly.outputs import mark_of, require_endings
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
 from butterfly.progress import Track, untracked
@@ -98,12 +100,13 @@ def render(
     ghost: float | None = None,
 ) -> None:
     """Draw the robot at ``angle`` rad into an image file; its ``ghost`` at another angle."""
-    if path.suffix.lower() not in Image.registered_extensions():
-        raise InputError(path, "file name", path.suffix or "no ending", ".png, .jpg or .webp")
+    require_endings(path, (".png", ".jpg", ".jpeg", ".webp"), "file name")
     with Painter(robot, added, size) as painter:
         picture = painter.frame(angle, ghost)
-    with replacing(path) as draft:
-        picture.save(draft)
+    named = PngInfo()
+    named.add_text("Software", "butterfly.picture")
+    with replacing(path, mark_of(path, "picture")) as draft:
+        picture.save(draft, pnginfo=named)  # which other formats ignore
 
 
 def film(
@@ -123,8 +126,7 @@ def film(
     The robot at (n,) ``simulated`` angles, if given, is drawn as a ghost.
     """
     ending = path.suffix.lower()
-    if ending not in (*_PILLOW, _FFMPEG):
-        raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
+    require_endings(path, (_FFMPEG, *_PILLOW), "file name")
     if ending == _FFMPEG and not (find_spec("imageio") and find_spec("imageio_ffmpeg")):
         raise InputError(
             path,

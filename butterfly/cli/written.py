@@ -1,0 +1,116 @@
+"""What the options of a command write, checked before anything is done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from cyclopts import Parameter
+
+from butterfly import outputs
+from butterfly.errors import InputError
+
+_STDOUT = Path("-")
+
+
+@dataclass(frozen=True)
+class OutputFile:
+    """What an option writes: a file with one of these endings; without any, a folder."""
+
+    endings: tuple[str, ...] = ()
+    beside: str = ""  # ending of another file that is written with it
+    documents: tuple[str, ...] = ()  # marks of JSON, if it holds any
+
+
+SAVED = OutputFile((".json",), documents=(outputs.mark_of_document("identification", "saved"),))
+PAGE = OutputFile((".html",))
+REPORT = OutputFile((".html",), beside=".json", documents=('"schema": "butterfly.',))
+FOLDER = OutputFile()
+
+
+def options_of(command: object) -> dict[tuple[str, ...], tuple[str, OutputFile]]:
+    """Return name and files of each option that writes, by its way from the arguments."""
+    found: dict[tuple[str, ...], tuple[str, OutputFile]] = {}
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        if is_dataclass(kind := _bare(hint)):
+            found.update({(name, *way): each for way, each in options_of(kind).items()})
+        for each in _metadata(hint):
+            if isinstance(each, OutputFile):
+                found[name,] = _option(name, hint), each
+    return found
+
+
+def check(
+    command: Callable[..., Any],
+    arguments: Mapping[str, Any],
+    json: Path | None,
+    kinds: Sequence[str],
+) -> None:
+    """Note the inputs among the arguments of a command; InputError if an output may not be.
+
+    Its ``json`` is a document of one of the ``kinds``.
+    """
+    writing = options_of(command)
+    files = {}
+    if json is not None and json != _STDOUT:
+        marks = tuple(map(outputs.mark_of_document, kinds))
+        files["--json"] = json, OutputFile((".json",), documents=marks)
+    for way, value in _values(arguments):
+        if way in writing:
+            option, written = writing[way]
+            files[option] = Path(value), written
+        else:
+            outputs.note_input(Path(value))
+    named = {option: path for option, (path, written) in files.items() if written.endings}
+    named |= {
+        f"the numbers of {option}": path.with_suffix(written.beside)
+        for option, (path, written) in files.items()
+        if written.beside
+    }
+    for option, (path, written) in files.items():
+        _require_kind(path, written, option)
+    outputs.require_apart(named)
+    for option, path in named.items():
+        documents = files[option.rpartition(" ")[2]][1].documents
+        if path.suffix:
+            marks = documents if path.suffix.lower() == ".json" else (outputs.any_mark_of(path),)
+            outputs.require_free(path, *marks, option=option)
+
+
+def _require_kind(path: Path, written: OutputFile, option: str) -> None:
+    """Raise InputError for another ending, a file instead of a folder, or a folder instead."""
+    folder = not written.endings or ("" in written.endings and not path.suffix)
+    if path.exists() and path.is_dir() != folder:
+        raise InputError(path, option, *(("a file", "a folder")[:: 1 if folder else -1]))
+    if written.endings:
+        outputs.require_endings(path, written.endings, option)
+
+
+def _values(values: object, way: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield the paths and texts among the values of arguments, and the way to each."""
+    if isinstance(values, Path | str):
+        yield way, values
+    elif isinstance(values, Mapping):
+        for name, value in values.items():
+            yield from _values(value, (*way, name))
+    elif isinstance(values, tuple):
+        for value in values:
+            yield from _values(value, way)
+    elif is_dataclass(values):
+        yield from _values({each.name: getattr(values, each.name) for each in fields(values)}, way)
+
+
+def _metadata(hint: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any annotation
+    return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+
+
+def _bare(hint: Any) -> Any:  # noqa: ANN401 - any annotation
+    return get_args(hint)[0] if get_origin(hint) is Annotated else hint
+
+
+def _option(name: str, hint: Any) -> str:  # noqa: ANN401 - any annotation
+    """Return the long name of an option."""
+    given = [each.name for each in _metadata(hint) if isinstance(each, Parameter) and each.name]
+    return next((str(next(iter(names))) for names in given), f"--{name.replace('_', '-')}")

@@ -1,0 +1,173 @@
+"""No command writes over an input, over a file that is not its own, or two outputs to one path."""
+
+import json
+import shutil
+from importlib import import_module
+
+import pytest
+
+import butterfly as bf
+from butterfly.cli.app import COMMANDS
+from butterfly.cli.written import options_of
+from butterfly.logs.csv import write_csv
+from tests.cli.one_line import assert_one_line_error
+
+CALLS = {
+    "inspect": "inspect logs/run0.csv",
+    "manifest": "manifest logs",
+    "fetch": "fetch --from logs",
+    "identify": "identify logs",
+    "select": "select logs",
+    "design": "design result.json",
+    "validate": "validate logs result.json",
+    "residual": "residual result.json",
+    "predict": "predict logs/run0.csv --with result.json",
+    "compare": "compare result.json other.json",
+    "export": "export result.json",
+    "show": "show result.json",
+    "run": "run plan.yaml",
+    "simulate": "simulate plan.yaml",
+    "schema": "schema",
+    "reproduce": "reproduce thesis",
+    "results list": "results list results",
+    "results show": "results show results 0",
+    "results table": "results table results",
+    "results clean": "results clean results",
+}
+"""A call of each command, on files of the folder."""
+
+
+def _command(name):
+    module, _, function = COMMANDS[name].path.partition(":")
+    return getattr(import_module(f"butterfly.cli.{module}"), function)
+
+
+def _outputs(name):
+    """Return the options of a command that write, and the endings of their files."""
+    found = {option: written.endings for option, written in options_of(_command(name)).values()}
+    return found | ({"--json": (".json",)} if COMMANDS[name].answer else {})
+
+
+WRITING = [(name, option) for name in COMMANDS for option in _outputs(name)]
+
+
+@pytest.fixture
+def folder(saved, quick_data, tmp_path, monkeypatch):
+    """A folder with what the calls read, and with files of somebody else."""
+    monkeypatch.chdir(tmp_path)
+    data = bf.read(quick_data)
+    (tmp_path / "logs").mkdir()
+    for number, log in enumerate(data.logs[:2]):
+        write_csv(log, tmp_path / f"logs/run{number}.csv")
+    shutil.copy(quick_data / "manifest.yaml", tmp_path / "logs/manifest.yaml")
+    shutil.copy(quick_data.parent / "quick.yaml", tmp_path / "plan.yaml")
+    for name in ("result.json", "other.json"):
+        shutil.copy(saved, tmp_path / name)
+    (tmp_path / "results").mkdir()
+    for ending in (".html", ".json", ".csv", ".parquet", ".yaml", ".yml", ".xml", ".urdf", ".h"):
+        (tmp_path / f"theirs{ending}").write_text("t,u,q\n0,0,0\n")
+    for ending in (".gif", ".mp4", ".webp", ".png", ".jpg", ".jpeg"):
+        (tmp_path / f"theirs{ending}").write_bytes(b"\x89PNG of somebody")
+    (tmp_path / "folder.d").mkdir()
+    (tmp_path / "folder.d/theirs.txt").write_text("text")
+    (tmp_path / "link.json").symlink_to("result.json")
+    return tmp_path
+
+
+def _contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name):
+    from inspect import signature  # noqa: PLC0415
+
+    known = {"data", "more", "other", "source", "experiment", "folder", "root", "options", "fit"}
+    writing = {way[0] for way in options_of(_command(name))}
+    for each in signature(_command(name)).parameters.values():
+        if "Path" in str(each.annotation) or "Out" in str(each.annotation):
+            assert each.name in known | writing, f"what is written by {each.name}?"
+    assert name in CALLS
+
+
+@pytest.mark.parametrize(("name", "option"), WRITING)
+def test_no_output_is_an_input_or_a_file_of_somebody_else(butterfly, folder, name, option):
+    endings = _outputs(name)[option]
+    taken = ["logs/run0.csv", "logs/manifest.yaml", "plan.yaml", "link.json"]
+    taken += ["result.json"] * ("result.json" in CALLS[name] or option != "--save")
+    taken += [f"theirs{ending}" for ending in endings if ending]
+    taken += ["folder.d"] * (endings != () and "" not in endings)
+    before = _contents(folder)
+    for path in taken:
+        assert_one_line_error(butterfly(*CALLS[name].split(), option, path), path, option)
+        assert _contents(folder) == before, path
+
+
+def test_an_input_is_known_by_any_of_its_names(butterfly, folder):
+    (folder / "same.json").hardlink_to(folder / "result.json")
+    before = _contents(folder)
+    for path in ("same.json", "logs/../result.json", folder / "result.json"):
+        said = butterfly("identify", "result.json", "--save", path)
+        assert_one_line_error(said, "--save", "a file that is read here")
+        assert _contents(folder) == before
+
+
+@pytest.mark.parametrize("report", ["x.html", "folder.d/../x.html"])
+def test_two_outputs_have_two_paths(butterfly, folder, report):
+    said = butterfly("identify", "logs", "--report", report, "--save", "x.json")
+    assert_one_line_error(said, "--save", "the file of")
+    assert not (folder / "x.json").exists()
+
+
+def test_what_butterfly_wrote_as_the_same_kind_is_replaced(butterfly, folder):
+    for words in (
+        ("inspect", "logs/run0.csv", "--plot", "p.html", "--json", "p.json"),
+        ("schema", "--out", "s.json", "--overwrite"),
+        ("show", "result.json", "--out", "hand.png", "--size", 16),
+    ):
+        for _ in range(2):
+            assert butterfly(*words)[0] == 0, words
+    said = butterfly("inspect", "result.json", "--json", "p.json")
+    assert_one_line_error(said, "p.json", "another kind")
+    assert_one_line_error(butterfly("schema", "--out", "s.json"), "s.json", "--overwrite")
+    assert json.loads((folder / "p.json").read_text())["schema"] == "butterfly.inspection"
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.filterwarnings("ignore:The delay")
+def test_twins_and_draws_are_marked():
+    found = bf.load("result.json")
+    drawn = bf.draws(found, 3)
+    for _ in range(2):
+        for path in ("draws.parquet", "draws", "draws.PARQUET"):
+            drawn.write(path)
+        found.model.export("twin.xml")
+        found.model.export("twin.h", to="c", overwrite=True)
+    with pytest.raises(bf.InputError, match="another kind"):
+        found.model.export("draws/0000.xml")
+    with pytest.raises(bf.InputError, match=r"or \.parquet"):
+        drawn.write("d.xlsx")
+    with pytest.raises(bf.InputError, match=r"\.c; expected \.h"):
+        found.model.export("twin.c", to="c")
+
+
+def test_a_saved_result_is_not_the_numbers_of_a_report(folder):
+    found = bf.load("result.json")
+    found.save("mine.json")
+    with pytest.raises(bf.InputError, match="another kind"):
+        found.report("mine.html")
+    assert not (folder / "mine.html").exists()
+    found.save("mine.json")
+    found.report("page.html")
+    found.report("page.html")
+
+
+def test_results_and_logs_go_to_folders_of_their_own(butterfly, folder):
+    before = _contents(folder)
+    for words in (("run", "plan.yaml", "--out", "."), ("run", "plan.yaml", "--out", "folder.d")):
+        assert_one_line_error(butterfly(*words), "--out", "a new folder")
+    for words in (("simulate", "plan.yaml", "--out", "logs"), ("manifest", "logs")):
+        assert_one_line_error(butterfly(*words), "manifest.yaml", "--overwrite")
+    assert _contents(folder) == before
+    assert butterfly("simulate", "plan.yaml", "--out", "logs", "--overwrite")[0] == 0
+    assert (folder / "logs/run0.csv").exists()
