@@ -5,10 +5,13 @@ import io
 import sys
 
 import pytest
+import yaml
 
 import butterfly as bf
 from butterfly import progress
 from butterfly.cli import main, output
+from tests.conftest import brief_quickstart
+from tests.experiment.setting import changed, written
 from tests.verdicts import follow_nothing
 
 
@@ -46,7 +49,9 @@ def place(answer, quick_data, tmp_path_factory):
     assert (
         answer(*identified, "--report", folder / "r.html", "--json", folder / "told.json")[0] == 0
     )
-    run = answer("run", quick_data.parent / "quick.yaml", "--out", folder / "results/one")
+    quick = brief_quickstart(folder, "grey-box", few=2)
+    changed(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
+    run = answer("run", quick, "--out", folder / "results/one")
     assert run[0] == 0, run
     return folder
 
@@ -55,6 +60,15 @@ def place(answer, quick_data, tmp_path_factory):
 def saved(place):
     """A saved identification of `quick_data`."""
     return place / "saved.json"
+
+
+@pytest.fixture(scope="session")
+def few_data(quick_data, tmp_path_factory):
+    """The manifest of two logs with each mass of `quick_data`."""
+    content = yaml.safe_load((quick_data / "manifest.yaml").read_text())
+    logs = [content["logs"][number] for number in (0, 2, 3, 5, 6, 8)]
+    path = tmp_path_factory.mktemp("few") / "few.yaml"
+    return written(path, **content | {"root": str(quick_data), "logs": logs})
 
 
 @pytest.fixture(scope="session")
