@@ -42,24 +42,23 @@ def answer():
 
 
 @pytest.fixture(scope="session")
-def place(answer, quick_data, tmp_path_factory):
-    """A folder with what the commands work with: a saved identification, results of a run."""
+def saved(answer, quick_data, tmp_path_factory):
+    """A saved identification of `quick_data`, with its page and its numbers beside it."""
     folder = tmp_path_factory.mktemp("place")
-    identified = ("identify", quick_data, "--save", folder / "saved.json")
-    assert (
-        answer(*identified, "--report", folder / "r.html", "--json", folder / "told.json")[0] == 0
-    )
+    told = ("--report", folder / "r.html", "--json", folder / "told.json")
+    assert answer("identify", quick_data, "--save", folder / "saved.json", *told)[0] == 0
+    return folder / "saved.json"
+
+
+@pytest.fixture(scope="session")
+def place(answer, saved):
+    """A folder with what the commands work with: a saved identification, results of a run."""
+    folder = saved.parent
     quick = brief_quickstart(folder, "grey-box", few=2)
     changed(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
     run = answer("run", quick, "--out", folder / "results/one")
     assert run[0] == 0, run
     return folder
-
-
-@pytest.fixture(scope="session")
-def saved(place):
-    """A saved identification of `quick_data`."""
-    return place / "saved.json"
 
 
 @pytest.fixture(scope="session")
