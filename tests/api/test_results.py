@@ -305,6 +305,8 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.read([3]), "int"),
         (lambda: bf.read(data, input_kind="torque"), "already read"),
         (lambda: bf.identify(data, 3), "method: got 3"),
+        (lambda: bf.identify(data, holdout="log"), "holdout: got"),
+        (lambda: bf.identify(data, holdout=[3]), "holdout: got"),
         (lambda: bf.identify(data, None), "method: got None"),
         (lambda: bf.identify(data, against={"x": None}), "x: got None"),
         (lambda: bf.identify(data, against={"x": {"p1": "a"}}), "p1: got a"),

@@ -167,15 +167,6 @@ def test_a_weighed_hand(answer, quick_data, tmp_path):
     assert numbers["com_distance"]["value"] == pytest.approx(float(value), rel=1e-3)
 
 
-def test_residuals_of_one_log_are_drawn(answer, saved, tmp_path):
-    plot = tmp_path / "residual.html"
-    out = done(answer("residual", saved, "--log", 2, "--plot", plot))
-    assert "residuals of" in out
-    text = plot.read_text(encoding="utf-8")
-    assert "Residual torque" in text
-    assert "Residual of the free run" in text
-
-
 def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
     saved = tmp_path / "result.json"
     told = ("--holdout", "run000*", "--terms=", "--save", saved, "-v")

@@ -155,8 +155,8 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
     )
 
 
-@pytest.fixture(scope="module")
-def heavy_data(tmp_path_factory):
+@pytest.fixture
+def heavy_data(tmp_path):
     """Logs of an ordinary joint: no hand of 0.3 kg has its p1 and p3."""
     content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
     lumped = {"p1": 0.012, "p2": 0.02, "p3": 0.62, "p4": 1.0}
@@ -164,24 +164,18 @@ def heavy_data(tmp_path_factory):
     masses = [{"mass": 0.0}, {"mass": 0.1, "arm": 0.104}]
     content |= {"duration": 12.0, "excitations": sines, "added_masses": masses}
     content["plant"] = {"lumped": lumped, "simulator": "grey-box"}
-    folder = tmp_path_factory.mktemp("heavy")
-    experiment = read_experiment(written(folder / "heavy.yaml", **content))
-    return write_logs(experiment, simulate(experiment), folder / "data").parent
+    experiment = read_experiment(written(tmp_path / "heavy.yaml", **content))
+    return write_logs(experiment, simulate(experiment), tmp_path / "data").parent
 
 
 @pytest.mark.usefixtures("brief_twins")
-def test_a_hand_gets_a_mass_that_its_parameters_allow(butterfly, heavy_data, tmp_path):
+def test_a_hand_gets_a_mass_that_its_parameters_allow_and_no_other(butterfly, heavy_data, tmp_path):
     out = done(butterfly("export", heavy_data, "--out", tmp_path / "t.xml"))
     assert "(change: export --hand-mass)" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     hand = model.joint("hinge").bodyid[0]
     about = model.body_inertia[hand, 0] + model.body_mass[hand] * model.body_ipos[hand, 2] ** 2
     assert about == pytest.approx(0.012, rel=0.02)
-
-
-def test_a_mass_that_the_parameters_do_not_allow_is_refused_by_its_option(
-    butterfly, heavy_data, tmp_path
-):
     ran = butterfly("export", heavy_data, "--out", tmp_path / "t.xml", "--hand-mass", 0.3)
     assert_one_line_error(ran, "--hand-mass", "0.33")
 

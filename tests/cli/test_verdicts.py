@@ -22,7 +22,7 @@ COMMANDS = {
     "residual": (),
     "design": ("--limit", 1),
     "compare": ("--log", "0"),
-    "validate of several": ("--method", "harmonic-balance,weak-form", "--terms="),
+    "validate of several": ("--method", "harmonic-balance,weak-form"),
     "predict": (),
 }
 FITTING = {"identify", "validate", "select", "validate of several"}
@@ -128,14 +128,17 @@ def test_the_numbers_and_the_page_say_the_verdict(butterfly, words, tmp_path, mo
         assert json.loads(saved.read_text(encoding="utf-8"))["verdict"] == "do not use"
 
 
-def test_what_is_left_over_of_an_estimate_not_to_be_used_says_so_in_numbers_and_plot(
+def test_what_is_left_over_of_a_log_is_drawn_and_says_so_if_the_estimate_is_not_to_be_used(
     butterfly, unfit, tmp_path
 ):
     plot, numbers = tmp_path / "r.html", tmp_path / "r.json"
-    code, _, _ = butterfly("residual", unfit, "--json", numbers, "--log", 1, "--plot", plot)
+    code, out, _ = butterfly("residual", unfit, "--json", numbers, "--log", 1, "--plot", plot)
     assert code == ExitCode.NOT_TO_BE_USED
+    assert "residuals of" in out
     assert json.loads(numbers.read_text(encoding="utf-8"))["verdict"] == "do not use"
-    assert '<div class="verdict warning">' in plot.read_text(encoding="utf-8")
+    text = plot.read_text(encoding="utf-8")
+    for part in ('<div class="verdict warning">', "Residual torque", "Residual of the free run"):
+        assert part in text
 
 
 def fewer(quick, **content):
