@@ -188,7 +188,7 @@ def test_two_sampling_rates_within_each_log_leave_the_delay_where_it_is(monkeypa
     """A held input comes later by half a step, which the free run, read at the stamps, knows."""
 
     def two_rates(rng, duration, *_):
-        parts = clock(rng, 0.6 * duration, 1e-3, 0.1), clock(rng, 0.4 * duration, 9e-3, 0.1)
+        parts = clock(rng, 0.3 * duration, 1e-3, 0.1), clock(rng, 0.2 * duration, 9e-3, 0.1)
         return np.concatenate([parts[0], parts[0][-1] + parts[1][1:]])
 
     monkeypatch.setattr(random_robots, "clock", two_rates)

@@ -30,7 +30,7 @@ from tests.independent.integrator import Joint, motion
 METHODS = ("output-error", "weak-form")
 JOINT = Joint(2e-3, 4e-4, 0.0, 0.05, coulomb=1.5e-3, delay=0.004)
 MASSES = [AddedMass(gravity=0.0), AddedMass(mass=0.1, arm=0.1, gravity=0.0)]
-TIME = 4e-3 * np.arange(2500)
+TIME = 4e-3 * np.arange(1500)
 NOISE = 0.2  # rad/s
 
 
@@ -39,7 +39,7 @@ def _logs(seed=0, start=0.0, noise=NOISE, **about):
     rng, found = np.random.default_rng(seed), []
     for mass in (*MASSES, *MASSES):
         joint = JOINT._replace(inertia=JOINT.inertia + mass.inertia)
-        inputs = np.repeat(rng.uniform(-1, 1, 25), 100) * (not start)
+        inputs = np.repeat(rng.uniform(-1, 1, 15), 100) * (not start)
         angle, velocity = motion(joint, TIME, inputs, 0.0, start)
         seen = velocity + noise * rng.standard_normal(TIME.size)
         kind = {"input_kind": InputKind.TORQUE, "added_mass": mass} | about
@@ -151,14 +151,14 @@ def test_pieces_in_other_units_are_read_from_files(wheel, tmp_path):
     columns = (1e3 * TIME, wheel[0].input, -60 / (2 * np.pi) * wheel[0].velocity)
     rows = np.column_stack(columns)
     np.savetxt(tmp_path / "a.txt", rows, "%.9g", ";", header="t [ms];u;n [rpm]", comments="")
-    logs = "logs: [{file: a.txt, from: 2, to: 6}, {file: a.txt, from: 6.5}]"
+    logs = "logs: [{file: a.txt, from: 1, to: 3}, {file: a.txt, from: 3.5}]"
     (tmp_path / "manifest.yaml").write_text(
         "name: a\ninput: torque\ngravity: 0\nknown: {p4: 0.05}\nunits: {velocity: -1}\n"
         f"columns: {{time: t, input: u, velocity: n}}\n{logs}\n"
     )
     data = bf.read(tmp_path)
-    np.testing.assert_allclose(data.logs[0].velocity, wheel[0].velocity[500:1501], rtol=1e-6)
-    assert data.logs[1].initial_state.velocity == pytest.approx(wheel[0].velocity[1625], abs=0.6)
+    np.testing.assert_allclose(data.logs[0].velocity, wheel[0].velocity[250:751], rtol=1e-6)
+    assert data.logs[1].initial_state.velocity == pytest.approx(wheel[0].velocity[875], abs=0.6)
     found = bf.identify(data, OutputError(terms=(), workers=1))
     assert found.parameters.p1 == pytest.approx(2e-3, rel=0.02)
 
@@ -211,7 +211,7 @@ def test_a_small_mass_on_a_heavy_slide_tells_the_scale_to_simulations():
     logs = []
     for added in (SLIDE, replace(SLIDE, mass=0.4)):
         loaded = joint._replace(inertia=joint.inertia + added.mass)
-        wave = np.cumsum(rng.standard_normal((2, 3000)), axis=1) * 0.02
+        wave = np.cumsum(rng.standard_normal((2, 2000)), axis=1) * 0.02
         logs += _driven(loaded, *wave, added=added, noise=1e-3)
     data = DataSet.of(logs)
     closed = WeakForm(terms=())(data).parameters
