@@ -255,7 +255,7 @@ def test_middles_that_tell_of_no_bias_leave_each_mass_its_zero():
 
 
 def test_the_error_of_the_bias_is_its_spread():
-    found = [_rest(_swings(BIAS, noise=1e-3, seed=seed), asked=True) for seed in range(200)]
+    found = [_rest(_swings(BIAS, noise=1e-3, seed=seed), asked=True) for seed in range(100)]
     claimed = [1 / np.linalg.norm(rest.solved.rows) for rest in found]
     spread = np.std([rest.bias for rest in found])
     assert np.sqrt(np.mean(np.square(claimed))) == pytest.approx(spread, rel=0.15)

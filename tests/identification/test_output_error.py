@@ -151,8 +151,8 @@ OTHERS = {*LOOP_TERMS, *BASE_TERMS}  # what no joint has besides all the rest
 def _log(mass, omega, amplitude, hold):
     sine = Sine(omega=omega, amplitude=amplitude)
     name = f"{mass.mass:g}-{omega:g}"
-    log = simulated(EVERY, mass, sine.sample, 8.0, start=0.05, sine=sine, zero=0.6, source=name)
-    switches = Regime(0.0, 0.002), Regime(4.0, 0.001)
+    log = simulated(EVERY, mass, sine.sample, 9.0, start=0.05, sine=sine, zero=0.6, source=name)
+    switches = Regime(0.0, 0.002), Regime(5.0, 0.001)
     return replace(log, intersample=hold, regimes=switches)
 
 
@@ -164,7 +164,7 @@ def problem(request):
     )
     local = {"per_mass": ("zero",), "per_log": ("velocity",)}
     terms = tuple(name for name in offered("output-error") if name not in OTHERS)
-    estimator = OutputError(terms=terms, **local, window=4.0, cogging_periods=3.0)
+    estimator = OutputError(terms=terms, **local, window=8.0, cogging_periods=3.0)
     found = estimator.problem(data.logs, Start(EVERY, data.equilibria))
     # At rest, without a dead zone or friction of a gear, it has two slopes.
     away = dict.fromkeys(("velocity", "dead_zone", *GEAR), 0.1)

@@ -62,7 +62,8 @@ def _assert_recovered(found, term, truth, tolerance):
 
 
 def _balanced(robot, term, terms):
-    logs = steady(robot, SLOW, duration=30.0) if term == "stribeck" else steady(robot, SWINGS)
+    swings, duration = (SLOW, 30.0) if term == "stribeck" else (SWINGS, 12.0)
+    logs = steady(robot, swings, MASSES[::2], duration)
     return HarmonicBalance(terms=terms)(DataSet.of(logs))
 
 
@@ -74,7 +75,7 @@ def _averaged(robot, term, terms):  # noqa: ARG001 - as the others
 def _simulated(robot, term, terms):
     terms = ("stribeck", term) if term == "stribeck_velocity" else terms
     estimator = replace(SIMULATED, terms=terms, cogging_periods=robot.cogging_periods)
-    return estimator.of_logs(wild(robot, MASSES[::2], 6.0), START)
+    return estimator.of_logs(wild(robot, duration=6.0), START)
 
 
 ELSEWHERE = {"tilt", "back_emf", "slow_delay", *LOOP_TERMS, *BASE_TERMS}

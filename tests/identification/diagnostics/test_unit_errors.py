@@ -10,6 +10,7 @@ import pytest
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors,
     find_unit_errors_of_refused,
@@ -23,7 +24,7 @@ from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_omega,
 )
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.identify import identify, timed
+from butterfly.identification.identify import identify, judge, timed
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -41,6 +42,7 @@ from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
 FEW = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
 BALANCE = HarmonicBalance(terms=())
 SIMULATED = OutputError(terms=(), workers=1)
+UNSEEN = Residuals(logs=(LogResiduals(name="", label="", motion=1.0),))
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +81,9 @@ def _with_names(logs):
 
 
 def _named(logs, estimator):
-    """Return what is named of logs, the level, and all that is said."""
-    found = identify(DataSet.of(logs), estimator).estimate
+    """Return what is named of logs, the level, and all that is said, whatever their residuals."""
+    data, found = timed(DataSet.of(logs), estimator)
+    found = judge(data, estimator, data.simulations.settled(found), UNSEEN)
     slips = [each for each in found.findings if each.kind in NAMED]
     return slips, found.level, " ".join(estimate_sentences(found))
 
