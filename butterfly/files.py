@@ -138,8 +138,8 @@ def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
 def write_document(content: Mapping[str, Any], path: Path) -> None:
     """Write a document to a .json file; InputError if it cannot be written."""
     outputs.require_endings(path, (".json",))
-    schema, second, *_ = content
-    mark = outputs.mark_of_document(content[schema].removeprefix("butterfly."), second)
+    kind, second = content.get("schema", ""), [*content, "", ""][1]
+    mark = outputs.mark_of_document(kind.removeprefix("butterfly."), second) if kind else ""
     write_file(path, json_text(finite(content)), mark)
 
 

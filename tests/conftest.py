@@ -1,6 +1,7 @@
 """Data that several tests share."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.twin.accuracy import Yardstick
 
 # Compilation and file systems make the first example slow. The draws are the same every time, so
 # that a change fails only by what it changes; `pytest --hypothesis-profile explore` draws anew.
@@ -130,3 +132,16 @@ def quick_data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("quick")
     experiment = read_experiment(brief_quickstart(folder, "grey-box"))
     return write_logs(experiment, simulate(experiment), folder / "data").parent
+
+
+@pytest.fixture
+def brief_twins(monkeypatch):
+    """Have an exported twin measured on the beginning of one log, where nobody asks how exactly."""
+    whole = Yardstick.of
+
+    def of(twin, step):
+        (log, setting), *_ = twin.recorded()
+        brief = [(log.piece(0, min(400, log.time.size)), setting)]
+        return whole(replace(twin, recorded=lambda: brief), step)
+
+    monkeypatch.setattr(Yardstick, "of", of)

@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 212,
-    "lines of the package": 42_600,
-    "lines of tests": 32_200,
+    "files of the package": 216,
+    "lines of the package": 43_300,
+    "lines of tests": 33_400,
     "names of classes that exist twice": 0,
     "modules in import circles": 4,
     "tuned numbers of identification": 66,

@@ -28,8 +28,8 @@ STOPPED = "Search stopped after 0 s. Skipped: "
 
 @pytest.fixture(scope="module")
 def data():
-    logs = steady(ROBOT, dict(list(SWINGS.items())[::2]))
-    rows = np.arange(0, 4800, 2)
+    logs = steady(ROBOT, dict(list(SWINGS.items())[::2]), duration=12.0)
+    rows = np.arange(0, 2400, 2)
     return DataSet.of([replace(log.take(rows), name=f"{k}") for k, log in enumerate(logs)])
 
 

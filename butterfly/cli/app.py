@@ -200,7 +200,8 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         with outputs.call(overwrite=overwrite):
             try:
                 command, bound = _parsed(app, tokens)
-                check_outputs(command, bound.arguments, json, kinds)
+                if command.__module__.startswith(__package__):  # not the help
+                    check_outputs(command, bound.arguments, json, kinds)
                 with progress.budget(seconds) as search:
                     ended: ExitCode | None = command(*bound.args, **bound.kwargs)
             except UnusableError as refused:

@@ -14,16 +14,12 @@ import butterfly as bf
 PACKAGE = Path(bf.__file__).parent
 
 
-def _python(code):
-    return subprocess.run(  # noqa: S603 - our own code
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-
-
 def test_nothing_heavy_is_loaded_before_it_is_used():
     heavy = {"numpy", "scipy", "mujoco", "numba", "pydantic", "plotly", "matplotlib", "control"}
     code = f"import butterfly as bf, sys; dir(bf); print(*({heavy!r} & sys.modules.keys()))"
-    assert _python(code) == []
+    command = [sys.executable, "-c", code]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
+    assert ended.stdout.split() == []
 
 
 def test_every_name_that_the_stub_promises_is_there():

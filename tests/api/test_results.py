@@ -60,12 +60,12 @@ def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results,
     assert (tmp_path / "page.html").stat().st_size > least
 
 
+@pytest.mark.usefixtures("least_draws")
 def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
-    data, monkeypatch, tmp_path
+    few, monkeypatch, tmp_path
 ):
     follow_nothing(monkeypatch)
-    few = data.take([0, 2, 3, 5])
-    for each in results_of(few, bf.identify(few, terms=())).values():
+    for each in results_of(bf.identify(few.data, terms=())).values():
         assert each.standing == "do not use"
         assert each.verdict[0].startswith("Do not use: ")
         assert str(each).splitlines()[1] == each.verdict[0]
@@ -106,16 +106,16 @@ def test_the_table_of_parameters_is_aligned_and_has_values_units_and_intervals(r
     assert "&lt;b&gt;x" in html
 
 
-def test_what_parameters_are_made_of_is_told_of_what_is_known(result, results, tmp_path):
-    found = results["physical"]
+def test_what_parameters_are_made_of_is_told_of_what_is_known(result, tmp_path):
+    made_of = {"hand_mass": (0.1, 0.001), "back_emf_constant": 0.05}
+    found = result.physical(**made_of)
     table = found.to_dataframe().set_index("parameter")
     assert table.loc["com_distance", "value"] == pytest.approx(0.05, rel=0.01)
     assert table.loc["com_distance", "standard_error"] == pytest.approx(5e-4, rel=0.05)
     assert table.loc["viscous_friction", "value"] == pytest.approx(2e-4, rel=0.1)
     assert "k_t and R enter only as p4 = N k_t/R" in str(found)
     result.save(tmp_path / "r.json")
-    again = bf.load(tmp_path / "r.json").physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
-    assert again.rows() == found.rows()
+    assert bf.load(tmp_path / "r.json").physical(**made_of).rows() == found.rows()
     derived = {row["parameter"]: row for row in result.physical().rows()}
     assert derived.keys() == {"resonance", "damping_ratio", "decay_time", "speed_gain"}
     assert derived["resonance"]["value"] == pytest.approx(result.model.resonance())
@@ -203,8 +203,8 @@ def _damaged(content):
 
 
 @pytest.mark.parametrize("part", [None, "data", "covariance", "parameters"])
-def test_no_damage_passes_and_fails_later(result, tmp_path, part):
-    path, whole = tmp_path / "r.json", result.to_dict()
+def test_no_damage_passes_and_fails_later(few, tmp_path, part):
+    path, whole = tmp_path / "r.json", few.to_dict()
     for damaged in _damaged(whole if part is None else whole[part]):
         path.write_text(json.dumps(damaged if part is None else {**whole, part: damaged}))
         with suppress(bf.InputError):
@@ -257,7 +257,7 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
 
 def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     held = cross_validate(data, HarmonicBalance(terms=()), Split.MASS)
-    left_out = results["validation"].to_dataframe()["FIT held out in %"]
+    left_out = bf.validate(data, terms=()).to_dataframe()["FIT held out in %"]
     np.testing.assert_allclose(left_out, held.fits)
     designed, compared = results["design"].rows(), results["comparison"]
     assert designed[0]["mean"] == min(row["mean"] for row in designed if not row["warning"])
@@ -266,8 +266,9 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
 
 
 def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(data, quick):
-    few = data.take([0, 2, 3, 5, 6, 8])
-    chosen = bf.select(few, "weak-form", candidates=("drag",), nested=True)
+    logs = data.take([0, 2, 3, 5, 6, 8]).logs
+    coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
+    chosen = bf.select(bf.read(coarse), "weak-form", candidates=("drag",), nested=True)
     assert "in turn, the terms predict what was left out with a mean FIT of 9" in chosen.notes[-1]
     first, shown = chosen.rows()[0], chosen.shown_rows()[0]
     assert (first["terms"], shown["terms"]) == ([], "none")
@@ -304,6 +305,8 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.read([3]), "int"),
         (lambda: bf.read(data, input_kind="torque"), "already read"),
         (lambda: bf.identify(data, 3), "method: got 3"),
+        (lambda: bf.identify(data, holdout="log"), "holdout: got"),
+        (lambda: bf.identify(data, holdout=[3]), "holdout: got"),
         (lambda: bf.identify(data, None), "method: got None"),
         (lambda: bf.identify(data, against={"x": None}), "x: got None"),
         (lambda: bf.identify(data, against={"x": {"p1": "a"}}), "p1: got a"),

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from butterfly.api.sources import manifest_of, read
-from butterfly.api.verbs import identify
 from butterfly.errors import InputError
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
@@ -335,9 +334,3 @@ def test_repairs_are_allowed_by_name():
         read(log, repair="unwrap")
     with pytest.raises(InputError, match="no repair: these logs are already read"):
         read(data, repair=["unwrap"])
-
-
-@pytest.mark.parametrize("names", [[3], "log"])
-def test_logs_are_held_out_by_names_only(names):
-    with pytest.raises(InputError, match="holdout: got"):
-        identify(read(TABLE, **OTHERS, repair=None), holdout=names)

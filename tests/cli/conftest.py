@@ -5,10 +5,13 @@ import io
 import sys
 
 import pytest
+import yaml
 
 import butterfly as bf
 from butterfly import progress
 from butterfly.cli import main, output
+from tests.conftest import brief_quickstart
+from tests.experiment.setting import changed, written
 from tests.verdicts import follow_nothing
 
 
@@ -39,22 +42,32 @@ def answer():
 
 
 @pytest.fixture(scope="session")
-def place(answer, quick_data, tmp_path_factory):
-    """A folder with what the commands work with: a saved identification, results of a run."""
+def saved(answer, quick_data, tmp_path_factory):
+    """A saved identification of `quick_data`, with its page and its numbers beside it."""
     folder = tmp_path_factory.mktemp("place")
-    identified = ("identify", quick_data, "--save", folder / "saved.json")
-    assert (
-        answer(*identified, "--report", folder / "r.html", "--json", folder / "told.json")[0] == 0
-    )
-    run = answer("run", quick_data.parent / "quick.yaml", "--out", folder / "results/one")
+    told = ("--report", folder / "r.html", "--json", folder / "told.json")
+    assert answer("identify", quick_data, "--save", folder / "saved.json", *told)[0] == 0
+    return folder / "saved.json"
+
+
+@pytest.fixture(scope="session")
+def place(answer, saved):
+    """A folder with what the commands work with: a saved identification, results of a run."""
+    folder = saved.parent
+    quick = brief_quickstart(folder, "grey-box", few=2)
+    changed(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
+    run = answer("run", quick, "--out", folder / "results/one")
     assert run[0] == 0, run
     return folder
 
 
 @pytest.fixture(scope="session")
-def saved(place):
-    """A saved identification of `quick_data`."""
-    return place / "saved.json"
+def few_data(quick_data, tmp_path_factory):
+    """The manifest of two logs with each mass of `quick_data`."""
+    content = yaml.safe_load((quick_data / "manifest.yaml").read_text())
+    logs = [content["logs"][number] for number in (0, 2, 3, 5, 6, 8)]
+    path = tmp_path_factory.mktemp("few") / "few.yaml"
+    return written(path, **content | {"root": str(quick_data), "logs": logs})
 
 
 @pytest.fixture(scope="session")

@@ -136,34 +136,32 @@ def test_shells_complete_commands_and_options():
 SLOW = {"numpy", "scipy", "mujoco", "numba", "pyarrow", "plotly", "matplotlib"}
 
 
-def _imported(*calls):
-    """Return the packages that calls of the command line have imported when they end."""
+def _imported(*stages):
+    """Return the packages that calls of the command line have imported at the end of each stage."""
     program = (
         "import contextlib, sys; from butterfly.cli import main\n"
-        f"for call in {calls!r}:\n"
-        "    with contextlib.suppress(SystemExit): sys.argv[1:] = call.split(); main()\n"
-        "print(*{name.partition('.')[0] for name in sys.modules})"
+        f"for calls in {stages!r}:\n"
+        "    for call in calls:\n"
+        "        with contextlib.suppress(SystemExit): sys.argv[1:] = call.split(); main()\n"
+        "    print('imported', *{name.partition('.')[0] for name in sys.modules})"
     )
     command = [sys.executable, "-c", program]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
-    return set(ended.stdout.splitlines()[-1].split())
+    lines = [line.split() for line in ended.stdout.splitlines()]
+    return [{*words} for words in lines if words[:1] == ["imported"]]
 
 
-def test_help_and_version_import_no_library_that_computes_or_draws():
-    imported = _imported("--help", "--version", "results --help")
-    assert "cyclopts" in imported
-    assert not imported & (SLOW | {"pydantic"})
-
-
-def test_the_help_of_a_command_without_estimator_computes_nothing():
-    commands = ("inspect", "manifest", "show", "export", "predict")
-    assert not _imported(*(f"{each} --help" for each in commands)) & SLOW
-
-
-def test_identifying_without_a_report_imports_no_simulator(quick_data):
-    imported = _imported(f"identify {quick_data} --terms=")
-    assert "scipy" in imported
-    assert not imported & {"mujoco", "control", "pyarrow", "matplotlib"}
+def test_no_command_imports_what_it_does_not_need(quick_data):
+    general = ("--help", "--version", "results --help")
+    without_estimator = ("inspect", "manifest", "show", "export", "predict")
+    of_commands = [f"{each} --help" for each in without_estimator]
+    stages = general, of_commands, [f"identify {quick_data} --terms="]
+    of_help, of_more, of_identify = _imported(*stages)
+    assert "cyclopts" in of_help
+    assert not of_help & (SLOW | {"pydantic"})
+    assert not of_more & SLOW
+    assert "scipy" in of_identify
+    assert not of_identify & {"mujoco", "control", "pyarrow", "matplotlib"}
 
 
 @pytest.mark.slow

@@ -13,13 +13,14 @@ from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance_regression
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
+from tests.conftest import brief_quickstart
 
 GIVEN = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
 
 SAYS = {
-    "identify {data} -m output-error --terms= --loss soft_l1": ("output",),
-    "identify {data} -m weak-form": ("weak",),
-    "identify {data} -m linear": ("linear",),
+    "identify {few} -m output-error --terms= --loss soft_l1": ("output",),
+    "identify {few} -m weak-form": ("weak",),
+    "identify {files} -m linear -v": ("linear", "6 logs, 3 added masses, "),
     "validate {data} --terms= --split mass --bootstrap 20": (
         *("Held out by mass: as requested", "9 of 9"),
         *(r"^ +p1 .*kg m²$", "bootstrap over logs"),
@@ -59,6 +60,10 @@ REFUSED = {
     "residual {saved} --log=-1": "numbers from 0",
     "inspect {data} --log=x": "numbers from 0",
     **{
+        f"{command} {{data}} --report {{data}}": "--report: got a folder"
+        for command in ("identify", "select", "compare")
+    },
+    **{
         f"{command} {{data}} --holdout nowhere*": "nowhere*"
         for command in ("residual", "design", "compare", "validate", "select")
     },
@@ -66,9 +71,11 @@ REFUSED = {
 
 
 @pytest.fixture
-def ask(answer, quick_data, saved):
+def ask(answer, quick_data, few_data, saved):
     """Run a command in which data, saved result and experiment stand by their names."""
-    names = {"data": quick_data, "saved": saved, "quick": quick_data.parent / "quick.yaml"}
+    names = {"data": quick_data, "few": few_data, "saved": saved}
+    names["quick"] = quick_data.parent / "quick.yaml"
+    names["files"] = " ".join(str(quick_data / each.file) for each in read_manifest(few_data).logs)
     return lambda words: answer(*words.format(**names).split())
 
 
@@ -82,21 +89,18 @@ def test_what_is_asked_for_is_said(ask, words):
 
 @pytest.mark.parametrize("words", REFUSED)
 def test_what_cannot_be_is_refused_in_a_line(ask, words):
+    """Before any work."""
     assert_one_line_error(ask(words), REFUSED[words])
+    assert ask(words)[1] == ""
 
 
-def test_simulated_logs_are_identified_like_any_folder(butterfly, quick_in_mujoco, tmp_path):
-    folder = tmp_path / "logs"
-    assert butterfly("simulate", quick_in_mujoco, "--out", folder)[0] == 0
+def test_simulated_logs_are_identified_like_any_folder(butterfly, tmp_path):
+    folder, quick = tmp_path / "logs", brief_quickstart(tmp_path, "grey-box", few=2)
+    assert butterfly("simulate", quick, "--out", folder)[0] == 0
     told = ("--terms=", "--against", "p1=0.004,p2=0.001,p3=0.05", "-v")
     out = done(butterfly("identify", folder, *told))
     assert "4 logs, 2 added masses, " in out
     assert "best p4" in out
-
-
-def test_several_files_are_one_data_set(butterfly, quick_data):
-    files = [quick_data / each.file for each in read_manifest(quick_data / "manifest.yaml").logs]
-    assert "9 logs, 3 added masses, " in done(butterfly("identify", *files, "--terms=", "-v"))
 
 
 def test_the_real_logs_are_those_of_the_shipped_manifest(
@@ -125,6 +129,7 @@ def test_absurd_parameters_are_compared_without_filling_the_memory(ask, told):
     assert told in done(ask(f"identify {{data}} --against {told}"))
 
 
+@pytest.mark.usefixtures("brief_twins")
 def test_a_saved_result_is_the_estimate(answer, saved, tmp_path):
     """Values that no data would give are those that are looked at, compared and exported."""
     content = json.loads(saved.read_text())
@@ -150,13 +155,6 @@ def test_a_saved_result_is_the_estimate(answer, saved, tmp_path):
     assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
 
 
-def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
-    for command in ("identify", "select", "compare"):
-        result = butterfly(command, quick_data, "--report", tmp_path)
-        assert_one_line_error(result, tmp_path, "--report", "a folder")
-        assert result[1] == ""
-
-
 def test_a_weighed_hand(answer, quick_data, tmp_path):
     page = tmp_path / "r.html"
     told = ("--terms=", "--known", "hand_mass=0.1+-0.001", "--report", page)
@@ -167,15 +165,6 @@ def test_a_weighed_hand(answer, quick_data, tmp_path):
     assert 'id="physical"' in page.read_text(encoding="utf-8")
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))["physical"]
     assert numbers["com_distance"]["value"] == pytest.approx(float(value), rel=1e-3)
-
-
-def test_residuals_of_one_log_are_drawn(answer, saved, tmp_path):
-    plot = tmp_path / "residual.html"
-    out = done(answer("residual", saved, "--log", 2, "--plot", plot))
-    assert "residuals of" in out
-    text = plot.read_text(encoding="utf-8")
-    assert "Residual torque" in text
-    assert "Residual of the free run" in text
 
 
 def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
@@ -211,10 +200,10 @@ def test_two_identifications_are_compared(answer, saved, tmp_path):
     assert page.exists()
 
 
-def test_estimators_are_ranked_over_data_sets(answer, quick_data, saved, tmp_path):
+def test_estimators_are_ranked_over_data_sets(answer, few_data, tmp_path):
     report = tmp_path / "board.html"
     told = ("--method", "harmonic-balance,linear", "--report", report)
-    out = done(answer("validate", quick_data, saved, *told))
+    out = done(answer("validate", few_data, few_data, *told))
     best = re.search(
         r"(\S+)\s+(?:predicts\s+held-out\s+logs\s+best|and\s+\S+\s+do\s+not\s+differ)", out
     )
@@ -222,10 +211,10 @@ def test_estimators_are_ranked_over_data_sets(answer, quick_data, saved, tmp_pat
     assert report.stat().st_size > 1e5
 
 
-def test_logs_are_predicted_with_bands_draws_and_a_page(answer, quick_data, saved, tmp_path):
+def test_logs_are_predicted_with_bands_draws_and_a_page(answer, few_data, saved, tmp_path):
     options = ("--bands", "--draws", 50, "--out", tmp_path / "d.csv")
     out = done(
-        answer("predict", quick_data, "--with", saved, *options, "--report", tmp_path / "p.html")
+        answer("predict", few_data, "--with", saved, *options, "--report", tmp_path / "p.html")
     )
     assert "inside the band of a new log" in out
     assert out.startswith("Good: p1 ±")

@@ -18,18 +18,18 @@ SLOW = {"reproduce"}
 ON_AN_ESTIMATE = {"identify", "select", "validate", "residual", "compare", "design", "predict"}
 
 
-def _words(command, data, place):
+def _words(command, data, few, place):
     """Return the words of a command that has something to answer."""
     saved, results = place / "saved.json", place / "results/one"
     told = {
-        "select": (data, "--method", "harmonic-balance", "--candidates", "drag"),
+        "select": (few, "--method", "weak-form", "--candidates", "drag"),
         "identify": (data, "--against", "p1=0.003,p2=0.0014,p3=0.05"),
         "validate": (data, "--terms="),
-        "predict": (data, "--with", saved),
+        "predict": (few, "--with", saved),
         "residual": (saved,),
         "compare": (saved, "--log", "0"),
         "design": (saved,),
-        "run": (data.parent / "quick.yaml", "--out", results),
+        "run": (place / "quick.yaml", "--out", results),
         "reproduce": ("thesis",),
         "results list": (place / "results",),
         "results show": (results, 0),
@@ -42,9 +42,9 @@ def _words(command, data, place):
     "command", [pytest.param(each, marks=[pytest.mark.slow] * (each in SLOW)) for each in KINDS]
 )
 def test_what_is_told_has_one_form_and_stands_alone_on_standard_output(
-    answer, quick_data, place, command
+    answer, quick_data, few_data, place, command
 ):
-    code, out, err = answer(*_words(command, quick_data, place), "--json", "-")
+    code, out, err = answer(*_words(command, quick_data, few_data, place), "--json", "-")
     assert code == ExitCode.DONE
     assert not err
     said = json.loads(out, parse_constant=pytest.fail)
@@ -56,7 +56,7 @@ def test_what_is_told_has_one_form_and_stands_alone_on_standard_output(
     assert said["verdict"] in {None, "good", "use with care"}
     assert all(isinstance(each, str) for key in ("reasons", "summary") for each in said[key])
     assert all(isinstance(unit, str) for unit in said["units"].values())
-    for folder in (quick_data, place):
+    for folder in (quick_data, few_data.parent, place):
         assert str(folder) not in out
     if command in ON_AN_ESTIMATE:
         _assert_tells_an_estimate(said)
@@ -154,9 +154,8 @@ def test_json_is_whole_where_letters_are_lacking(quick_data):
     assert json.loads(out)["logs"]
 
 
-def test_a_command_says_what_its_budget_left_out(answer, quick_data):
-    file = quick_data / "manifest.yaml"
-    words = ("identify", file, "--method", "output-error", "--terms=")
+def test_a_command_says_what_its_budget_left_out(answer, few_data):
+    words = ("identify", few_data, "--method", "output-error", "--terms=")
     code, out, _ = answer(*words, "--budget", "1e-9")
     assert "Search stopped after 1e-09 s. Skipped: iterations of a fit" in out
     assert code == ExitCode.NOT_TO_BE_USED

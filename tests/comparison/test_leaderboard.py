@@ -16,7 +16,7 @@ from tests.identification.simulated import ROBOT, SWINGS, steady
 
 @pytest.fixture(scope="module")
 def data():
-    logs = steady(replace(ROBOT, drag=8e-4), dict(list(SWINGS.items())[::2]))
+    logs = steady(replace(ROBOT, drag=8e-4), dict(list(SWINGS.items())[::2]), duration=12.0)
     return DataSet.of([log.take(np.arange(0, log.time.size, 2)) for log in logs], name="bench")
 
 

@@ -28,7 +28,7 @@ ZERO = 0.4
 
 @pytest.fixture(scope="module")
 def data():
-    logs = steady(ROBOT, dict(list(SWINGS.items())[::2]))
+    logs = steady(ROBOT, dict(list(SWINGS.items())[::2]), duration=12.0)
     briefly = [log.take(np.arange(0, log.time.size, 4)) for log in logs]
     return DataSet.of([replace(log, angle=log.angle + ZERO) for log in briefly])
 

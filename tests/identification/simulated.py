@@ -91,7 +91,7 @@ def driven(joint, time, inputs, start=0.0, **properties):
     return Log(time, inputs, angle, input_kind=InputKind.TORQUE, **properties)
 
 
-def wild(robot, masses=MASSES, duration=24.0):
+def wild(robot, masses=MASSES, duration=12.0):
     """Logs of sums of sines, which need not settle; gentle ones where friction is lost in speed."""
     gentle = 0.25 if robot.stribeck else 1.0
 
@@ -121,7 +121,7 @@ def response(mass, omega, phasor, *, input_=1.0, offset=0.0, error=1e-6):
     return ResponsePoint(added_mass=mass, input=input_, angle=fit, drift=0.0, label="")
 
 
-def steady(robot, swings, masses=MASSES, duration=24.0):
+def steady(robot, swings, masses=MASSES, duration=12.0):
     """Logs of sines that swing steadily from the start, each at the end of a swing."""
     logs = []
     for mass, (omega, swing) in product(masses, swings.items()):

@@ -188,7 +188,7 @@ def test_two_sampling_rates_within_each_log_leave_the_delay_where_it_is(monkeypa
     """A held input comes later by half a step, which the free run, read at the stamps, knows."""
 
     def two_rates(rng, duration, *_):
-        parts = clock(rng, 0.6 * duration, 1e-3, 0.1), clock(rng, 0.4 * duration, 9e-3, 0.1)
+        parts = clock(rng, 0.3 * duration, 1e-3, 0.1), clock(rng, 0.2 * duration, 9e-3, 0.1)
         return np.concatenate([parts[0], parts[0][-1] + parts[1][1:]])
 
     monkeypatch.setattr(random_robots, "clock", two_rates)
@@ -255,7 +255,7 @@ def test_middles_that_tell_of_no_bias_leave_each_mass_its_zero():
 
 
 def test_the_error_of_the_bias_is_its_spread():
-    found = [_rest(_swings(BIAS, noise=1e-3, seed=seed), asked=True) for seed in range(200)]
+    found = [_rest(_swings(BIAS, noise=1e-3, seed=seed), asked=True) for seed in range(100)]
     claimed = [1 / np.linalg.norm(rest.solved.rows) for rest in found]
     spread = np.std([rest.bias for rest in found])
     assert np.sqrt(np.mean(np.square(claimed))) == pytest.approx(spread, rel=0.15)

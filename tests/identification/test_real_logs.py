@@ -29,10 +29,10 @@ DELAY, MESSAGE = 0.003, 0.002
 SLOW, FAST = 2.2e-3, 2e-3
 
 
-def _data(message):
+def _data(message, omegas=(3.0, 5.0, 7.0, 9.0)):
     """Logs whose clocks switch, sooner or later, but for two; faster, commands come late."""
     logs = []
-    for number, (mass, omega) in enumerate((m, w) for m in MASSES for w in (3.0, 5.0, 7.0, 9.0)):
+    for number, (mass, omega) in enumerate((m, w) for m in MASSES for w in omegas):
         begin = (3.0, 5.0, 7.0)[number % 3]
         switch = ClockRegime(begin=begin, step=FAST, delay=message)
         clock = Clock(step=SLOW, jitter=3e-4, regimes=(switch,) if number > 1 else ())
@@ -54,6 +54,7 @@ def late():
 
 
 def test_both_delays_are_recovered_unasked_and_predict_by_the_interval_alone(late):
+    late = late.take(range(0, 12, 2))
     found = OutputError(workers=1)(late)
     values = dict(zip(found.names, found.values.tolist(), strict=True))
     assert values["delay"] == pytest.approx(DELAY + MESSAGE, abs=2e-4)
@@ -65,7 +66,7 @@ def test_both_delays_are_recovered_unasked_and_predict_by_the_interval_alone(lat
 
 
 def test_where_no_delay_switches_none_is_claimed():
-    found = OutputError(workers=1)(_data(0.0))
+    found = OutputError(workers=1)(_data(0.0, (3.0, 7.0)))
     assert "slow_delay" not in found.names
     assert "slow_interval" not in found.fixed
 

@@ -62,19 +62,20 @@ def _assert_recovered(found, term, truth, tolerance):
 
 
 def _balanced(robot, term, terms):
-    logs = steady(robot, SLOW, duration=60.0) if term == "stribeck" else steady(robot, SWINGS)
+    swings, duration = (SLOW, 30.0) if term == "stribeck" else (SWINGS, 12.0)
+    logs = steady(robot, swings, MASSES[::2], duration)
     return HarmonicBalance(terms=terms)(DataSet.of(logs))
 
 
 def _averaged(robot, term, terms):  # noqa: ARG001 - as the others
     estimator = WeakForm(terms=terms, cogging_periods=robot.cogging_periods)
-    return estimator.of_logs(wild(robot), ZEROS)
+    return estimator.of_logs(wild(robot, MASSES[::2]), ZEROS)
 
 
 def _simulated(robot, term, terms):
     terms = ("stribeck", term) if term == "stribeck_velocity" else terms
     estimator = replace(SIMULATED, terms=terms, cogging_periods=robot.cogging_periods)
-    return estimator.of_logs(wild(robot, duration=8.0), START)
+    return estimator.of_logs(wild(robot, duration=6.0), START)
 
 
 ELSEWHERE = {"tilt", "back_emf", "slow_delay", *LOOP_TERMS, *BASE_TERMS}
@@ -103,7 +104,7 @@ def test_a_term_is_recovered(method, term):
 @pytest.mark.parametrize("estimator", [HarmonicBalance(terms=()), WeakForm(terms=()), SIMULATED])
 def test_unit_sign_clock_and_order_change_p4_alone_and_fewer_samples_nothing(estimator):
     robot, balanced = replace(ROBOT, delay=0.004), isinstance(estimator, HarmonicBalance)
-    clean = steady(robot, SWINGS) if balanced else wild(robot, duration=12.0)
+    clean = steady(robot, SWINGS) if balanced else wild(robot)
     logs = noisy(clean, 5e-4, np.random.default_rng(0))
     moved = [replace(log, time=log.time + 7.0, input=-3.0 * log.input) for log in reversed(logs)]
     coarse = [log.take(np.arange(0, log.time.size, 2)) for log in logs]

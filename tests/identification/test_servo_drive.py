@@ -65,7 +65,7 @@ def test_back_emf_is_tried_of_drives_that_feel_it(input_kind):
 
 
 @pytest.mark.parametrize(
-    ("law", "lag"), [*((law, 0.0) for law in LOOPS), ("dynamixel-xl330", 0.003), ("moteus", 0.003)]
+    ("law", "lag"), [(law, 0.003 * (law == "dynamixel-xl330")) for law in LOOPS]
 )
 def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
     log = _log(law)
@@ -227,7 +227,7 @@ def _over(terms, fixed, horizon):
 
 
 def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
-    data = _simulated(GOAL, GOAL[::-1].copy(), joint=replace(SIMPLE, delay=0.018))
+    data = _simulated(GOAL, joint=replace(SIMPLE, delay=0.018))
     (first,) = islice(starts(data, ()), 1)
     begun, _ = servo_start(_over, ((), ()), data.logs, first, data.known)
     assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
@@ -236,7 +236,7 @@ def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
 
 
 def test_a_first_guess_without_gravity_and_damping_is_one_to_begin_with():
-    data = _simulated(GOAL, GOAL[::-1].copy())
+    data = _simulated(GOAL)
     (first,) = islice(starts(data, ()), 1)
     poor = replace(first.parameters, p1=1.5 * SIMPLE.p1, p2=0.0, p3=0.0)
     guess = replace(first, parameters=poor)

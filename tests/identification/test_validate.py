@@ -39,7 +39,8 @@ BALANCE = HarmonicBalance()
 @pytest.fixture(scope="module")
 def data():
     """Logs of a robot with drag, which the harmonic balance chooses."""
-    logs = noisy(steady(replace(ROBOT, drag=8e-4), SWINGS), 1e-3, np.random.default_rng(0))
+    few = {omega: SWINGS[omega] for omega in (2.0, 3.0, 4.4, 8.5)}
+    logs = noisy(steady(replace(ROBOT, drag=8e-4), few), 1e-3, np.random.default_rng(0))
     return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
 
 
@@ -48,7 +49,7 @@ def chosen(data):
     return BALANCE(data)
 
 
-@pytest.mark.parametrize(("split", "parts"), [(Split.MASS, 3), (Split.FREQUENCY, 5)])
+@pytest.mark.parametrize(("split", "parts"), [(Split.MASS, 3), (Split.FREQUENCY, 4)])
 def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(
     data, chosen, split, parts
 ):
@@ -240,7 +241,7 @@ def _other(*masses):
 
 @pytest.fixture(scope="module")
 def sines():
-    return DataSet.of(steady(ROBOT, SLOW))
+    return DataSet.of(steady(ROBOT, SLOW, duration=14.0))
 
 
 def _of(data, count):

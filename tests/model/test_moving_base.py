@@ -21,7 +21,7 @@ JOINT = LumpedParameters(
     **BASE.terms(),
 )  # fmt: skip
 ADDED = AddedMass(mass=0.3, arm=0.1)
-TIME = np.arange(0.0, 2.5, 1e-3)
+TIME = np.arange(0.0, 1.5, 1e-3)
 
 
 def _drive(t):

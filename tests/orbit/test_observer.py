@@ -28,7 +28,7 @@ STEP = 5e-4
 
 def _observed(robot, believed, zero=0.0):
     """Velocity that an observer sees of a driven swing, and the true one."""
-    time = np.arange(0, 3, STEP)
+    time = np.arange(0, 2, STEP)
     held = 1e-3 * np.sin(3 * time[:-1])
     delivered = robot.delivered(held)
     angle, velocity = simulate(robot, time, np.column_stack([delivered] * 3), 1.0)

@@ -24,6 +24,11 @@ def log():
     return replace(found, intersample=Intersample.ZERO_ORDER_HOLD)  # as a loop's commands are
 
 
+@pytest.fixture(scope="module")
+def short(log):
+    return log.take(log.time < 15.0)
+
+
 def _fed(log, memory, until=np.inf, zero=0.0):
     online = OnlineRecalibration(zero, terms=TERMS, memory=memory)
     ready = []
@@ -50,9 +55,9 @@ def test_when_nothing_is_forgotten_it_is_recalibration_s_estimate(log):
     np.testing.assert_allclose(found.values[1:3], truth, rtol=0.01)
 
 
-def test_rows_fade_with_their_age(log):
+def test_rows_fade_with_their_age(short):
     """The fading least squares of the same stretches, put together here."""
-    memory = 6.0
+    log, memory = short, 6.0
     online, _ = _fed(log, memory)
     span = round(2 * HALF_WIDTH / STEP) + 4
     advance = round(SPACING * HALF_WIDTH / STEP)
@@ -72,25 +77,25 @@ def test_rows_fade_with_their_age(log):
     np.testing.assert_allclose(online.ratios(), expected, rtol=5e-3)
 
 
-def test_it_is_ready_with_twice_as_many_rows_as_unknowns(log):
-    _, ready = _fed(log, 20.0, until=5.0)
+def test_it_is_ready_with_twice_as_many_rows_as_unknowns(short):
+    _, ready = _fed(short, 20.0, until=5.0)
     assert ready.index(True) == 2 * 4 - 1
 
 
-def test_the_encoder_s_zero_is_taken_off_and_a_pause_begins_anew(log):
-    turned = replace(log, angle=log.angle + 0.7)
-    one, other = _fed(log, 20.0)[0], _fed(turned, 20.0, zero=0.7)[0]
+def test_the_encoder_s_zero_is_taken_off_and_a_pause_begins_anew(short):
+    turned = replace(short, angle=short.angle + 0.7)
+    one, other = _fed(short, 20.0)[0], _fed(turned, 20.0, zero=0.7)[0]
     np.testing.assert_allclose(other.ratios(), one.ratios(), rtol=1e-6)
-    paused = replace(log, time=log.time + 100.0 * (log.time > 10.0))
+    paused = replace(short, time=short.time + 100.0 * (short.time > 10.0))
     np.testing.assert_allclose(_fed(paused, 20.0)[0].ratios(), one.ratios(), rtol=0.02)
 
 
-def test_what_the_motion_so_far_cannot_tell_is_refused(log):
+def test_what_the_motion_so_far_cannot_tell_is_refused(short):
     for until in (0.1, 0.9, 2.0):
-        online, _ = _fed(log, 20.0, until=until)
+        online, _ = _fed(short, 20.0, until=until)
         with pytest.raises(IdentifiabilityError, match="too short"):
             online.estimate()
-    still = replace(log, angle=0.3 * np.sin(4 * log.time), input=0.0 * log.time)
+    still = replace(short, angle=0.3 * np.sin(4 * short.time), input=0.0 * short.time)
     online, _ = _fed(still, 20.0)
     with pytest.raises(IdentifiabilityError, match="input is always zero"):
         online.estimate()

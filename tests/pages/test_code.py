@@ -92,13 +92,14 @@ class _Reader:
 
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory):
-    """Folders with quick starts on 4 and on 12 logs, and what they simulate: somebody's robots."""
+    """Folders with quick starts on 9 and on 12 logs, and what they simulate: somebody's robots."""
     folders = [tmp_path_factory.mktemp("robot") for _ in range(2)]
-    for folder, few, every in zip(folders, (2, 4), (3, 2), strict=True):
+    for folder, few, every in zip(folders, (3, 4), (3, 2), strict=True):
         bf.simulate(brief_quickstart(folder, "grey-box", few, every), out=folder / "data")
     return folders
 
 
+@pytest.mark.usefixtures("brief_twins")
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in WITH_CODE],

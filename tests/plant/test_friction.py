@@ -40,7 +40,7 @@ def test_drag_bias_cogging_offset_and_tilt_are_right_to_1e_9(joint):
         brake = 2e-4 * v + 1e-4 * abs(v) * v
         return [v, (motor + _pull(x) - 2e-3 + ripple - brake) / INERTIA]
 
-    log = play(joint(robot(hand=TILTED, **SMOOTH), ADDED, angle=0.3), 4.0)
+    log = play(joint(robot(hand=TILTED, **SMOOTH), ADDED, angle=0.3), 2.0)
     np.testing.assert_allclose(log.angle, integrated(log, rhs, [0.3, 0.0]), atol=1e-9)
     assert np.ptp(log.angle) > 0.5
 
@@ -57,7 +57,7 @@ def test_bristles_equal_an_independent_integrator(joint, error):
         torque = 0.05 / 2 * (voltage - 0.03 * v) - 5.0 * z - 0.01 * slip - 1e-4 * v
         return [v, (torque + _pull(x)) / INERTIA, slip]
 
-    log = play(joint(robot(hand=TILTED, **LUGRE), ADDED, angle=0.2), 2.0)
+    log = play(joint(robot(hand=TILTED, **LUGRE), ADDED, angle=0.2), 1.2)
     np.testing.assert_allclose(log.angle, integrated(log, rhs, [0.2, 0.0, 0.0]), atol=error)
     assert np.ptp(log.angle) > 0.2
 
@@ -159,10 +159,10 @@ def test_friction_by_torque_or_angle_is_mujoco_s_as_its_steps_shrink(inductance,
 
 
 def _swing(kind, drive, friction, step):
-    """Angles in 1 s of a swing that the motor drives, and is driven by."""
+    """Angles in 0.85 s of a swing that the motor drives, and is driven by."""
     joint, angles = kind(robot(drive, **friction), ADDED, angle=0.3), []
     joint.reset()
-    for k in range(100):
+    for k in range(85):
         for _ in range(round(0.01 / step)):
             joint.advance(1.5 * math.sin(0.08 * k), step)
         angles.append(joint.angle)

@@ -128,7 +128,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     simulated, tmp_path
 ):
     result, truth = simulated
-    linear = identify(result.data, Linear(), against={"truth": truth})
+    linear = identify(result.data.take([0, 2, 3, 5]), Linear(), against={"truth": truth})
     linear.report(tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     row = re.search(r"<tr>\s*<td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]

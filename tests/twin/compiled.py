@@ -18,7 +18,7 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
 RUN = """#include "{0}.h"
-void run(int n, const double *commands, double angle, double velocity, int which, double value,
+void run_{0}(int n, const double *commands, double angle, double velocity, int which, double value,
          double *angles) {{
     {0}_parameters p = {0}_identified();
     {0}_state s;
@@ -88,17 +88,28 @@ def drawn(seed, kind):
     return twin, step, commands
 
 
-def library(header, name, folder):
-    """Compile a header; return what moves it by (n,) commands: (n + 1,) angles.
+def libraries(headers, folder):
+    """Compile headers by their names; return what moves each by (n,) commands: (n + 1,) angles.
 
     It can change one parameter, by its number.
     """
-    (folder / f"{name}.h").write_text(header, encoding="ascii")
-    source, unlinked, made = (folder / each for each in ("run.c", "run.o", f"{name}.so"))
-    source.write_text(RUN.format(name))
+    for name, header in headers.items():
+        (folder / f"{name}.h").write_text(header, encoding="ascii")
+    source, unlinked, made = (folder / each for each in ("run.c", "run.o", "run.so"))
+    source.write_text("".join(map(RUN.format, headers)))
     compile_with("cc", "-std=c99", "-fPIC", "-c", source, "-o", unlinked)
     said("cc", "-shared", unlinked, "-o", made, "-lm")
-    run, array = ctypes.CDLL(str(made)).run, np.ctypeslib.ndpointer(np.float64, flags="C")
+    loaded = ctypes.CDLL(str(made))
+    return {name: _mover(getattr(loaded, f"run_{name}")) for name in headers}
+
+
+def library(header, name, folder):
+    """Compile one header; return what moves it."""
+    return libraries({name: header}, folder)[name]
+
+
+def _mover(run):
+    array = np.ctypeslib.ndpointer(np.float64, flags="C")
     whole, number = ctypes.c_int, ctypes.c_double
     run.argtypes = [whole, array, number, number, whole, number, array]
 

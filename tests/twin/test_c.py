@@ -17,7 +17,7 @@ from butterfly.plant.motor import CommandPath
 from butterfly.twin import c
 from butterfly.twin.accuracy import Yardstick
 from butterfly.twin.forms import Options, write_as
-from tests.twin.compiled import KINDS, compile_with, drawn, library, needs_cc, said
+from tests.twin.compiled import KINDS, compile_with, drawn, libraries, library, needs_cc, said
 
 EXACT = 1e-12  # rad
 STICKING = {"coulomb", "stribeck", "gear", "lag", "base and friction", "drive", "slide"}
@@ -28,17 +28,30 @@ def _delivered(twin, commands):
     return np.asarray(twin.parameters.delivered(shaped))
 
 
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """What moves a joint of each kind by its header, and where all were compiled at once."""
+    folder, headers = tmp_path_factory.mktemp("headers"), {}
+    for seed, kind in enumerate(KINDS):
+        twin, step, _ = drawn(seed, kind)
+        headers[twin.identifier] = c.header(twin, step, 1 + seed % 2, ())
+    return libraries(headers, folder), folder
+
+
 @needs_cc
-@pytest.mark.parametrize(("seed", "kind"), [*enumerate(KINDS)])
-def test_the_header_moves_as_the_compiled_kernel(kind, seed, tmp_path):
-    """And needs sine and exponential alone of libm, and is C++ too."""
-    twin, step, commands = drawn(seed, kind)
-    substeps = 1 + seed % 2
-    move = library(c.header(twin, step, substeps, ()), twin.identifier, tmp_path)
-    wanted = {*said("nm", "-u", tmp_path / "run.o").split()} - {"U", "_GLOBAL_OFFSET_TABLE_"}
+def test_headers_need_sine_and_exponential_alone_of_libm_and_are_cpp_too(compiled):
+    _, folder = compiled
+    wanted = {*said("nm", "-u", folder / "run.o").split()} - {"U", "_GLOBAL_OFFSET_TABLE_"}
     assert wanted <= {"sin", "exp"}
     if shutil.which("c++"):
-        compile_with("c++", "-x", "c++", "-fsyntax-only", tmp_path / "run.c")
+        compile_with("c++", "-x", "c++", "-fsyntax-only", folder / "run.c")
+
+
+@needs_cc
+@pytest.mark.parametrize(("seed", "kind"), [*enumerate(KINDS)])
+def test_the_header_moves_as_the_compiled_kernel(kind, seed, compiled):
+    twin, step, commands = drawn(seed, kind)
+    substeps, move = 1 + seed % 2, compiled[0][twin.identifier]
     ours = c.mover(step, substeps)(twin, np.zeros(64), _delivered(twin, commands), 0.0, 0.0)
     assert np.ptp(ours) > 0.1
     assert np.abs(move(commands, 0.0, 0.0) - ours).max() < EXACT

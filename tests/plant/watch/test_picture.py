@@ -6,6 +6,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from butterfly.errors import InputError
+from butterfly.plant.watch import picture
 from butterfly.plant.watch.picture import Painter, caption_text, captioned, film
 from tests.plant.setting import ADDED, robot, skip_where_nothing_is_drawn
 
@@ -89,8 +90,9 @@ def test_a_ghost_is_drawn_where_the_simulation_is_and_lets_the_solid_be_seen():
     assert not (_blue(same) & ~_blue(alone)).sum() > 50
 
 
-def test_shadows_are_soft_and_edges_smooth_at_any_size():
-    for size in (320, 1032):
+def test_shadows_are_soft_and_edges_smooth_of_pictures_drawn_larger_or_not(monkeypatch):
+    for size, largest in ((320, 320), (640, 639)):
+        monkeypatch.setattr(picture, "_LARGE", largest)
         with Painter(ROBOT, ADDED, size) as painter:
             grey = np.asarray(painter.frame(0.6).convert("L")).astype(int)
         shadow = grey[int(0.93 * size) :, int(0.75 * size) :]
