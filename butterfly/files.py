@@ -169,9 +169,8 @@ def locate(path: Path) -> Path:
     for name in shipped_experiments():
         if str(path) in {name, Path(name).name, Path(name).stem}:
             return shipped(name)
-    raise InputError(
-        path,
-        "path",
-        "no such file or folder",
-        f"an existing path, or one of {', '.join(shipped_experiments())}",
-    )
+    expected = "an existing path"
+    if path.suffix.lower() in {"", ".yaml", ".yml"}:
+        stems = ", ".join(Path(name).stem for name in shipped_experiments())
+        expected += f", or a shipped file: {stems}"
+    raise InputError(path, "path", "no such file or folder", expected)

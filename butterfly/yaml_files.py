@@ -84,13 +84,13 @@ def validate(
     except ArithmeticError as error:
         found = f"numbers out of range ({error.args[-1]})"
         raise InputError(
-            _source(documents, [], source), "content", found, "usual numbers"
+            place_of(documents, [], source), "content", found, "usual numbers"
         ) from None
     unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
     first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
     field = _field(content, location, lacking=first["type"] == "missing")
-    where = _source(documents, location, source)
+    where = place_of(documents, location, source)
     if unknown:
         names = _fields_at(schema, location[:-1])
         raise InputError(where, field, "an unknown key", nearest(location[-1], names))
@@ -100,7 +100,7 @@ def validate(
     if isinstance(cause, InputError):
         named = cause.field
         if not location:  # of the whole file, by a rule that names the field
-            where = _source(documents, [named], source)
+            where = place_of(documents, [named], source)
         elif not named.startswith(f"{field}."):
             named = f"{field}.{named}"
         raise InputError(where, named, cause.value, cause.expected)
@@ -133,8 +133,10 @@ def _value(content: Any, part: str) -> Any:  # noqa: ANN401 - whatever a file ma
     return _NOWHERE
 
 
-def _source(documents: Sequence[Document], location: Sequence[str], origin: object) -> str:
-    """Name the file and the line of ``location``."""
+def place_of(
+    documents: Sequence[Document], location: Sequence[str], origin: object = "content"
+) -> str:
+    """Return the file and the line of a location; ``origin`` without documents."""
     for document in documents:
         line = document.line(location)
         if line is not None:

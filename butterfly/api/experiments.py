@@ -172,6 +172,8 @@ def run(
         raise InputError("run", "engine", engine, "local or dask")
     if scheduler is not None and engine != "dask":
         raise InputError("run", "scheduler", scheduler, "engine dask as well (--engine dask)")
+    if jobs is not None and jobs < 1:
+        raise InputError("run", "jobs", jobs, "a positive number")
     source = Source(locate(Path(experiment)))
     plan = plan_sweep(source, track=track)
     folder = Path("results") / plan.experiment.name if out is None else Path(out)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
-from butterfly.errors import InputError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
@@ -73,7 +73,7 @@ class Inspection(Answer):
             title=f"Logs of {part.name!r}",
             summary=(
                 *([conditions_text(states)] if len(seen) > 1 else []),
-                *hints(remark for each in seen for remark in each.remarks),
+                *hints(seen),
                 *zero_sentences(logs, whole.prior),
             ),
             content={
@@ -290,7 +290,12 @@ def robot_of(
         return RobotModel.of(_of_experiment(read_experiment(path), carried))
     result = saved_identification(path)
     if result is None:
-        result = identify(read(path, arm=arm), Suitable())
+        data = read(path, arm=arm)
+        try:
+            result = identify(data, Suitable())
+        except IdentifiabilityError:
+            remedy = "a saved result; `butterfly identify` says what these logs lack"
+            raise InputError(path, "parameters", "no identifiable values", remedy) from None
     verdict = require_possible(result.estimate)
     twin = result.model.twin(carried, hand_mass=hand_mass)
     note = ""

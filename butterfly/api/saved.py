@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file
 from butterfly.identification.identification import Identification
+from butterfly.progress import budget
 from butterfly.report.finding_texts import finding_text, values_of
 from butterfly.report.parameter_table import Separated
 
@@ -59,7 +61,8 @@ def load(
         moved = None if root is None else Path(root)
         if manifest is not None and (moved or manifest["root"]) is not None:
             manifest["root"] = str(root_of(file, manifest["root"], moved))
-        result = kind.from_dict(content)
+        with budget(math.inf):  # whatever else is searched for now, nothing of it is left out here
+            result = kind.from_dict(content)
         result.shown_rows()
         if isinstance(result, Identification):
             for each in result.estimate.findings:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
+from cyclopts.validators import Number
 
 from butterfly.cli.written import FOLDER, PAGE, REPORT
 from butterfly.errors import InputError
@@ -34,7 +35,7 @@ _HAND_MASS = "Mass to write for the moving body; the motion does not depend on i
 LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", help=_LOG)]
 Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
 HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
-Limit = Annotated[int, Parameter(metavar="N")]
+Limit = Annotated[int, Parameter(metavar="N", validator=Number(gte=1))]
 Page = Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE"), PAGE]
 Split = Literal["auto", "mass", "frequency", "log", "time"]
 

@@ -39,7 +39,7 @@ def kind_of(
     own = [written(name) for name in options_of(kind)]
     for name in map(written, options):
         if name not in own:
-            expected = nearest(name, own) if own else "no option"
+            expected = nearest(name, [*own, written("method")]) if own else "no option"
             raise InputError(f"{written('method')} {method}", name, "an unknown option", expected)
     return kind
 

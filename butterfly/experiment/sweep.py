@@ -17,12 +17,13 @@ from butterfly.experiment.record import OK, SCHEMA, SweepRecord, Task, digest_of
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, signal_digest
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_spec import Overrides, apply
+from butterfly.experiment.sweep_spec import Overrides, SweepSpec, apply
 from butterfly.experiment.workers import Engine
 from butterfly.files import shipped
 from butterfly.progress import Track, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
+from butterfly.yaml_files import place_of
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
 _ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}
@@ -58,7 +59,7 @@ def plan_sweep(source: Source, *, track: Track = untracked) -> SweepPlan:
     tasks = []
     for number, (overrides, repetition, seed) in enumerate(points):
         content = source.with_digests(apply(base, overrides | {"seed": seed}, source.path))
-        asked = source.experiment(content)
+        asked = _varied(source, sweep, content, overrides)
         tasks.append(
             Task(
                 number=number,
@@ -70,6 +71,21 @@ def plan_sweep(source: Source, *, track: Track = untracked) -> SweepPlan:
             )
         )
     return SweepPlan(experiment=experiment, fields=fields, tasks=tuple(tasks), tables=source.tables)
+
+
+def _varied(
+    source: Source, sweep: SweepSpec | None, content: dict[str, Any], overrides: Overrides
+) -> Experiment:
+    """Validate the content of a run; an error in what the sweep sets names its place there."""
+    try:
+        return source.experiment(content)
+    except InputError as error:
+        for path, value in overrides.items():
+            set_here = f"{error.field}.".startswith(f"{path}.")
+            if sweep is not None and (set_here or f"{path}.".startswith(f"{error.field}.")):
+                where = place_of(source.documents, sweep.way_to(path, value), source.path)
+                raise InputError(where, error.field, error.value, error.expected) from None
+        raise
 
 
 def address(experiment: Experiment, content: Mapping[str, Any]) -> str:

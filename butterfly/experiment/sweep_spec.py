@@ -102,6 +102,14 @@ class SweepSpec(StrictModel):
             earlier += {path for together in alternatives for path in together}
         return self
 
+    def way_to(self, path: str, value: object) -> list[str]:
+        """Return the keys, from the top of the file, by which a field is set to a value."""
+        for part, spec in (("random", self.random), ("latin_hypercube", self.latin_hypercube)):
+            if spec is not None and path in spec.fields:
+                return ["sweep", part, "fields", path]
+        rows = [str(k) for k, row in enumerate(self.rows) if path in row and row[path] == value]
+        return ["sweep", "list", rows[0], path] if rows else ["sweep", "grid", path]
+
     @property
     def _axes(self) -> list[list[tuple[str, ...]]]:
         """Paths set by each part, in order of application."""

@@ -37,8 +37,6 @@ class LocalEngine:
     """Local processes, by default one per core."""
 
     def __init__(self, jobs: int | None = None) -> None:
-        if jobs is not None and jobs < 1:
-            raise InputError("butterfly run", "--jobs", jobs, "a positive number")
         self._jobs = jobs or os.cpu_count() or 1
 
     def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:

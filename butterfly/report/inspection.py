@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, listed
 from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
@@ -78,9 +78,14 @@ def conditions_text(conditions: Sequence[Level]) -> str:
     return f"{logs}: {', '.join(told)}."
 
 
-def hints(remarks: Iterable[Remark]) -> list[str]:
-    """Return what to do about remarks, each hint once."""
-    return list(dict.fromkeys(remark.hint for remark in remarks if remark.hint))
+def hints(seen: Iterable[Inspected]) -> list[str]:
+    """Return what to do about the remarks on logs, each hint once, after the logs' names."""
+    names: dict[str, list[str]] = {}
+    for each in seen:
+        for remark in each.remarks:
+            if remark.hint and each.name not in names.setdefault(remark.hint, []):
+                names[remark.hint].append(each.name)
+    return [f"{listed(logs, 3)}: {hint}" for hint, logs in names.items()]
 
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
@@ -169,7 +174,7 @@ def inspection_page(log: Log, health: Health) -> Page:
         description="",
         kind="log",
         badge=Badge(state, STATES[state].capitalize(), [_ADVICE[state], *found]),
-        summary=hints(remarks),
+        summary=hints([Inspected(name=log.label, remarks=tuple(remarks))]),
         lead=Section(title="In numbers", tables=(table,)),
         sections=[Section(title="The log", figures={"log": recorded_figure(log)})],
         numbers={"data": {"name": log.source}, "versions": versions()},

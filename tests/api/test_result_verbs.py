@@ -17,6 +17,7 @@ from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
+from butterfly.progress import budget
 
 
 def test_a_prediction_has_rows_bands_and_the_verdict(predicted, data, result):
@@ -150,6 +151,7 @@ def test_slips_are_one_typed_error(data, result, predicted, by_thesis, tmp_path)
         (lambda: bf.predict("", result), "got empty"),
         (lambda: bf.predict(data, result, draws=5), "at least 40"),
         (lambda: bf.draws(result, seed=-1), "seed: got -1"),
+        (lambda: bf.identify(data, metod="linear"), "metod: got an unknown.*expected 'method'"),
         (lambda: bf.predict(replace(data.logs[0], input_kind="torque"), result), "input: got torq"),
     ):
         with pytest.raises(bf.InputError, match=message):
@@ -161,6 +163,14 @@ def test_slips_are_one_typed_error(data, result, predicted, by_thesis, tmp_path)
 @pytest.fixture
 def own(result):
     return {name: getattr(result.parameters, name) for name in ("p1", "p2", "p3", "p4", "coulomb")}
+
+
+def test_what_is_loaded_says_nothing_of_a_search_that_goes_on(predicted, tmp_path):
+    predicted.save(tmp_path / "p.json")
+    with budget(0.0) as search:
+        search.left_out.append("something")
+        again = bf.load(tmp_path / "p.json")
+    assert again.summary == predicted.summary
 
 
 def test_given_parameters_are_judged_by_how_they_move(data, own):

@@ -59,6 +59,9 @@ REFUSED = {
     "compare {saved} --log=0,99": "numbers from 0",
     "residual {saved} --log=-1": "numbers from 0",
     "inspect {data} --log=x": "numbers from 0",
+    "inspect missing.json": "no such file or folder; expected an existing path",
+    "design {saved} --limit -1": "--limit",
+    "run quickstart --jobs -2": "jobs: got -2; expected a positive number",
     **{
         f"{command} {{data}} --report {{data}}": "--report: got a folder"
         for command in ("identify", "select", "compare")

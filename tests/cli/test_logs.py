@@ -4,6 +4,7 @@ import hashlib
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.io import loadmat, savemat
 
 import butterfly as bf
 from butterfly.logs import thesis_logs
+from butterfly.logs.csv import write_csv
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from tests.cli.one_line import assert_one_line_error, done
@@ -103,7 +105,7 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     code, out, err = butterfly("inspect", loose, *COLUMNS, "--json", path)
     assert code == 2
     assert "1 unusable" in err
-    rows = [line.split()[:3] for line in out.splitlines() if ".txt" in line]
+    rows = [line.split()[:3] for line in out.splitlines() if re.match(r"  .*\.txt", line)]
     assert rows == [
         ["b_round.txt", "do", "not"],
         ["c_away.txt", "note", "4000"],
@@ -244,3 +246,18 @@ def test_a_servo_is_told_by_options(butterfly, tmp_path):
     data = bf.read(log, input_kind="setpoint", loop={"law": "dynamixel-x", "kp": 400},
                    columns={"time": "t", "input": "goal", "angle": "angle"})  # fmt: skip
     assert data.logs[0].servo.kp.value == 400
+
+
+def test_a_hint_names_the_logs_that_it_is_for(butterfly, quick_data, tmp_path):
+    for name in ("a", "b"):
+        log = bf.read(quick_data).logs[0]
+        cut = np.where(log.time > 3, np.nan, log.angle)
+        write_csv(replace(log, angle=cut), tmp_path / f"{name}.csv")
+    _, out, _ = butterfly("inspect", tmp_path, "--known", "p4=1", "--input", "torque")
+    assert "\na.csv, b.csv: angle: expected finite numbers" in out
+
+
+def test_what_cannot_be_identified_has_no_twin(butterfly, quick_data, tmp_path):
+    write_csv(bf.read(quick_data).logs[0], tmp_path / "a.csv")
+    said = butterfly("export", tmp_path / "a.csv", "--out", tmp_path / "twin.xml")
+    assert_one_line_error(said, "no identifiable values; expected a saved result")

@@ -1,9 +1,18 @@
 """Numbers with the digits that their errors leave; fields of an experiment in words."""
 
+import math
+
 import pytest
 
 from butterfly.experiment.schema import Experiment
-from butterfly.report.format import field_label, field_name, field_unit, interval, with_error
+from butterfly.report.format import (
+    field_label,
+    field_name,
+    field_unit,
+    fit_text,
+    interval,
+    with_error,
+)
 
 PURE = {
     *("repetitions", "seed", "register", "power", "multiplier", "rounds", "workers", "folds"),
@@ -53,6 +62,10 @@ def test_the_numbers_of_the_plant_have_units():
 )
 def test_values_are_written_to_the_second_digit_of_their_error(value, error, text):
     assert with_error(value, error) == text
+
+
+def test_an_unknown_fit_is_a_dash_and_a_poor_one_is_bounded():
+    assert [fit_text(fit) for fit in (math.nan, -2000.0, 99.26)] == ["–", "less than -1000", "99.3"]
 
 
 def test_an_interval_without_limits_is_a_dash():
