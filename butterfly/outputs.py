@@ -7,7 +7,8 @@ hold no mark (CSV, C, films, logs, manifests) it replaces only if that is asked 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -66,14 +67,13 @@ def note_input(path: Path) -> None:
         current.inputs.add(identity)
 
 
-def mark_of(path: Path, kind: str) -> str:
-    """Return the mark of a kind in files with this ending; empty if they can hold none."""
-    return _MARKS.get(path.suffix.lower(), "").format(kind)
+def mark_of(path: Path, kind: str = "") -> str:
+    """Return the mark of a kind in files with this ending; without one, what all marks begin with.
 
-
-def any_mark_of(path: Path) -> str:
-    """Return what all marks in files with this ending begin with; empty if they can hold none."""
-    return _MARKS.get(path.suffix.lower(), "").partition("{}")[0]
+    It is empty if they can hold none.
+    """
+    before, _, after = _MARKS.get(path.suffix.lower(), "").partition("{}")
+    return f"{before}{kind}{after}" if kind else before
 
 
 def mark_of_document(kind: str, second: str = "schema_number") -> str:
@@ -87,7 +87,7 @@ def require_free(path: Path, *marks: str, option: str = "path") -> None:
     Empty marks do not count.
     """
     current = _CALL.get() or _Call()
-    if _is_link(path):
+    if os.path.islink(path):  # noqa: PTH114 - no error where nobody may look
         raise InputError(path, option, "a link", "a file of its own")
     identity = _identity(path)
     if identity is None:
@@ -113,24 +113,6 @@ def require_endings(path: Path, endings: Sequence[str], option: str = "path") ->
         known = [each or "no ending" for each in endings]
         expected = " or ".join([", ".join(known[:-1]), known[-1]] if known[:-1] else known)
         raise InputError(path, option, path.suffix or "no ending", expected)
-
-
-def require_apart(outputs: Mapping[str, Path]) -> None:
-    """Raise InputError if two options name the same file."""
-    taken: dict[object, str] = {}
-    for option, path in outputs.items():
-        for key in {path.resolve(), _identity(path) or path.resolve()}:
-            if taken.setdefault(key, option) != option:
-                expected = f"another file than {taken[key]}"
-                raise InputError(path, option, f"the file of {taken[key]}", expected)
-
-
-def _is_link(path: Path) -> bool:
-    """Whether a path is a link; not if it may not be looked at."""
-    try:
-        return path.is_symlink()
-    except OSError:
-        return False
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

@@ -34,11 +34,14 @@ def options_of(command: object) -> dict[tuple[str, ...], tuple[str, OutputFile]]
     """Return name and files of each option that writes, by its way from the arguments."""
     found: dict[tuple[str, ...], tuple[str, OutputFile]] = {}
     for name, hint in get_type_hints(command, include_extras=True).items():
-        if is_dataclass(kind := _bare(hint)):
+        kind, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if is_dataclass(kind):
             found.update({(name, *way): each for way, each in options_of(kind).items()})
-        for each in _metadata(hint):
+        names = [each.name for each in metadata if isinstance(each, Parameter) and each.name]
+        option = next(iter(names[0])) if names else f"--{name}"
+        for each in metadata:
             if isinstance(each, OutputFile):
-                found[name,] = _option(name, hint), each
+                found[name,] = option, each
     return found
 
 
@@ -71,11 +74,14 @@ def check(
     }
     for option, (path, written) in files.items():
         _require_kind(path, written, option)
-    outputs.require_apart(named)
+    taken: dict[Path, str] = {}
     for option, path in named.items():
+        if taken.setdefault(path.resolve(), option) != option:
+            other = taken[path.resolve()]
+            raise InputError(path, option, f"the file of {other}", "another file")
         documents = files[option.rpartition(" ")[2]][1].documents
         if path.suffix:
-            marks = documents if path.suffix.lower() == ".json" else (outputs.any_mark_of(path),)
+            marks = documents if path.suffix.lower() == ".json" else (outputs.mark_of(path),)
             outputs.require_free(path, *marks, option=option)
 
 
@@ -100,17 +106,3 @@ def _values(values: object, way: tuple[str, ...] = ()) -> Iterator[tuple[tuple[s
             yield from _values(value, way)
     elif is_dataclass(values):
         yield from _values({each.name: getattr(values, each.name) for each in fields(values)}, way)
-
-
-def _metadata(hint: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any annotation
-    return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-
-
-def _bare(hint: Any) -> Any:  # noqa: ANN401 - any annotation
-    return get_args(hint)[0] if get_origin(hint) is Annotated else hint
-
-
-def _option(name: str, hint: Any) -> str:  # noqa: ANN401 - any annotation
-    """Return the long name of an option."""
-    given = [each.name for each in _metadata(hint) if isinstance(each, Parameter) and each.name]
-    return next((str(next(iter(names))) for names in given), f"--{name.replace('_', '-')}")

@@ -65,20 +65,11 @@ class ResultStore:
 
     def require_own(self) -> None:
         """Raise InputError unless the folder is new, empty, or one of results."""
-        expected = "a new folder, or one of butterfly's results"
-        marks = {EXPERIMENT: HEAD.encode(), SWEEP: b"{"}
-        try:
-            names = sorted(path.name for path in self.folder.iterdir())
-            own = [
-                name
-                for name in {*marks} & {*names}
-                if (self.folder / name).read_bytes().startswith(marks[name])
-            ]
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise InputError(self.folder, "--out", error.strerror or error, expected) from None
-        if names and not own:
+        names = sorted(path.name for path in self.folder.glob("*"))
+        kept = {name: (self.folder / name).read_bytes() for name in {SWEEP, EXPERIMENT} & {*names}}
+        own = kept.get(EXPERIMENT, b"").startswith(HEAD.encode())
+        if names and not own and origin_of(kept.get(SWEEP, b"").decode("latin-1")) == "no record":
+            expected = "a new folder, or one of butterfly's results"
             raise InputError(self.folder, "--out", f"a folder with {names[0]}", expected)
 
     def read(self, key: str) -> RunRecord | None:
