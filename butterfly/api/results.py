@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from butterfly.report.ranking_pages import TablePlots
 
 _SEEN, _HELD_OUT = "FIT in sample in %", "FIT held out in %"  # columns
-_OLDER = {"FIT seen in %": _SEEN, "FIT left out in %": _HELD_OUT}
 _WELL = 90  # % FIT of a well-predicted log
 
 
@@ -137,14 +136,6 @@ class Validated(Tabulated):
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
             printed=tuple(tables),
         )
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return what `to_dict` gave, of an older program too (see `Answer.from_dict`)."""
-        rows = [
-            {_OLDER.get(key, key): each for key, each in row.items()} for row in content["rows"]
-        ]
-        return super().from_dict({**content, "rows": rows}, **more)
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""

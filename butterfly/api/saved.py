@@ -49,9 +49,7 @@ def load(
         raise InputError(file, "schema", schema, expected)
     kind = _KINDS[schema]
     number = content.get("schema_number")
-    if number == _BEFORE:
-        content = _upgraded(file, content)
-    elif number != kind.schema_number:
+    if number != kind.schema_number:
         newer = isinstance(number, int) and number > kind.schema_number
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
         expected = f"{kind.schema_number}: {remedy}"
@@ -71,57 +69,6 @@ def load(
         expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result
-
-
-_BEFORE = 1  # the schema number of butterfly 0.2.0
-
-
-def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """Convert a result of butterfly 0.2.0 to the present schema."""
-    if content["schema"] != "butterfly.identification":
-        return content
-    try:
-        old = content["estimate"]
-        names, findings = old["names"], content["misfit"].get("findings", ())
-        limits = {key: dict(zip(names, old[key], strict=True)) for key in ("lower", "upper")}
-        values = dict(zip(names, old["values"], strict=True))
-        rows = {
-            name: {"value": values[name], **{key: limits[key][name] for key in limits}}
-            for name in names
-        }
-        left_out = [
-            {
-                **({"added_mass": key} if isinstance(key, dict) else {"without": key}),
-                "values": dict(zip(names, each, strict=True)),
-            }
-            for key, each in old["left_out"]
-        ]
-        apart = [
-            name
-            for each in old["findings"]
-            if each["kind"] == "not-estimated"
-            for name in each["parameters"]
-        ]
-        horizon = old.get("horizon")
-        same = (
-            *("method", "ending", "condition", "findings", "on_bound", "held", "known"),
-            *("resonances", "local", "rivals", "freedom"),
-        )
-        return {
-            **content,
-            **{key: old[key] for key in same if key in old},
-            "parameters": rows,
-            "unestimated": {name: values[name] for name in apart},
-            "covariance": {"names": names, "matrix": old["covariance"]},
-            "left_out": left_out,
-            "horizon": "whole" if horizon == 0 else horizon,
-            "input": content["data"]["input"],
-            "joint": content["data"].get("joint", "hinge"),
-            "residuals": {**content["misfit"], "findings": list(findings)},
-        }
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        expected = "an undamaged result of butterfly 0.2.0; identify its logs again"
-        raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
 
 
 def _content(file: Path) -> dict[str, Any]:

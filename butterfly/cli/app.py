@@ -76,29 +76,6 @@ COMMANDS = {
 }
 """All commands, by the words that call them, in the order of help."""
 
-FORMER_COMMANDS = {
-    "leaderboard": "validate -m METHOD,METHOD",
-    "calibrate-orbit": "run",
-    "view": "show",
-    "video": "show --out FILM",
-    "logs": "fetch",
-    "logs fetch": "fetch",
-    "model": "inspect, show or export",
-    "model show": "inspect",
-    "model render": "show --out PICTURE",
-    "model export": "export",
-    "results export": "results table --out FILE",
-    "results compare": "compare",
-}
-FORMER_OPTIONS = {
-    "--count": "--limit",
-    "--logs": "--log",
-    "--mass": "--hand-mass",
-    "--methods": "--method",
-}
-FORMER_OPTIONS_OF_COMPARE = dict.fromkeys(
-    ("--against", "--other-results"), "RESULTS/RUN in place of a run's number"
-)
 _DATA = ("root", "arm", "input", "intersample", "columns", "units", "repair", "known", "zero")
 OF_DATA = {f"--{name}" for name in (*_DATA, "joint", "gravity", "from", "to", "restarts")}
 """Options of the commands that read logs without a manifest."""
@@ -250,7 +227,6 @@ def main() -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
-            _refuse_former(tokens)
             ended = program(tokens).meta(tokens)
         sys.stdout.flush()
         sys.exit(ended or ExitCode.DONE)
@@ -274,14 +250,6 @@ def main() -> None:
         asked.__dict__.update(vars(Asked()))
 
 
-def _refuse_former(tokens: Sequence[str]) -> None:
-    """Raise InputError with the new name if a command is called by a former name."""
-    words = [token for token in tokens if not token.startswith("-")]
-    for name in (" ".join(words[:2]), *words[:1]):
-        if name in FORMER_COMMANDS:
-            raise InputError("butterfly", name, "a former name", FORMER_COMMANDS[name])
-
-
 def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
     """Say in one line what is wrong with what was typed."""
     if isinstance(error, UnknownOptionError):
@@ -293,9 +261,6 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
                 "`butterfly manifest` or `butterfly identify --save`, which write them"
             )
             return str(InputError(f"butterfly {name}", option, "not an option here", expected))
-        former = FORMER_OPTIONS | (FORMER_OPTIONS_OF_COMPARE if name == "compare" else {})
-        if option in former:
-            return str(InputError("butterfly", option, "a former name", former[option]))
     if isinstance(error, UnknownCommandError) and error.unused_tokens:
         # its own message lists all commands after the one that is meant
         return str(error).partition(" Available commands")[0]

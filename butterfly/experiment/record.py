@@ -17,13 +17,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated, Any, Self, cast
 
-import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.parameter import Parameter, or_nan, or_none
+from butterfly.identification.parameter import Parameter, or_none
 from butterfly.orbit.loop import OrbitStudy
 from butterfly.progress import current_search
 from butterfly.verdict import Level
@@ -59,8 +58,6 @@ class _Signed:
         """Read the content of a file; None if it is not a record, damaged, or of another schema."""
         schema = _SCHEMA_SAID.match(text)
         try:
-            if schema is not None and int(schema[1]) == _BEFORE:
-                return cls._adapter().validate_python(upgraded(json.loads(text)))
             if schema is None or int(schema[1]) != SCHEMA:
                 return None
             record: Any = cls._adapter().validate_json(text)
@@ -266,53 +263,6 @@ def origin_of(text: str) -> str:
         schema, version = int(content["schema"]), str(content["versions"]["butterfly"])
     except (ValueError, KeyError, TypeError, RecursionError):
         return "no record"
-    if schema in {SCHEMA, _BEFORE}:
+    if schema == SCHEMA:
         return "a damaged record"
     return f"schema {schema} of butterfly {version}"
-
-
-_BEFORE = 3  # the schema before estimates were kept whole
-
-
-def upgraded(content: dict[str, Any]) -> dict[str, Any]:
-    """Convert a record of schema 3; covariances between parameters are unknown."""
-    estimates = [_upgraded_estimate(each) for each in content.get("estimates", ())]
-    orbit = content.get("orbit")
-    if orbit is not None:
-        orbit = {key: each for key, each in orbit.items() if key != "parameters"}
-    new = {"estimates": estimates, "orbit": orbit} if "estimates" in content else {}
-    return {**content, **new, "schema": SCHEMA, "digest": ""}
-
-
-def _upgraded_estimate(old: dict[str, Any]) -> dict[str, Any]:
-    kept = {key: old.get(key) for key in ("estimator", "fit", "held_out", "holdout")}
-    kept["error"] = old.get("error", "")
-    rows = {row["parameter"]: row for row in old["parameters"]}
-    fitted = {name: row for name, row in rows.items() if not row["known"]}
-    if not rows:
-        return kept
-    errors = [or_nan(row["standard_error"]) for row in fitted.values()]
-    scatter = np.full(2 * (len(fitted),), np.nan)
-    np.fill_diagonal(scatter, np.square(errors))
-    apart = {
-        key: {name: row[key] for name, row in fitted.items()}
-        for key in ("least_left_out", "largest_left_out")
-        if fitted and all(row[key] is not None for row in fitted.values())
-    }
-    estimate = {
-        "method": old["estimator"],
-        "ending": old["ending"],
-        "parameters": rows,
-        "unestimated": {},
-        "covariance": {"names": list(fitted), "matrix": scatter.tolist()},
-        "left_out": [{"without": key, "values": each} for key, each in apart.items()],
-        "condition": old["condition"],
-        "findings": old["findings"],
-        "on_bound": [name for name, row in fitted.items() if row["on_bound"]],
-        "held": {},
-        "known": {name: row["value"] for name, row in rows.items() if row["known"]},
-        "resonances": [],
-        "local": [],
-    }
-    truth = {name: row["true"] for name, row in rows.items() if row["true"] is not None}
-    return {**kept, "estimate": estimate, "truth": truth if len(truth) == len(rows) else None}

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from butterfly import __version__
-from butterfly.cli.app import COMMANDS, FORMER_COMMANDS, program
+from butterfly.cli.app import COMMANDS, program
 from butterfly.cli.output import ExitCode
 from tests.cli.one_line import assert_one_line_error, done
 from tests.cli.one_line import program as run_program
@@ -93,18 +93,7 @@ def test_help_is_short_and_all_options_are_shown_on_request(answer):
         assert names[0] in everything
 
 
-@pytest.mark.parametrize("former", FORMER_COMMANDS)
-def test_a_former_command_ends_in_a_line_that_tells_the_present_one(butterfly, former):
-    result = butterfly(*former.split(), "data")
-    assert_one_line_error(result, former, f"expected {FORMER_COMMANDS[former]}")
-
-
 VAIN = {
-    "compare data --logs 1": "--log",
-    "export data --out x --mass=0.3 1": "--hand-mass",
-    "design data --count 1": "--limit",
-    "validate data --methods 1": "--method",
-    "compare results/x/0 results/x/1 --against 1": "RESULTS/RUN",
     "design data --units 1": "butterfly manifest",
     "identify data --wnidow 1": "--window",
     "identify": "DATA",
@@ -123,7 +112,6 @@ VAIN = {
 
 @pytest.mark.parametrize("call", VAIN)
 def test_what_is_typed_in_vain_is_one_line_with_what_is_meant(butterfly, call):
-    """And so is an option that was called otherwise."""
     named = [each.partition("=")[0] for each in call.split()[-2:-1] if call.endswith(" 1")]
     assert_one_line_error(butterfly(*call.split()), *named, VAIN[call])
 
