@@ -11,7 +11,7 @@ import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
-from butterfly.identification.draws import LEAST, draw_parameters, weighed
+from butterfly.identification.draws import LEAST, draw_parameters
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.multistart import starts
@@ -81,26 +81,10 @@ def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
     assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
 
 
-@pytest.mark.slow
-def test_draws_stop_when_time_is_over_and_those_that_were_made_count(data):
-    found = bf.identify(data, HarmonicBalance(terms=()))
-    drawn = draw_parameters(found.estimate, 100)
-    with budget(0.0) as search:
-        few = weighed(drawn, data)
-        answer = bf.predict(data, found, bands=True, draws=100)
-    np.testing.assert_array_equal(few.values, drawn.values[:LEAST])
-    fewer = replace(drawn, values=drawn.values[:LEAST])
-    np.testing.assert_array_equal(few.weights, weighed(fewer, data).weights)
-    assert search.left_out == ["some of the draws"]
-    assert any(line.startswith(f"{STOPPED}some of the draws.") for line in answer.summary)
-    different = {tuple(row.values()) for row in answer.drawn.rows()}
-    assert len(different) <= LEAST < len(answer.drawn.rows())
-
-
 def test_a_band_is_made_of_the_draws_for_which_there_was_time(data):
     estimate, logs = HarmonicBalance(terms=())(data), data.logs[:1]
     drawn = draw_parameters(estimate, 100)
-    first = replace(drawn, values=drawn.values[:LEAST], weights=drawn.weights[:LEAST])
+    first = replace(drawn, values=drawn.values[:LEAST])
     (expected,) = predict_logs(logs, estimate, data.simulations.setting, draws=first)
     with budget(0.0) as search:
         (stopped,) = predict_logs(logs, estimate, data.simulations.setting, draws=drawn)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.plausibility import judge_fit
-from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
+from butterfly.identification.draws import COUNT, LEAST, ParameterDraws, draw_parameters
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identification import Identification
@@ -115,13 +115,14 @@ def predict(
             raise InputError("predict", "input", str(source.input_kind), expected)
         estimate = found.estimate
         if bands is not False:
-            open_draws, seen, sentence = _left_open(found, logs, draws, seed, track)
+            open_draws, seen, said = _left_open(found, masses, draws, seed)
+            sentences = (f"{draws} parameter draws, all with the same weight.", *said)
             if seen is None:
-                sentences = (sentence, _NO_ERRORS)
+                sentences = (*sentences, _NO_ERRORS)
             else:
                 errors = expected_errors(seen, estimate)
-                sentences = (sentence, _of_errors(errors), *_beyond(seen.masses, logs))
-            drawn = Drawn.of(open_draws.resampled(draws, seed), found, sentences)
+                sentences = (*sentences, _of_errors(errors), *_beyond(seen.masses, logs))
+            drawn = Drawn.of(open_draws, found, sentences)
     predictions = predict_logs(
         logs, estimate, setting, draws=open_draws, errors=errors, seed=seed, track=track
     )
@@ -133,13 +134,10 @@ def predict(
     )
 
 
-def draws(
-    result: Identification | Named, n: int = COUNT, seed: int = 0, *, track: Track = untracked
-) -> Drawn:
+def draws(result: Identification | Named, n: int = COUNT, seed: int = 0) -> Drawn:
     """Draw parameters from the uncertainty of an identification, for domain randomisation.
 
-    Draws from the covariance are simulated on the logs, weighted by their fit, and resampled to
-    ``n`` draws of equal weight.
+    Draws are normally distributed within the parameters' bounds, all with the same weight.
 
     Parameters
     ----------
@@ -149,8 +147,6 @@ def draws(
         Number of draws.
     seed
         Random seed.
-    track
-        Progress callback.
 
     Raises
     ------
@@ -165,8 +161,8 @@ def draws(
     require_possible(found.estimate)
     if n < 1:
         raise InputError("draws", "n", n, "1 or more")
-    drawn, _, sentence = _left_open(found, (), max(n, COUNT), seed, track)
-    return Drawn.of(drawn.resampled(n, seed), found, (sentence,))
+    drawn, _, said = _left_open(found, (), max(n, LEAST), seed)
+    return Drawn.of(replace(drawn, values=drawn.values[:n]), found, said)
 
 
 def changed(before: Identification | Named, after: Identification | Named) -> Changed:
@@ -188,26 +184,17 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
 
 
 def _left_open(
-    found: Identification, logs: Sequence[Log], count: int, seed: int, track: Track
-) -> tuple[ParameterDraws, DataSet | None, str]:
-    """Return draws with which all logs have a joint, the data that weighed them, and how."""
-    masses = [log.added_mass for log in logs]
+    found: Identification, masses: Iterable[AddedMass], count: int, seed: int
+) -> tuple[ParameterDraws, DataSet | None, list[str]]:
+    """Return draws that make a joint with all masses, the logs, and what to say."""
+    data, said = None, []
     try:
         data = found.data
     except InputError as error:
-        drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
-        sentence = (
-            f"{count} parameter draws, not weighted by their fit: the logs cannot be read "
-            f"({error})."
-        )
-        return drawn, None, sentence
-    drawn = draw_parameters(found.estimate, count, masses=[*masses, *data.masses], seed=seed)
-    drawn = weighed(drawn, data, bands=logs, track=track)
-    sentence = (
-        f"{len(drawn.values)} parameter draws (effective sample size {drawn.effective_size:.0f}): "
-        "draws that fit the logs worse than the linearised model predicts have a lower weight."
-    )
-    return drawn, data, sentence
+        said = [f"The logs cannot be read ({error}): their added masses do not limit the draws."]
+    own = data.masses if data else []
+    drawn = draw_parameters(found.estimate, count, masses=[*masses, *own], seed=seed)
+    return drawn, data, said
 
 
 def _of_gain(

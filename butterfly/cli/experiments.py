@@ -152,7 +152,7 @@ def predict(
     )
     ended = show(found, report=page.report, figures=page.figures)
     if out is not None and isinstance(result, Path):
-        (found.drawn or bf.draws(result, draws, seed, track=show_progress)).write(out)
+        (found.drawn or bf.draws(result, draws, seed)).write(out)
         say(f"Draws: {out}")
     return ended
 

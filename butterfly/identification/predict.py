@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import length_of
 from butterfly.identification.data import DataSet
-from butterfly.identification.draws import LEAST, LEFT_OUT, ParameterDraws, samples_of_bands
+from butterfly.identification.draws import LEAST, ParameterDraws
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.levels import CONFIDENCE
@@ -38,6 +38,7 @@ OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"
 """What the two bands are of."""
 
+_STEP = 0.02  # s, between the samples at which a band is worked out
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
 
@@ -141,26 +142,24 @@ def predict_logs(
     def predicted(number: int) -> Prediction:
         log, own = logs[number], setting(number, estimate)
         simulation = own.simulation(log)
-        run, samples = own.run(simulation), samples_of_bands(log)
+        run = own.run(simulation)
+        samples = np.arange(0, log.time.size, max(1, round(_STEP / log.mean_step)))
         bands: dict[str, Band] = {}
         if draws is not None:
-            angles = draws.angles_of(log, own)
-            if angles is None:
-                instants = log.time[samples]
-                motions: list[Samples] = []
-                for each in draws.estimates(own.horizon):
-                    if len(motions) >= LEAST and out_of_time(LEFT_OUT):
-                        break
-                    drawn = setting(number, each)
-                    motion = simulation.run(drawn.parameters, drawn.zero, drawn.velocity)
-                    motions.append(motion.at(instants))
-                angles = np.array(motions)
-            weights = draws.weights[: len(angles)]
-            bands[OF_PARAMETERS] = _band(angles, weights)
+            instants = log.time[samples]
+            motions: list[Samples] = []
+            for each in draws.estimates(own.horizon):
+                if len(motions) >= LEAST and out_of_time("some of the draws"):
+                    break
+                drawn = setting(number, each)
+                motion = simulation.run(drawn.parameters, drawn.zero, drawn.velocity)
+                motions.append(motion.at(instants))
+            angles = np.array(motions)
+            bands[OF_PARAMETERS] = _band(angles)
             if errors:
                 rng = np.random.default_rng(seeds[number])
                 wrong = _drawn_errors(run, samples, errors, len(angles), rng)
-                bands[OF_NEW_LOG] = _band(angles + wrong, weights)
+                bands[OF_NEW_LOG] = _band(angles + wrong)
         return Prediction(run=run, samples=samples, bands=bands)
 
     return in_threads(predicted, range(len(logs)), track, "Predicting logs")
@@ -180,13 +179,7 @@ def _drawn_errors(
     return float(np.std(run.simulated)) * drawn
 
 
-def _band(angles: Samples, weights: Samples) -> Band:
-    """Return the quantiles of (m, k) angles by their (m,) weights."""
-    order = np.argsort(angles, axis=0)
-    reached = np.cumsum(weights[order], axis=0)
-    rows = (np.argmax(reached >= tail * reached[-1], axis=0) for tail in _TAILS)
-    lower, upper = (
-        np.take_along_axis(angles, np.take_along_axis(order, row[None], axis=0), axis=0)[0]
-        for row in rows
-    )
+def _band(angles: Samples) -> Band:
+    """Return the quantiles of (m, k) angles."""
+    lower, upper = np.quantile(angles, _TAILS, axis=0, method="inverted_cdf")
     return Band(lower=lower, upper=upper)

@@ -3,8 +3,6 @@
 import pytest
 
 import butterfly as bf
-from butterfly.api import result_verbs
-from butterfly.identification.draws import LEAST
 from butterfly.thesis import method
 
 WRONG = {"p1": 0.004, "p2": 0.0015, "p3": 0.05}
@@ -39,17 +37,9 @@ def predicted(data, result):
     return bf.predict(data, result, draws=60)
 
 
-@pytest.fixture
-def least_draws(monkeypatch):
-    """Have no more weighed than must be."""
-    monkeypatch.setattr(result_verbs, "COUNT", LEAST)
-
-
 @pytest.fixture(scope="session")
 def results(few):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(result_verbs, "COUNT", LEAST)
-        return results_of(few)
+    return results_of(few)
 
 
 def results_of(found):

@@ -58,7 +58,6 @@ def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results,
     assert (tmp_path / "page.html").stat().st_size > least
 
 
-@pytest.mark.usefixtures("least_draws")
 def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
     few, monkeypatch, tmp_path
 ):
