@@ -190,7 +190,8 @@ def _said(table: Table, columns: Mapping[str, Any]) -> Sayings:
     sayings = Sayings("table", [*columns])
     for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
         for key in ("attrs", "meta", "info"):
-            if isinstance(found := getattr(owner, key, None), Mapping):
+            found = getattr(owner, key, None)
+            if isinstance(found, Mapping) and not (way and found == getattr(table, key, None)):
                 sayings.metadata(found, key, way)
     for k, each in enumerate(columns.values()):
         kind = re.match(r"pint\[(.+)\]", str(getattr(each, "dtype", "")))

@@ -216,18 +216,22 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
             raise ValueError(f"{count} structs in {len(elements.data)} bytes")
         structs = [{field: _within(elements, depth) for field in fields} for _ in range(count)]
         return name, structs[0] if count == 1 else structs
+    return name, _other(elements, kind, math.prod(shape), depth)
+
+
+def _other(elements: _Elements, kind: int, count: int, depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return a text, the list of a cell array, or a description of another array."""
     if kind == _TEXT:
         form, text = elements.next("a text", _TEXTS)
         order = "" if _TEXTS[form] == "utf-8" else "-le" if elements.order == "<" else "-be"
-        return name, np.asarray(bytes(text).decode(_TEXTS[form] + order, "replace"))
+        return np.asarray(bytes(text).decode(_TEXTS[form] + order, "replace"))
+    if kind == _CELL and count > 1 + len(elements.data):
+        raise ValueError(f"{count} cells in {len(elements.data)} bytes")
     if kind == _CELL:
-        count = math.prod(shape)
-        if count > 1 + len(elements.data):
-            raise ValueError(f"{count} cells in {len(elements.data)} bytes")
-        return name, [_within(elements, depth) for _ in range(count)]
+        return [_within(elements, depth) for _ in range(count)]
     if kind not in _OTHERS:
         raise ValueError(f"an array of class {kind}")
-    return name, _OTHERS[kind]
+    return _OTHERS[kind]
 
 
 def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:

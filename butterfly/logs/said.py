@@ -10,26 +10,29 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.unit_words import plain_text
+from butterfly.logs.unit_words import counts_without_turn, plain_text
 from butterfly.logs.units import Heading, Said, Words, is_unit, without_ending, without_unit
 
 Way = tuple[str | int, ...]
 """What something is said of: keys down to a column, a column's number, or () for the file."""
 
 _UNITS = {"unit", "units", "uom"}
-_ASIDE = _UNITS | set(
-    "of measure measurement measured astropy engineering physical string str text symbol label "
-    "the all is are in as column columns col channel signal joint motor commanded recorded value "
-    "values data y".split()
-)  # words of a key or line that name no column
-_HOLDERS = set(
-    "meta metadata attrs attributes info datainfo properties header headers column columns field "
-    "fields channel channels signal signals variables schema pandas pandas_attrs".split()
-)  # keys of what concerns the file, or what they stand in
+_ASIDE = _UNITS | {
+    *("of", "measure", "measurement", "measured", "astropy", "engineering", "physical", "base"),
+    *("string", "str", "text", "symbol", "label", "the", "all", "is", "are", "in", "as", "column"),
+    *("columns", "col", "channel", "signal", "joint", "motor", "commanded", "recorded", "value"),
+    *("values", "data", "y"),
+}  # words of a key or line that name no column
+_HOLDERS = {
+    *("meta", "metadata", "attrs", "attributes", "info", "datainfo", "properties", "header"),
+    *("headers", "column", "columns", "field", "fields", "channel", "channels", "signals"),
+    *("variables", "schema", "pandas"),
+}  # keys of what concerns the file, or what they stand in
 _OWN_NAMES = ("name", "column", "field", "field_name", "id")
 _ALIASES = {
     "time": {"time", "t", "timestamp", "timestamps"},
@@ -57,30 +60,37 @@ class Sayings:
         if isinstance(found, list):
             self._listed(found, place, way, ())
             return
-        if len(way) > _DEEPEST or place.count(".") > _DEEPEST or str(next(iter(found), "")).isdecimal():
+        if (
+            len(way) > _DEEPEST
+            or place.count(".") > _DEEPEST
+            or str(next(iter(found), "")).isdecimal()
+        ):
             return
         for name, given in found.items():
             key, value = _text(name), _opened(given)
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
+            below = way if key.lower() in _HOLDERS else (*way, key)
             rest = _besides_unit(key)
             if rest is not None:
                 self._units(value, (*way, *rest), where)
             elif isinstance(value, Mapping):
-                own = key.lower() in _HOLDERS
-                self.metadata(value, where, way if own else (*way, key))
+                self.metadata(value, where, below)
             elif isinstance(value, list):
-                self._listed(value, where, way, () if key.lower() in _HOLDERS else (key,))
+                self._listed(value, where, way, below[len(way) :])
             elif way and key.lower() in _SCALES:
                 scales = self._scales.setdefault(way, [1.0, 0.0])
                 scales[_SCALES[key.lower()]] = self._number(key, value)
-            elif key.lower().endswith("type"):  # datetime64[ns]
-                continue
-            elif isinstance(value, str) and way:
-                self._prose(value, way, where)
-                self._add((key,), value, where, Said.AS_VALUE)
-            elif isinstance(value, str):
-                self.text([f"{key}: {value}", *value.splitlines()], where)
+            elif isinstance(value, str) and not key.lower().endswith("type"):  # datetime64[ns]
+                self._remark(key, value, where, way)
+
+    def _remark(self, key: str, text: str, place: str, way: Way) -> None:
+        """Collect from a text under a key that is none of units."""
+        if way:
+            self._prose(text, way, place)
+            self._add((key,), text, place, Said.AS_VALUE)
+        else:
+            self.text([f"{key}: {text}", *text.splitlines()], place)
 
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
@@ -120,8 +130,8 @@ class Sayings:
             elif (cells := split(plain) if split else _cells(plain)) and self._is_row(cells):
                 self.row(cells, place)
             else:
-                for segment in re.split(r"[,;|\t]|\s{3,}", plain):
-                    self._segment(segment.strip(), place)
+                for segment in _segments(plain):
+                    self._segment(segment, place)
 
     def headings(self, places: Mapping[str, int]) -> dict[str, Heading]:
         """Return the headings of the columns with these numbers, by field of the log."""
@@ -149,7 +159,9 @@ class Sayings:
     def _add(self, way: Way, text: object, place: str, how: Said) -> None:
         if isinstance(text, str) and text.strip() and len(text) <= _LONGEST:
             words = Words(" ".join(text.split()), place, how)
-            if not words.silent and (how is Said.AS_UNIT or is_unit(words.text)):
+            if how is not Said.AS_UNIT and counts_without_turn(words.text):
+                words = replace(words, how=Said.AS_UNIT)
+            if not words.silent and (words.how is Said.AS_UNIT or is_unit(words.text)):
                 self._said[way, words] = None
 
     def _number(self, key: str, value: Any) -> float:  # noqa: ANN401 - whatever a file holds
@@ -166,31 +178,39 @@ class Sayings:
         if isinstance(value, Mapping):
             for key, below in value.items():
                 self._units(_opened(below), (*way, *_text(key).split(".")), place)
+        elif isinstance(value, list | tuple) and len(value) == len(self._names):
+            self.row([_text(each) for each in value], place)
         elif isinstance(value, list | tuple):
-            if len(value) == len(self._names):
-                self.row([_text(each) for each in value], place)
-            else:
-                for each in value:
-                    self._add(way, _text(each), place, Said.AS_UNIT)
+            for each in value:
+                self._add(way, _text(each), place, Said.AS_UNIT)
+        elif isinstance(value, str) and (way or is_unit(value)):
+            self._add(way, value, place, Said.AS_UNIT)
         elif isinstance(value, str):
-            cells = _cells(value)
-            if way or is_unit(value) or not cells:
-                self._add(way, value, place, Said.AS_UNIT)
-            elif self._is_row(cells):
-                self.row(cells, place)
-            elif any(each in value for each in ":=[({"):
-                for segment in re.split(r"[,;|\t]|\s{3,}", value):
-                    self._segment(segment.strip(), place, Said.AS_UNIT)
-            elif pairs := self._pairs(cells):
-                for name, unit in pairs:
-                    self._add((name,), unit, place, Said.AS_UNIT)
-            else:
-                self._add((), value, place, Said.AS_UNIT)
+            self._units_of_all(value, place)
+
+    def _units_of_all(self, text: str, place: str) -> None:
+        """Collect ``s, mV, rad``, ``time: s, input: mV``, ``time s input mV``, or else a word."""
+        cells = _cells(text)
+        pairs = self._pairs(cells)
+        if self._is_row(cells):
+            self.row(cells, place)
+        elif any(each in text for each in ":=[({"):
+            for segment in _segments(text):
+                self._segment(segment, place, Said.AS_UNIT)
+        elif pairs:
+            for name, unit in pairs:
+                self._add((name,), unit, place, Said.AS_UNIT)
+        else:
+            self._add((), text, place, Said.AS_UNIT)
 
     def _is_row(self, cells: Sequence[str]) -> bool:
         """Whether there is a unit, or a dash, for each column."""
         given = [cell for cell in cells if cell.strip(" -")]
-        return len(cells) == len(self._names) and bool(given) and all(map(is_unit, given))
+        return (
+            len(cells) == len(self._names)
+            and bool(given)
+            and all(is_unit(cell) or counts_without_turn(cell) for cell in given)
+        )
 
     def _pairs(self, cells: list[str]) -> list[tuple[str, str]]:
         """Return names and units of ``time s input mV``."""
@@ -216,7 +236,7 @@ class Sayings:
             self._add((before.strip(),), words, place, Said.IN_PROSE if plural else how)
         before, _, words = text.partition(" in ")
         self._add((before,), words, place, how)
-        if len(pair := text.split()) == 2:  # noqa: PLR2004 - a name and a unit
+        if len(pair := text.split()) == 2 and not _BRACKETED.search(text):  # noqa: PLR2004
             self._add((pair[0],), pair[1], place, Said.IN_PROSE)
 
     def _prose(self, text: str, way: Way, place: str) -> None:
@@ -225,11 +245,12 @@ class Sayings:
         self._add(way, plain, place, Said.IN_PROSE)
         for _, bracket, words in _BRACKETED.findall(plain):
             self._add(way, words, place, Said.IN_PROSE if bracket == "(" else Said.AS_VALUE)
+        *_, last = re.split(r"[,;]\s", plain)
+        self._add(way, last, place, Said.IN_PROSE)
         for clause in re.split(r"[,;.]\s", plain):
-            before, _, words = clause.rstrip(" .").rpartition(" in ")
-            if before and words.lower() not in _IDIOMS:
+            _, within, words = f" {clause}".rstrip(" .").rpartition(" in ")
+            if within and words.lower() not in _IDIOMS:
                 self._add(way, words, place, Said.AS_VALUE)
-            self._add(way, clause, place, Said.IN_PROSE)
             head, mark, rest = _halves(clause)
             if mark and _besides_unit(head) is not None:
                 self._add(way, rest.rstrip("."), place, Said.AS_VALUE)
@@ -288,6 +309,10 @@ def _halves(text: str) -> tuple[str, str, str]:
     if place is None:
         return text, "", ""
     return text[: place.start()].strip(), place[0], text[place.end() :].strip(" :=")
+
+
+def _segments(text: str) -> list[str]:
+    return [each.strip() for each in re.split(r"[,;|\t]|\s{3,}", text)]
 
 
 def _cells(text: str) -> list[str]:

@@ -78,10 +78,11 @@ def read_text_table(path: Path) -> TextColumns:
     cut = len(rows) > 1 and (unended or len(_cells(rows[-1].text, delimiter)) < width)
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
-    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *body[:first])]
+    above = body[: first - len(heads)] if first else []
+    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *above)]
     names, units = _names_and_units(heads)
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
-    above = repr(max(before).text.strip()) if before else "no line"
+    headless = repr(max(before).text.strip()) if before else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
     decimal = "," if _has_decimal_commas(rows, delimiter) else "."
     texts = {
@@ -97,7 +98,7 @@ def read_text_table(path: Path) -> TextColumns:
     return TextColumns(
         names=names or [""] * width,
         units=units,
-        headless=above if names is None else None,
+        headless=headless if names is None else None,
         columns=dict(enumerate(_parsed(path, rows, delimiter, decimal, width))),
         lines=[line.number for line in rows],
         remarks=remarks,

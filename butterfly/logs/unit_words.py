@@ -87,7 +87,7 @@ _COUNTED = r"(?:counts?|ticks?|increments?|inc|steps?|pulses?)"
 _NUMBER_OF_COUNTS = re.compile(
     rf"{_COUNTED}/(\d+(?:\.\d+)?)|(\d+(?:\.\d+)?){_COUNTED}(?:/|per)(?:turns?|rev|revolution)"
 )
-_UNKNOWN_COUNTS = re.compile(rf"{_COUNTED}|ct|cts|lsb")
+_UNKNOWN_COUNTS = re.compile(r"(?:encoder |adc )?(?:counts?|ticks?|cts?|lsbs?)")
 _LONGEST = 60  # characters of a unit
 
 

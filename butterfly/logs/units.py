@@ -62,7 +62,7 @@ class Said(Enum):
 
     AS_UNIT = "its place is one of units: an unknown word is an error"
     AS_VALUE = "a known unit is one, and other words are none"
-    IN_PROSE = "the same, but for a single letter, which is one only if it fits"
+    IN_PROSE = "the same, but for a single letter, which is none unless it is the project's own"
 
 
 @dataclass(frozen=True)
@@ -208,9 +208,11 @@ def _unit_and_place(
         named = [] if words.silent else units_spelt(field, words.text.strip("[](){} "))
         fit = [unit for unit in named if quantity_of(unit) in fitting]
         sure = words.how is Said.AS_UNIT
+        if _is_letter_of_prose(words) and named != fits[:1]:
+            continue
         if len(named) == 1 and fit:
             known.setdefault(named[0], words.place)
-        elif len(named) == 1 and (sure or (given is None and not _is_letter_of_prose(words))):
+        elif len(named) == 1 and (sure or given is None):
             expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor"
             what = f"the unit {named[0]} of {field} ({words.place})"
             raise InputError(source, where, what, f"{expected} ({option})")
@@ -230,7 +232,10 @@ def _unit_and_place(
 
 
 def _is_letter_of_prose(words: Words) -> bool:
-    return words.how is Said.IN_PROSE and len(words.text.strip("[](){} ")) == 1
+    return (
+        words.how is Said.IN_PROSE
+        and re.fullmatch(r"[\[({]?[a-zA-Z][\])}]?", words.text) is not None
+    )
 
 
 # Names of columns: angle [deg], angle_deg, angleDeg, angle:deg.
@@ -268,20 +273,29 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
     texts = words_in(name)
     if texts:
         return [Words(text, _NAME) for text in [t for t in texts if units_spelt(field, t)] or texts]
-    for start, words in _endings(without_unit(name)):
-        named, before = units_spelt(field, words), without_unit(name)[:start]
+    bare = without_unit(name)
+    for start, words in _endings(bare):
+        before, named = bare[:start], units_spelt(field, words)
+        if (
+            before[-1:].islower() and words[0].isupper()
+        ):  # angleDeg: which case its unit has is open
+            small = units_spelt(field, words[0].lower() + words[1:])
+            named = [*dict.fromkeys([*small, *named])] if len(words) < len("MNms") else small
         fits = any(quantity_of(unit) in fitting for unit in named)
-        letter, whole = len(words) == 1, start == 0
-        if letter:
-            after_quantity = bool(_QUANTITY.search(before) or len(before.strip(" _")) == 1)
-            said = fits and not whole or (words in _LETTERS and after_quantity)
+        apart = before.rstrip(" ")[-1:] in {"/", ":", "="} or (
+            before.endswith(" ") and _QUANTITY.fullmatch(before.strip()) is not None
+        )
+        if len(words) == 1 and words.isalpha():
+            of_quantity = _QUANTITY.search(before) or re.fullmatch(r"[a-z][ _]", before)
+            said = bool(before) and (fits or apart or bool(words in _LETTERS and of_quantity))
+        elif words.lower() in _NOT_IN_NAMES:
+            said = words.lower() == "min" and (fits or apart)
         else:
-            said = bool(named) and (fits or words.lower() not in _NOT_IN_NAMES)
-        if words.lower() in _NOT_IN_NAMES - {"min"}:
-            continue
-        if said and named:
-            return [Words(words, _NAME, Said.AS_VALUE)]
-        if not whole and counts_without_turn(words):
+            said = bool(fits or before or words[0] != "u")
+        if named and said:
+            how = Said.AS_UNIT if len(named) > 1 else Said.AS_VALUE
+            return [Words(words, _NAME, how) if len(named) > 1 else Words(named[0], _NAME, how)]
+        if before and counts_without_turn(words):
             return [Words(words, _NAME)]
     return []
 
@@ -292,8 +306,9 @@ def _endings(name: str) -> Iterable[tuple[int, str]]:
         return
     starts = {0, *(m.start() for m in _ENDS.finditer(name))}
     starts |= {m.end() for m in _QUANTITY.finditer(name)}
-    for start in sorted(starts - {len(name)}):
-        yield start, re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", name[start:])
+    for start in sorted(starts):
+        if name[start : start + 1].isalnum() or name[start : start + 1] in {"°", "%"}:
+            yield start, re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", name[start:])
 
 
 def is_unit(text: str) -> bool:

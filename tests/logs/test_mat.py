@@ -168,14 +168,11 @@ SOUND = {
 def _same(found, scipys):
     if isinstance(found, dict):
         return all(_same(found[name], scipys[0, 0][name]) for name in scipys.dtype.names)
-    if isinstance(found, list | str) or found.dtype.kind == "U":
-        return np.asarray(found).ravel().tolist() == [str(each[0]) for each in scipys.ravel()] or (
-            isinstance(found, str) or found.item() == scipys.item()
-        )
-    return (found.shape, found.tolist()) == (
-        scipys.shape,
-        scipys.tolist(),
-    )
+    if isinstance(found, list):
+        return all(map(_same, found, scipys.ravel()))
+    if isinstance(found, str) or found.dtype.kind == "U":
+        return isinstance(found, str) or found.item() == scipys.item()
+    return (found.shape, found.tolist()) == (scipys.shape, scipys.tolist())
 
 
 @pytest.mark.parametrize("packed", [False, True])
