@@ -17,6 +17,7 @@ from butterfly.errors import InputError
 from butterfly.files import require_file, write_file
 from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, chosen_columns, place
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
+from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import (
     TextColumns,
     is_number,
@@ -24,7 +25,8 @@ from butterfly.logs.text_table import (
     read_text_table,
     require_narrow,
 )
-from butterfly.logs.units import AS_IS, Heading, Units, units_spelt, words_in
+from butterfly.logs.unit_words import units_meant
+from butterfly.logs.units import AS_IS, UNITS, Heading, Units, words_in
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
@@ -63,20 +65,24 @@ def read_csv(
         field: _numeric(path, table, k, str(wanted.get(field, field)))
         for field, k in places.items()
     }
-    headings = {
-        field: Heading(name=table.names[k], number=k, said=_said(table, field, k))
-        for field, k in places.items()
-    }
+    headings = _headings(path, table, places)
     properties |= {"source": str(path), "reading": reading}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _said(table: TextColumns, field: str, number: int) -> dict[str, str]:
-    """Return the unit of a column from outside its name; from a line above the header, unclear."""
+def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict[str, Heading]:
+    """Return the headings of columns; a line in place of a header may say units unclearly."""
+    sayings = Sayings(path, table.names)
     if table.units is not None:
-        return {"row of units": table.units[number]}
-    words = [word for word in words_in(table.headless or "") if units_spelt(field, word)]
-    return {"line above": f"{', '.join(words)}, column unclear"} if words else {}
+        sayings.row(table.units, "row of units")
+    sayings.text(table.remarks, "comment", table.split)
+    headings = sayings.headings(places)
+    if table.headless is None or any(each.said for each in headings.values()):
+        return headings
+    for field, k in places.items():
+        own = [word for word in words_in(table.headless) if {*units_meant(word)} & {*UNITS[field]}]
+        sayings.column(k, f"{', '.join(own)}, column unclear" * bool(own), "line above")
+    return sayings.headings(places)
 
 
 def write_csv(log: Log, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
-from butterfly.logs.units import AS_IS, Heading, Units, without_unit
+from butterfly.logs.said import Sayings
+from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
@@ -100,7 +102,8 @@ def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     """Return the number of the one column of a name, with or without its unit, or of a number."""
-    for known in (list(names), [without_unit(name) for name in names]):
+    for bare in (str, without_unit, without_ending):
+        known = [bare(name) for name in names]
         places = [k for k, name in enumerate(known) if name == wanted]
         if len(places) > 1:
             numbers = " or ".join(map(str, places))
@@ -176,9 +179,26 @@ def log_of_table(
         columns = dict(zip(SAMPLED, range(len(names)), strict=False))
     places, unasked = chosen_columns("table", names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}
-    headings = {field: Heading(name=names[k], number=k) for field, k in places.items()}
+    sayings = _said(table, found)
+    headings = sayings.headings(places)
     properties |= {"source": "table"}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+
+
+def _said(table: Table, columns: Mapping[str, Any]) -> Sayings:
+    """Return what a table says in its attributes, those of its columns, and their types."""
+    sayings = Sayings("table", [*columns])
+    for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
+        for key in ("attrs", "meta", "info"):
+            found = getattr(owner, key, None)
+            if isinstance(found, Mapping) and not (way and found == getattr(table, key, None)):
+                sayings.metadata(found, key, way)
+    for k, each in enumerate(columns.values()):
+        kind = re.match(r"pint\[(.+)\]", str(getattr(each, "dtype", "")))
+        own = kind[1] if kind else getattr(each, "unit", getattr(each, "units", ""))
+        if kind or not isinstance(own, float | int | bool | np.ndarray):
+            sayings.column(k, own, "unit of the column")
+    return sayings
 
 
 def _columns(table: Table) -> dict[str, Any]:

@@ -15,7 +15,8 @@ from butterfly.errors import InputError, require_room
 from butterfly.files import read_file
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
-from butterfly.logs.units import AS_IS, Heading, Units
+from butterfly.logs.said import Sayings
+from butterfly.logs.units import AS_IS, Units
 
 _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
 
@@ -32,7 +33,9 @@ def read_json(
     names = [*map(".".join, ways)]
     places, unasked = chosen_columns(path, names, columns, properties)
     arrays = {field: _column(path, content, names[k], ways[k]) for field, k in places.items()}
-    headings = {f: Heading(name=names[k], said=_said(content, ways[k])) for f, k in places.items()}
+    sayings = Sayings(path, names)
+    sayings.metadata(content)
+    headings = sayings.headings(places)
     properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
@@ -98,15 +101,6 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
     except (KeyError, IndexError, TypeError, ValueError):
         return ...
     return _at(below, way[1:], row=row)
-
-
-def _said(content: Any, way: Sequence[str]) -> dict[str, str]:  # noqa: ANN401 - any JSON
-    """Return the unit of a column: from ``units`` at the top, or ``unit`` beside the numbers."""
-    ways = {"units": ("units", ".".join(way)), "unit": (*way[:-1], "unit")}
-    found = {key: _at(content, each) for key, each in ways.items()}
-    lists = {key: each if isinstance(each, list) else [each] for key, each in found.items()}
-    texts = {key: {each for each in own if isinstance(each, str)} for key, own in lists.items()}
-    return {key: " or ".join(sorted(each)) for key, each in texts.items()}
 
 
 def _column(path: Path, content: Any, name: str, way: Sequence[str]) -> Samples:  # noqa: ANN401 - any JSON

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.regimes import Regime, between_regimes
-from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, read_unit
+from butterfly.logs.units import (
+    AS_IS,
+    ColumnReading,
+    Heading,
+    Units,
+    apportioned,
+    read_unit,
+)
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
 from butterfly.model.servo import ServoLoop
@@ -309,9 +316,8 @@ class Log:
         """
         log = cls(**columns, **properties)
         layout, found = list(log.reading.layout), {}
-        for name, heading in headings.items():
-            if name == "enabled":  # yes or no
-                continue
+        own = {name: head for name, head in headings.items() if name != "enabled"}  # yes or no
+        for name, heading in apportioned(own, {each: log.quantities(each) for each in own}).items():
             told = name == "input" and log.input_kind is InputKind.SETPOINT
             field = "setpoint" if told else name
             try:
@@ -323,8 +329,9 @@ class Log:
         reading = replace(log.reading, layout=tuple(layout), columns=found)
         changed: dict[str, Any] = dict.fromkeys(unasked)
         for name, each in found.items():
-            own = getattr(log, name)
-            changed[name] = own if each.factor == 1.0 else own * each.factor
+            values, (scale, offset) = getattr(log, name), headings[name].scale
+            values = values if (scale, offset) == (1.0, 0.0) else values * scale + offset
+            changed[name] = values if each.factor == 1.0 else values * each.factor
         return replace(log, **changed, reading=reading)
 
     def quantities(self, name: str) -> tuple[str, ...]:

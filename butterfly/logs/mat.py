@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,8 @@ from butterfly.files import replacing
 from butterfly.logs.formats import ColumnMap, checked_map
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_variables import MatlabObject, load_variables
-from butterfly.logs.units import AS_IS, Heading, Units
+from butterfly.logs.said import Sayings
+from butterfly.logs.units import AS_IS, Units
 
 _MATRIX = "D"
 
@@ -32,19 +35,24 @@ def read_mat(
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
     Without a map the columns are t, u, q[, dq] of ``D``.
     """
+    said: dict[str, Mapping[str, Any]] = {}
     if columns is None:
-        arrays: dict[str, Any] = dict(zip(SAMPLED, _matrix(path).T, strict=False))
-        headings = {field: Heading(name=_MATRIX, number=k) for k, field in enumerate(arrays)}
+        variables, matrix = _matrix(path, said)
+        arrays: dict[str, Any] = dict(zip(SAMPLED, matrix.T, strict=False))
+        named = dict.fromkeys(arrays, _MATRIX)
     else:
         wanted = checked_map(path, columns, properties.get("input_kind"))
         mapping = {field: _parts(name) for field, name in wanted.items()}
-        said: dict[str, dict[str, str]] = {}
         variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
         named = {field: ".".join(own) for field, own in mapping.items()}
-        headings = {
-            field: Heading(name=each, said=said.get(each, {})) for field, each in named.items()
-        }
+    sayings = Sayings(path, [*named.values()])
+    sayings.metadata(variables)
+    for name, attributes in said.items():
+        sayings.metadata(attributes, "attribute", tuple(filter(None, name.split("."))))
+    headings = sayings.headings({field: k for k, field in enumerate(named)})
+    if columns is not None:
+        headings = {field: replace(each, number=None) for field, each in headings.items()}
     return Log.of_columns(arrays, headings, units, source=str(path), **properties)
 
 
@@ -66,8 +74,9 @@ def _parts(name: str | int) -> list[str]:
     return [_MATRIX, *parts] if parts[0].isdecimal() else parts
 
 
-def _matrix(path: Path) -> Samples:
-    variables, names = load_variables(path, {_MATRIX})
+def _matrix(path: Path, said: dict[str, Mapping[str, Any]]) -> tuple[dict[str, Any], Samples]:
+    """Return all variables, and the matrix of columns."""
+    variables, names = load_variables(path, {_MATRIX}, said)
     if _MATRIX not in variables:
         _refuse_objects(path, _MATRIX, variables)
         found = f"no such variable (there are: {', '.join(names) or 'none'})"
@@ -78,7 +87,7 @@ def _matrix(path: Path) -> Samples:
         found = matrix if isinstance(matrix, str) else type(matrix).__name__
         found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
         raise InputError(path, _MATRIX, found, "shape (n, 3) or (n, 4): t, u, q[, dq]")
-    return _real(path, _MATRIX, matrix)
+    return variables, _real(path, _MATRIX, matrix)
 
 
 def _real(path: Path, name: str, values: NDArray[Any]) -> Samples:

@@ -6,7 +6,7 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Collection, Container
+from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,11 +46,12 @@ _HDF5 = b"\x00\x02"
 
 
 def load_variables(
-    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]] | None = None
+    path: Path, wanted: Collection[str], said: dict[str, Mapping[str, Any]] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
     """Return variables, including the wanted ones if present, and the names of all.
 
-    Units in attributes, which only version 7.3 has, are added to ``said``.
+    The attributes of variables, which only version 7.3 has, are added to ``said``. Variables named
+    like units are always wanted.
     """
     require_file(path, "an existing .mat file")
     try:
@@ -72,7 +73,7 @@ def load_variables(
 # after five numbers.
 
 _OF_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
-_OTHERS_OF_4 = {1: "text", 2: "a sparse matrix"}
+_OTHERS_OF_4 = {2: "a sparse matrix"}
 _MACHINES = "numbers in VAX or Cray format, not IEEE floats"
 
 
@@ -98,6 +99,8 @@ def _load4(data: Bytes) -> dict[str, Any]:
         name = bytes(data[20:begin]).partition(b"\0")[0].decode("latin-1")
         parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
         values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
+        if text == 1:
+            values, text = np.asarray("".join(chr(int(each) % 0x110000) for each in values.flat)), 0
         found[name] = values if text == 0 else _OTHERS_OF_4.get(text, f"an array of type {kind}")
         data = data[end:]
     return found
@@ -111,7 +114,8 @@ _INT8, _INT32, _UINT32 = 1, 5, 6
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
 _NUMBERS |= {13: "u8"}
 _NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classes
-_OTHERS = {1: "a cell array", 4: "text", 5: "a sparse matrix"}
+_OTHERS, _CELL, _TEXT = {5: "a sparse matrix"}, 1, 4
+_TEXTS = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _COMPLEX = 0x0800
 _DEEPEST = 32  # dimensions, and structs within structs
 
@@ -212,9 +216,22 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
             raise ValueError(f"{count} structs in {len(elements.data)} bytes")
         structs = [{field: _within(elements, depth) for field in fields} for _ in range(count)]
         return name, structs[0] if count == 1 else structs
+    return name, _other(elements, kind, math.prod(shape), depth)
+
+
+def _other(elements: _Elements, kind: int, count: int, depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return a text, the list of a cell array, or a description of another array."""
+    if kind == _TEXT:
+        form, text = elements.next("a text", _TEXTS)
+        order = "" if _TEXTS[form] == "utf-8" else "-le" if elements.order == "<" else "-be"
+        return np.asarray(bytes(text).decode(_TEXTS[form] + order, "replace"))
+    if kind == _CELL and count > 1 + len(elements.data):
+        raise ValueError(f"{count} cells in {len(elements.data)} bytes")
+    if kind == _CELL:
+        return [_within(elements, depth) for _ in range(count)]
     if kind not in _OTHERS:
         raise ValueError(f"an array of class {kind}")
-    return name, _OTHERS[kind]
+    return _OTHERS[kind]
 
 
 def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:
@@ -245,7 +262,6 @@ def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever 
 
 # Version 7.3 is HDF5.
 
-_UNIT_KEYS = {"unit", "units", "Unit", "Units"}  # attributes
 _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
@@ -254,7 +270,7 @@ _OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a
 
 
 def _load73(
-    path: Path, wanted: Collection[str], said: dict[str, dict[str, str]]
+    path: Path, wanted: Collection[str], said: dict[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Any], list[str]]:
     try:
         import h5py  # noqa: PLC0415 - an extra
@@ -266,10 +282,7 @@ def _load73(
     def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
         """Return a variable with MATLAB's order of dimensions, which HDF5 reverses."""
         nonlocal left
-        for key in _UNIT_KEYS & node.attrs.keys():
-            text = node.attrs[key]
-            text = text.decode() if isinstance(text, bytes) else str(text)
-            said.setdefault(node.name.strip("/").replace("/", "."), {})[f"attribute {key}"] = text
+        said[node.name.strip("/").replace("/", ".")] = dict(node.attrs)
         kind = node.attrs.get("MATLAB_class", b"")
         if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
             return MatlabObject(kind.decode())
@@ -290,8 +303,9 @@ def _load73(
         return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
 
     with h5py.File(path, "r") as file:
-        names = list(file)
-        found = {name: value(_own_node(path, file, name)) for name in wanted if name in names}
+        names, said[""] = list(file), dict(file.attrs)
+        own = [name for name in names if name in wanted or "unit" in name.lower()]
+        found = {name: value(_own_node(path, file, name)) for name in own}
         return found, [name for name in names if not name.startswith(_OWN)]
 
 

@@ -16,7 +16,8 @@ from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import InputKind, Log
-from butterfly.logs.units import AS_IS, Heading, Units
+from butterfly.logs.said import Sayings
+from butterfly.logs.units import AS_IS, Units
 
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
 _FIELDS = {"angle": "position", "input": "effort", "velocity": "velocity"}
@@ -47,7 +48,7 @@ def read_mcap(
     if not np.any(arrays["time"]):
         expected = "timestamps in the message headers, or --columns time=log_time,..."
         raise InputError(path, names[places["time"]], "0 throughout", expected)
-    headings = {field: Heading(name=names[k], number=k) for field, k in places.items()}
+    headings = Sayings(path, names).headings(places)
     return Log.of_columns(arrays, headings, units, **properties | {"source": str(path)})
 
 

@@ -15,11 +15,11 @@ from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
+from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import is_number_type
-from butterfly.logs.units import AS_IS, Heading, Units
+from butterfly.logs.units import AS_IS, Units
 
 _BYTES = 8  # of a number
-_UNIT_KEYS = {b"unit", b"units"}  # of a column's metadata
 _AT_A_TIME = 1 << 20  # samples
 
 
@@ -38,7 +38,7 @@ def read_parquet(
             for field in unasked:
                 if not is_number_type(schema.types[places[field]]):
                     del places[field]
-            headings = {field: _heading(schema, k) for field, k in places.items()}
+            headings = _said(path, schema).headings(places)
             arrays = _columns(path, file, places)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first = str(error).splitlines()[0]
@@ -48,16 +48,15 @@ def read_parquet(
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _heading(schema: pa.Schema, number: int) -> Heading:
-    field = schema.field(number)
-    said = {
-        f"metadata {key.decode()}": value.decode()
-        for key, value in (field.metadata or {}).items()
-        if key.lower() in _UNIT_KEYS
-    }
-    if _is_clock(field.type):
-        said["type"] = field.type.unit
-    return Heading(name=field.name, number=number, said=said)
+def _said(path: Path, schema: pa.Schema) -> Sayings:
+    """Return what the metadata of a schema and of its columns say, and the types of clocks."""
+    sayings = Sayings(path, schema.names)
+    for k, field in enumerate(schema):
+        if _is_clock(field.type):
+            sayings.column(k, field.type.unit, "type")
+        sayings.metadata(field.metadata or {}, "metadata", (k,))
+    sayings.metadata(schema.metadata or {}, "metadata")
+    return sayings
 
 
 def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -> dict[str, Any]:

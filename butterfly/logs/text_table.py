@@ -5,9 +5,10 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from csv import reader as csv_reader
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -19,7 +20,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
 from butterfly.files import read_file, require_file
 from butterfly.logs.log import AS_WRITTEN, FileReading
-from butterfly.logs.units import UNITS, units_spelt, without_unit, words_in
+from butterfly.logs.units import is_unit, without_unit, words_in
 
 _PER_BYTE = 16  # bytes of memory per byte of text
 _COMMENTS = ("#", "%", "//")
@@ -45,6 +46,8 @@ class TextColumns:
     columns: Mapping[int, Column]
     units: Sequence[str] | None = None  # the row below the header; None if there is none
     headless: str | None = None  # the line in place of a header; None with a header
+    remarks: Sequence[str] = ()  # comments, and lines above the header
+    split: Callable[[str], list[str]] | None = None  # a line into its cells
     lines: Sequence[int] = ()  # (n,) number of each row's line, from 1 on
     reading: FileReading = AS_WRITTEN
 
@@ -75,9 +78,11 @@ def read_text_table(path: Path) -> TextColumns:
     cut = len(rows) > 1 and (unended or len(_cells(rows[-1].text, delimiter)) < width)
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
+    above = body[: first - len(heads)] if first else []
+    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *above)]
     names, units = _names_and_units(heads)
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
-    above = repr(max(before).text.strip()) if before else "no line"
+    headless = repr(max(before).text.strip()) if before else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
     decimal = "," if _has_decimal_commas(rows, delimiter) else "."
     texts = {
@@ -93,9 +98,11 @@ def read_text_table(path: Path) -> TextColumns:
     return TextColumns(
         names=names or [""] * width,
         units=units,
-        headless=above if names is None else None,
+        headless=headless if names is None else None,
         columns=dict(enumerate(_parsed(path, rows, delimiter, decimal, width))),
         lines=[line.number for line in rows],
+        remarks=remarks,
+        split=partial(_cells, delimiter=delimiter),
         reading=FileReading(layout=layout, cut_lines=int(cut)),
     )
 
@@ -213,7 +220,7 @@ def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str
 def _are_units(cells: list[str], *, most: bool = True) -> bool:
     """Whether a row holds units: in most cells (in one if not ``most``), or all in brackets."""
     given = [cell for cell in cells if cell not in {"", "-"}]
-    known = [each for each in given if any(units_spelt(of, each.strip("[]() ")) for of in UNITS)]
+    known = [each for each in given if is_unit(each)]
     bracketed = all(words_in(cell) and not without_unit(cell) for cell in given)
     return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 

@@ -11,32 +11,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
 from numbers import Real
 from typing import Any
 
 from butterfly.errors import InputError, nearest
-
-_TURN = 2 * math.pi
-
-QUANTITIES: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3, "MV": 1e6},
-    "current": {"A": 1.0, "mA": 1e-3, "MA": 1e6},
-    "torque": {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "kgf cm": 9.80665e-2, "MNm": 1e6},
-    "force": {"N": 1.0, "mN": 1e-3, "MN": 1e6},
-    "share": {"%": 1e-2},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "mdeg": math.pi / 180e3}
-    | {"arcmin": math.pi / 10_800, "arcsec": math.pi / 648e3, "gon": math.pi / 200}
-    | {"turns": _TURN},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "rate": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": _TURN / 60, "turns/s": _TURN},
-    "speed": {"m/s": 1.0, "mm/s": 1e-3},
-    "frequency": {"Hz": _TURN},
-    "mass": {"kg": 1.0, "g": 1e-3},
-}
-"""Units by quantity, each with its factor to the first."""
+from butterfly.logs.unit_words import (
+    QUANTITIES,
+    counts_without_turn,
+    factor_of,
+    plain_text,
+    quantity_of,
+    units_meant,
+)
 
 _HOLDS = {
     "time": ("time",),
@@ -61,52 +50,33 @@ ASSUMED, GIVEN = "assumed", "given"
 """Source of a unit that is not in the file: the default, or an option or the manifest."""
 
 _TURNABLE = ("input", "angle", "velocity", "setpoint")
-_SPELT = {
-    "s": "sec secs second seconds",
-    "ms": "msec millisecond milliseconds",
-    "us": "usec microsecond microseconds",
-    "ns": "nsec nanosecond nanoseconds",
-    "min": "mins minute minutes",
-    "h": "hr hrs hour hours",
-    "V": "volt volts",
-    "mV": "mv millivolt millivolts",
-    "uV": "microvolt microvolts",
-    "kV": "kilovolt kilovolts",
-    "A": "amp amps ampere amperes",
-    "mA": "ma milliamp milliamps milliampere milliamperes",
-    "Nm": "newtonmeter newtonmeters newtonmetre newtonmetres",
-    "mNm": "mnm",
-    "kgf cm": "kgcm",
-    "N": "newton newtons",
-    "mN": "mn",
-    "%": "percent pct",
-    "rad": "radian radians",
-    "deg": "° º degree degrees",
-    "mdeg": "millidegree millidegrees",
-    "arcmin": "arcminute arcminutes",
-    "arcsec": "arcsecond arcseconds",
-    "turns": "turn rev revs revolution revolutions",
-    "m": "meter meters metre metres",
-    "cm": "centimeter centimeters centimetre centimetres",
-    "mm": "millimeter millimeters millimetre millimetres",
-    "rad/s": "rad/sec radian/s radians/s",
-    "deg/s": "°/s º/s deg/sec degree/s degrees/s dps",
-    "turns/s": "turn/s rev/s rps",
-    "rpm": "rev/min r/min 1/min",
-    "Hz": "hertz",
-    "kg": "kilogram kilograms",
-    "g": "gram grams",
-}
-"""Other spellings; ambiguous without case (mv, ma), the usual unit."""
-
-_JOINTS = re.compile(r"\s+|(?<=\w)[·⋅*.-](?=[^\W\d])")  # between the parts of N m, N*m, N-m
-_NUMBER_OF_COUNTS = re.compile(
-    r"(?:counts?|ticks?|increments?|inc|steps?|pulses?)/(\d+(?:\.\d+)?)"
-    r"|(\d+(?:\.\d+)?)(?:counts?|ticks?|increments?|inc|steps?|pulses?)"
-    r"(?:/|per)(?:turns?|rev|revolution)"
+_BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)(?:[\])}]|$)")
+_SILENT = re.compile(
+    r"[-–\s.]*|[-+\d.,eE\s]+|si(?: units?)?|none|null|nan|n/?a|unknown|unitless|dimensionless|\?+",
+    re.IGNORECASE,
 )
-_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
-_SILENT = {"", "-"}
+
+
+class Said(Enum):
+    """How surely words are meant as a unit."""
+
+    AS_UNIT = "its place is one of units: an unknown word is an error"
+    AS_VALUE = "a known unit is one, and other words are none"
+    IN_PROSE = "the same, but for a single letter, which is none unless it is the project's own"
+
+
+@dataclass(frozen=True)
+class Words:
+    """What a file says of a unit."""
+
+    text: str
+    place: str
+    how: Said = Said.AS_UNIT
+
+    @property
+    def silent(self) -> bool:
+        """Whether the text says nothing of units: a number, SI, a dash."""
+        return _SILENT.fullmatch(self.text.strip("[](){} ")) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,11 +122,13 @@ AS_IS = Units()
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """Name, number and units of a column in its file."""
+    """Name and number of a column in its file, and what the file says of it besides."""
 
     name: str
     number: int | None = None  # from 0; None for a variable
-    said: Mapping[str, str] = field(default_factory=dict)  # its unit, by place except the name
+    said: tuple[Words, ...] = ()  # of its unit
+    shared: tuple[Words, ...] = ()  # the same, of several columns: of those that it fits
+    scale: tuple[float, float] = (1.0, 0.0)  # factor and offset that make its numbers values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,10 +169,31 @@ def read_unit(
         unit, said, factor = f"times {abs(units.factors[field]):g}", GIVEN, 1.0
     else:
         unit, said = _unit_and_place(source, field, heading, given, fitting)
-        factor = factor_of(field, unit)
+        factor = factor_of(unit)
     factor = units.factor(field, factor)
+    if heading.scale != (1.0, 0.0):
+        said += ", scale_factor {:g} and add_offset {:g}".format(*heading.scale)
     name, number = heading.name, heading.number
     return ColumnReading(name=name, number=number, unit=unit, said=said, factor=factor)
+
+
+def apportioned(
+    headings: Mapping[str, Heading], fitting: Mapping[str, Sequence[str]]
+) -> dict[str, Heading]:
+    """Return headings by field, each with the shared words that fit it.
+
+    Words that fit none of their columns go to the input, or to the first of them, to be refused.
+    """
+    found = dict(headings)
+    for words in dict.fromkeys(each for head in headings.values() for each in head.shared):
+        own = [name for name, head in headings.items() if words in head.shared]
+        kinds = {quantity_of(unit) for unit in units_spelt(own[0], words.text)}
+        fits = [name for name in own if kinds & {*fitting[name]}]
+        if not fits and not (kinds or words.how is Said.AS_UNIT):
+            continue
+        for name in fits or [own["input" in own and own.index("input")]]:
+            found[name] = replace(found[name], said=(*found[name].said, words))
+    return found
 
 
 def _unit_and_place(
@@ -211,81 +204,123 @@ def _unit_and_place(
     fits = [unit for each in fitting for unit in QUANTITIES[each]]
     fits += ["counts/4096 (counts per turn)"] if "angle" in fitting else []
     known: dict[str, str] = {}
-    own = words_in(heading.name) or _ending(field, heading.name)
-    for place, texts in {"name": own, **_listed(heading.said)}.items():
-        named = [units_spelt(field, text) for text in texts]
-        found = {each[0]: place for each in named if len(each) == 1}
-        if texts and not found and given is None:
-            expected = " or ".join(named[0]) or f"one of {', '.join(fits)}, or a factor"
-            raise InputError(
-                source, where, f"the unit {texts[0]!r} of {field}", f"{expected} ({option})"
-            )
-        known = {**known, **{unit: each for unit, each in found.items() if unit not in known}}
+    for words in (*_in_name(field, heading.name, fitting), *heading.said):
+        named = [] if words.silent else units_spelt(field, words.text.strip("[](){} "))
+        fit = [unit for unit in named if quantity_of(unit) in fitting]
+        sure = words.how is Said.AS_UNIT
+        if _is_letter_of_prose(words) and named != fits[:1]:
+            continue
+        if len(named) == 1 and fit:
+            known.setdefault(named[0], words.place)
+        elif len(named) == 1 and (sure or given is None):
+            expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor"
+            what = f"the unit {named[0]} of {field} ({words.place})"
+            raise InputError(source, where, what, f"{expected} ({option})")
+        elif given is None and not words.silent and (sure or len(named) > 1):
+            expected = " or ".join(named) or f"one of {', '.join(fits)}, or a factor"
+            what = f"the unit {words.text!r} of {field}"
+            what += "" if words.place == _NAME else f" ({words.place})"
+            raise InputError(source, where, what, f"{expected} ({option})")
     if given is not None:
         known.setdefault(given, GIVEN)
-    if len({factor_of(field, unit) for unit in known}) > 1:
+    if len({factor_of(unit) for unit in known}) > 1:
         both = " and ".join(f"{unit} ({place})" for unit, place in known.items())
-        factor = factor_of(field, given or next(iter(known)))
+        factor = factor_of(given or next(iter(known)))
         expected = f"one unit, or a factor, which overrides both: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
-    if not known:
-        return fits[0], ASSUMED
-    ((unit, said), *_) = known.items()
-    if unit not in fits and not (unit.startswith("counts/") and "angle" in fitting):
-        expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor ({option})"
-        raise InputError(source, where, f"the unit {unit} of {field} ({said})", expected)
-    return unit, said
+    return next(iter(known.items()), (fits[0], ASSUMED))
 
 
-def _listed(said: Mapping[str, str]) -> dict[str, list[str]]:
-    texts = {place: text.strip("[]() ") for place, text in said.items()}
-    return {place: [text] for place, text in texts.items() if text not in _SILENT}
+def _is_letter_of_prose(words: Words) -> bool:
+    return (
+        words.how is Said.IN_PROSE
+        and re.fullmatch(r"[\[({]?[a-zA-Z][\])}]?", words.text) is not None
+    )
+
+
+# Names of columns: angle [deg], angle_deg, angleDeg, angle:deg.
+
+_NAME = "name"
+_ENDS = re.compile(r"(?<=[\W_])(?=[^\W_]|[°%])|(?<=[a-z])(?=[A-Z])")  # where a unit may begin
+_QUANTITY = re.compile(r"(?i)time|input|angle|voltage|torque|current|position|velocity|command")
+_LETTERS = frozenset("VAN")  # that mean units after the name of a quantity
+_NOT_IN_NAMES = {"min", "turn", "rotation", "second", "inc", "step"}  # minimum, the second
+_LONGEST_NAME = 80
 
 
 def words_in(name: str) -> list[str]:
     """Return the texts in brackets in a column's name, except an index: q[0]."""
-    texts = (text.strip() for text in _BRACKETS.findall(name))
-    return [text for text in texts if text not in _SILENT and not text.isdecimal()]
-
-
-def _ending(field: str, name: str) -> list[str]:
-    """Return the unit of more than a letter that ends a name (angle_deg) or is the name (ms)."""
-    last = re.split(r"[_\s]", name)[-1]
-    return [last] if len(last) > 1 and last in UNITS[field] else []
+    texts = (text.strip() for text in _BRACKETS.findall(plain_text(name)))
+    return [text for text in texts if not _SILENT.fullmatch(text)]
 
 
 def without_unit(name: str) -> str:
     """Return a column's name without brackets, except those of an index."""
-    bare = _BRACKETS.sub(lambda each: each[0] if each[1].strip().isdecimal() else " ", name)
+    bare = _BRACKETS.sub(lambda m: m[0] if m[1].strip().isdecimal() else " ", plain_text(name))
     return " ".join(bare.split())
 
 
+def without_ending(name: str) -> str:
+    """Return a column's name without the unit that ends it: angle of angle_deg."""
+    for start, words in _endings(without_unit(name)):
+        if start and len(words) > 1 and words.lower() not in _NOT_IN_NAMES and units_meant(words):
+            return without_unit(name)[:start].rstrip(" _-:/.,|")
+    return without_unit(name)
+
+
+def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
+    """Return the unit in a column's name: in brackets, or at its end."""
+    texts = words_in(name)
+    if texts:
+        return [Words(text, _NAME) for text in [t for t in texts if units_spelt(field, t)] or texts]
+    bare = without_unit(name)
+    for start, words in _endings(bare):
+        before, named = bare[:start], units_spelt(field, words)
+        if (
+            before[-1:].islower() and words[0].isupper()
+        ):  # angleDeg: which case its unit has is open
+            small = units_spelt(field, words[0].lower() + words[1:])
+            named = [*dict.fromkeys([*small, *named])] if len(words) < len("MNms") else small
+        fits = any(quantity_of(unit) in fitting for unit in named)
+        apart = before.rstrip(" ")[-1:] in {"/", ":", "="} or (
+            before.endswith(" ") and _QUANTITY.fullmatch(before.strip()) is not None
+        )
+        if len(words) == 1 and words.isalpha():
+            of_quantity = _QUANTITY.search(before) or re.fullmatch(r"[a-z][ _]", before)
+            said = bool(before) and (fits or apart or bool(words in _LETTERS and of_quantity))
+        elif words.lower() in _NOT_IN_NAMES:
+            said = words.lower() == "min" and (fits or apart)
+        else:
+            said = bool(fits or before or words[0] != "u")
+        if named and said:
+            how = Said.AS_UNIT if len(named) > 1 else Said.AS_VALUE
+            return [Words(words, _NAME, how) if len(named) > 1 else Words(named[0], _NAME, how)]
+        if before and counts_without_turn(words):
+            return [Words(words, _NAME)]
+    return []
+
+
+def _endings(name: str) -> Iterable[tuple[int, str]]:
+    """Yield the ends of a name that may be a unit, the longest first, with where they begin."""
+    if len(name) > _LONGEST_NAME:
+        return
+    starts = {0, *(m.start() for m in _ENDS.finditer(name))}
+    starts |= {m.end() for m in _QUANTITY.finditer(name)}
+    for start in sorted(starts):
+        if name[start : start + 1].isalnum() or name[start : start + 1] in {"°", "%"}:
+            yield start, re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", name[start:])
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit of any column."""
+    return bool(units_meant(text.strip("[](){} ")))
+
+
 def units_spelt(name: str, text: str) -> list[str]:
-    """Return the units of a key of `UNITS` that a text may mean: usually one, none if unknown.
-
-    The exact spelling takes precedence, then case is ignored: Mv may be mV or MV.
-    """
-    plain = _JOINTS.sub("", text.strip().replace("µ", "u").replace("μ", "u"))
-    counts = _NUMBER_OF_COUNTS.fullmatch(plain.lower()) if name == "angle" else None
-    if counts is not None:
-        number = counts[1] or counts[2]
-        return [f"counts/{number}"] if 0 < float(number) < math.inf else []
-    exact = {spelt: unit for unit in UNITS[name] for spelt in _spellings(unit)}
-    if plain in exact:
-        return [exact[plain]]
-    same = (unit for spelt, unit in exact.items() if spelt.lower() == plain.lower())
-    return list(dict.fromkeys(same))
-
-
-def _spellings(unit: str) -> list[str]:
-    return [unit.replace(" ", ""), *_SPELT.get(unit, "").split()]
-
-
-def factor_of(name: str, unit: str) -> float:
-    """Return the factor of a unit named as by `units_spelt`."""
-    if unit.startswith("counts/"):
-        return _TURN / float(unit.removeprefix("counts/"))
-    return UNITS[name][unit]
+    """Return the units that a text may mean: those of a key of `UNITS`, if any, else of others."""
+    found = units_meant(text)
+    own = [each for each in found if each in UNITS[name] or each.startswith("counts/")]
+    return own or list(found)
 
 
 def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, str]:
@@ -299,17 +334,21 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
         try:
             factor = float(text)
         except ValueError:
-            spelt = units_spelt(name, text)
+            spelt = [each for each in units_spelt(name, text) if _is_of(name, each)]
             if len(spelt) > 1:
                 raise InputError(source, f"units.{name}", unit, " or ".join(spelt)) from None
             known = "".join(spelt)
-            factor = factor_of(name, known) if known else 0.0
+            factor = factor_of(known) if known else 0.0
         factor = -factor if minus else factor
     if not factor or not math.isfinite(factor):
         raise InputError(source, f"units.{name}", unit, _expected(name))
     if factor < 0.0:
         _require_turnable(source, name, unit)
     return factor, known
+
+
+def _is_of(name: str, unit: str) -> bool:
+    return name == "angle" if unit.startswith("counts/") else unit in UNITS[name]
 
 
 def _require_turnable(source: object, name: str, unit: object) -> None:

@@ -255,8 +255,11 @@ def test_units_between_blanks_are_those_of_their_columns(tmp_path, head):
 def test_units_of_a_line_that_is_no_header_are_not_passed_over(tmp_path, head):
     columns = FIRST_THREE
     rows = [f"{line},1,2" for line in _lines()]
+    log = _read(tmp_path, [head, *rows], columns)
+    np.testing.assert_allclose(log.time, TABLE[:, 0] / 1000)
+    np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
     with pytest.raises(InputError, match="column 0: got the unit 'ms, column unclear' of time"):
-        _read(tmp_path, [head, *rows], columns)
+        _read(tmp_path, ["# a (ms) b (deg)", *rows], columns)
     log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": "ms", "angle": "deg"}), **KIND)
     np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
     _same(_read(tmp_path, ["Bench 2 (Tuesday), run (3)", *rows], columns))

@@ -96,7 +96,7 @@ def test_a_unit_beside_the_numbers_is_read(tmp_path):
         np.testing.assert_allclose(log.input, FRAME["input"] / 1000)
         np.testing.assert_allclose(log.angle, np.radians(FRAME["angle"]))
     records[3]["angle"]["unit"] = "rad"
-    with pytest.raises(InputError, match="the unit 'deg or rad' of angle"):
+    with pytest.raises(InputError, match=r"deg \(angle.unit\) and rad \(angle.unit\) of angle"):
         read_log(_written(tmp_path, json.dumps(records)), names)
 
 

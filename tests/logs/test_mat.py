@@ -61,13 +61,13 @@ def test_without_h5py_the_hdf5_based_format_is_refused_with_two_ways_out(tmp_pat
 
 
 RAMP = np.arange(20.0)
-NAMED = {"time": "t", "input": "u_volt", "angle": "data.theta"}
+NAMED = {"time": "t", "input": "u_cmd", "angle": "data.theta"}
 
 
 def _named():
     return {
         "t": RAMP,
-        "u_volt": RAMP[:, None] + 1,
+        "u_cmd": RAMP[:, None] + 1,
         "data": {"theta": RAMP + 2, "all": np.column_stack([RAMP, RAMP + 5])},
         "D": np.column_stack([RAMP + 6, RAMP + 7, RAMP + 8, RAMP + 9]),
         "note": "bench 2",
@@ -112,7 +112,7 @@ def test_vectors_structs_and_columns_are_found_by_name(named, columns, offsets):
 @pytest.mark.parametrize(
     ("angle", "parts"),
     [
-        ("theta", ("theta: got no such variable", "'t'", "'u_volt'", "'data'", "'D'", "'note'")),
+        ("theta", ("theta: got no such variable", "'t'", "'u_cmd'", "'data'", "'D'", "'note'")),
         ("data", ("data: got a struct; expected one of its fields", "data.theta", "data.all")),
         ("data.phi", ("data.phi: got no phi in data", "'theta'", "'all'")),
         ("data.all", ("data.all: got shape (20, 2); expected a vector", "data.all.0")),
@@ -168,10 +168,11 @@ SOUND = {
 def _same(found, scipys):
     if isinstance(found, dict):
         return all(_same(found[name], scipys[0, 0][name]) for name in scipys.dtype.names)
-    return isinstance(found, str) or (found.shape, found.tolist()) == (
-        scipys.shape,
-        scipys.tolist(),
-    )
+    if isinstance(found, list):
+        return all(map(_same, found, scipys.ravel()))
+    if isinstance(found, str) or found.dtype.kind == "U":
+        return isinstance(found, str) or found.item() == scipys.item()
+    return (found.shape, found.tolist()) == (scipys.shape, scipys.tolist())
 
 
 @pytest.mark.parametrize("packed", [False, True])

@@ -14,11 +14,13 @@ LENGTHS = {"m": 1, "cm": 0.01, "mm": 0.001, "um": 0.000001}
 VOLTS = {"V": 1, "mV": 0.001, "uV": 0.000001, "kV": 1000, "MV": 1e6}
 TURNS = {"rad": 1, "mrad": 0.001, "deg": DEGREE, "mdeg": DEGREE / 1000, "arcmin": DEGREE / 60}
 TURNS |= {"arcsec": DEGREE / 3600, "gon": TURN / 400, "turns": TURN, **LENGTHS}
-RATES = {"rad/s": 1, "deg/s": DEGREE, "rpm": 0.10471975511965977, "turns/s": TURN}
-SPEEDS = {**RATES, "m/s": 1, "mm/s": 0.001}
+RATES = {"rad/s": 1, "mrad/s": 0.001, "deg/s": DEGREE, "rpm": 0.10471975511965977, "turns/s": TURN}
+SPEEDS = {**RATES, "m/s": 1, "cm/s": 0.01, "mm/s": 0.001}
 WRITTEN = {  # SI brochure, 9th edition: prefixes (table 7) and units outside the SI (table 8)
-    "time": {"s": 1, "ms": 0.001, "us": 0.000001, "ns": 0.000000001, "min": 60, "h": 3600},
+    "time": {"s": 1, "ms": 0.001, "us": 0.000001, "ns": 0.000000001, "min": 60, "h": 3600}
+    | {"days": 86400},
     "input": {**VOLTS, "A": 1, "mA": 0.001, "MA": 1e6, "Nm": 1, "mNm": 0.001, "Ncm": 0.01}
+    | {"uA": 0.000001, "kA": 1000, "uNm": 0.000001, "kNm": 1000, "kN": 1000}
     | {"kgf cm": 0.0980665, "MNm": 1e6, "N": 1, "mN": 0.001, "MN": 1e6, "%": 0.01},
     "angle": TURNS,
     "velocity": SPEEDS,

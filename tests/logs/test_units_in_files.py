@@ -291,7 +291,7 @@ def test_a_unit_ends_a_name_or_stands_within(joint, names):
         _read_table(*told, units={"angle": "turns"})
 
 
-@pytest.mark.parametrize("names", ["time_s u_ma q_m", "s V m", "t_deg u_rad q_V", "t u_min q_max"])
+@pytest.mark.parametrize("names", ["time_s u_a q_m", "s V m", "t_x uA q_g", "t u_min q_max"])
 def test_an_ending_that_may_be_no_unit_is_none(joint, names):
     _assert_same(_read_table(joint, names.split()), joint)
 

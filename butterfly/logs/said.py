@@ -1,0 +1,343 @@
+"""What a file says of the units of its columns: keys of any depth, rows of units, lines of text.
+
+Each format hands over what it finds, and `Sayings` tells of which columns it is. `read_unit` judges
+the words.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from butterfly.errors import InputError
+from butterfly.logs.unit_words import counts_without_turn, plain_text
+from butterfly.logs.units import Heading, Said, Words, is_unit, without_ending, without_unit
+
+Way = tuple[str | int, ...]
+"""What something is said of: keys down to a column, a column's number, or () for the file."""
+
+_UNITS = {"unit", "units", "uom"}
+_ASIDE = _UNITS | {
+    *("of", "measure", "measurement", "measured", "astropy", "engineering", "physical", "base"),
+    *("string", "str", "text", "symbol", "label", "the", "all", "is", "are", "in", "as", "column"),
+    *("columns", "col", "channel", "signal", "joint", "motor", "commanded", "recorded", "value"),
+    *("values", "data", "y"),
+}  # words of a key or line that name no column
+_HOLDERS = {
+    *("meta", "metadata", "attrs", "attributes", "info", "datainfo", "properties", "header"),
+    *("headers", "column", "columns", "field", "fields", "channel", "channels", "signals"),
+    *("variables", "schema", "pandas"),
+}  # keys of what concerns the file, or what they stand in
+_OWN_NAMES = ("name", "column", "field", "field_name", "id")
+_ALIASES = {
+    "time": {"time", "t", "timestamp", "timestamps"},
+    "input": {"input", "u", "command", "cmd", "voltage", "torque", "current", "force", "effort"},
+    "angle": {"angle", "position", "pos", "q", "theta", "phi"},
+    "velocity": {"velocity", "speed", "vel", "omega", "dq", "qd"},
+}
+_SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
+_IDIOMS = {"turn", "second"}  # in turn
+_PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
+_BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)([\[({])([^\[\](){}]*)(?:[\])}]|$)")
+_DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
+
+
+class Sayings:
+    """The words of a file about its columns, which have these names in it."""
+
+    def __init__(self, source: object, names: Sequence[str]) -> None:
+        self._source, self._names = source, [str(name) for name in names]
+        self._said: dict[tuple[Way, Words], None] = {}
+        self._scales: dict[Way, list[float]] = {}
+
+    def metadata(self, found: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
+        """Collect keys and their values, or rows of them, which concern what ``way`` names."""
+        if isinstance(found, list):
+            self._listed(found, place, way, ())
+            return
+        if (
+            len(way) > _DEEPEST
+            or place.count(".") > _DEEPEST
+            or str(next(iter(found), "")).isdecimal()
+        ):
+            return
+        for name, given in found.items():
+            key, value = _text(name), _opened(given)
+            mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
+            where = f"{place}{mark}{key}".strip(" .")
+            below = way if key.lower() in _HOLDERS else (*way, key)
+            rest = _besides_unit(key)
+            if rest is not None:
+                self._units(value, (*way, *rest), where)
+            elif isinstance(value, Mapping):
+                self.metadata(value, where, below)
+            elif isinstance(value, list):
+                self._listed(value, where, way, below[len(way) :])
+            elif way and key.lower() in _SCALES:
+                scales = self._scales.setdefault(way, [1.0, 0.0])
+                scales[_SCALES[key.lower()]] = self._number(key, value)
+            elif isinstance(value, str) and not key.lower().endswith("type"):  # datetime64[ns]
+                self._remark(key, value, where, way)
+
+    def _remark(self, key: str, text: str, place: str, way: Way) -> None:
+        """Collect from a text under a key that is none of units."""
+        if way:
+            self._prose(text, way, place)
+            self._add((key,), text, place, Said.AS_VALUE)
+        else:
+            self.text([f"{key}: {text}", *text.splitlines()], place)
+
+    def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
+        """Collect from a list of columns, or of rows that repeat the unit of theirs."""
+        rows = {}
+        for each in found:
+            if not isinstance(each, Mapping):
+                continue
+            names = [each[key] for key in _OWN_NAMES if isinstance(each.get(key), str)]
+            if names:
+                self.metadata(each, place, (*way, names[0]))
+            elif said := {k: v for k, v in each.items() if _besides_unit(k) is not None}:
+                rows[repr(said)] = said
+            elif below := {k: v for k, v in each.items() if isinstance(v, Mapping)}:
+                rows[repr(below)] = below if len(rows) < _MOST else {}
+        for each in rows.values():
+            self.metadata(each, place, (*way, *own))
+
+    def row(self, cells: Sequence[str], place: str) -> None:
+        """Collect a row with the unit of each column."""
+        for k, cell in enumerate(cells):
+            self._add((k,), cell.strip("[](){} "), place, Said.AS_UNIT)
+
+    def column(self, number: int, text: object, place: str) -> None:
+        """Collect the unit of a column."""
+        self._add((number,), str(text), place, Said.AS_UNIT)
+
+    def text(self, lines: Iterable[str], place: str, split: Any = None) -> None:  # noqa: ANN401 - cells of a line
+        """Collect lines such as ``input: mV``, ``u [mV], q [rad]``, ``units: s, mV, rad``."""
+        for line in [*dict.fromkeys(lines)][:_MOST]:
+            plain = plain_text(line[:_LONGEST]).strip(" #%/\t")
+            head, mark, rest = _halves(plain)
+            first, _, after = plain.partition(" ")
+            if mark and head.lower() in _UNITS:
+                self._units(rest, (), place)
+            elif first.lower() in _UNITS and (is_unit(after) or self._is_row(_cells(after))):
+                self._units(after, (), place)
+            elif (cells := split(plain) if split else _cells(plain)) and self._is_row(cells):
+                self.row(cells, place)
+            else:
+                for segment in _segments(plain):
+                    self._segment(segment, place)
+
+    def headings(self, places: Mapping[str, int]) -> dict[str, Heading]:
+        """Return the headings of the columns with these numbers, by field of the log."""
+        said: dict[str, list[Words]] = {field: [] for field in places}
+        shared: dict[str, list[Words]] = {field: [] for field in places}
+        scales = dict.fromkeys(places, (1.0, 0.0))
+        for way, words in self._said:
+            fields, alone = self._of(way, places)
+            for field in fields:
+                (said if alone else shared)[field].append(words)
+        for way, (factor, offset) in self._scales.items():
+            for field in self._of(way, places)[0]:
+                scales[field] = (factor, offset)
+        return {
+            field: Heading(
+                name=self._names[k],
+                number=k,
+                said=tuple(said[field]),
+                shared=tuple(shared[field]),
+                scale=scales[field],
+            )
+            for field, k in places.items()
+        }
+
+    def _add(self, way: Way, text: object, place: str, how: Said) -> None:
+        if isinstance(text, str) and text.strip() and len(text) <= _LONGEST:
+            words = Words(" ".join(text.split()), place, how)
+            if how is not Said.AS_UNIT and counts_without_turn(words.text):
+                words = replace(words, how=Said.AS_UNIT)
+            if not words.silent and (words.how is Said.AS_UNIT or is_unit(words.text)):
+                self._said[way, words] = None
+
+    def _number(self, key: str, value: Any) -> float:  # noqa: ANN401 - whatever a file holds
+        try:
+            number = float(value[0] if getattr(value, "size", 0) == 1 and value.ndim else value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number) or (key.lower() == "scale_factor" and not number):
+            raise InputError(self._source, key, value, "a finite number, not 0")
+        return number
+
+    def _units(self, value: Any, way: Way, place: str) -> None:  # noqa: ANN401 - whatever a file holds
+        """Collect what stands under a key of units."""
+        if isinstance(value, Mapping):
+            for key, below in value.items():
+                self._units(_opened(below), (*way, *_text(key).split(".")), place)
+        elif isinstance(value, list | tuple) and len(value) == len(self._names):
+            self.row([_text(each) for each in value], place)
+        elif isinstance(value, list | tuple):
+            for each in value:
+                self._add(way, _text(each), place, Said.AS_UNIT)
+        elif isinstance(value, str) and (way or is_unit(value)):
+            self._add(way, value, place, Said.AS_UNIT)
+        elif isinstance(value, str):
+            self._units_of_all(value, place)
+
+    def _units_of_all(self, text: str, place: str) -> None:
+        """Collect ``s, mV, rad``, ``time: s, input: mV``, ``time s input mV``, or else a word."""
+        cells = _cells(text)
+        pairs = self._pairs(cells)
+        if self._is_row(cells):
+            self.row(cells, place)
+        elif any(each in text for each in ":=[({"):
+            for segment in _segments(text):
+                self._segment(segment, place, Said.AS_UNIT)
+        elif pairs:
+            for name, unit in pairs:
+                self._add((name,), unit, place, Said.AS_UNIT)
+        else:
+            self._add((), text, place, Said.AS_UNIT)
+
+    def _is_row(self, cells: Sequence[str]) -> bool:
+        """Whether there is a unit, or a dash, for each column."""
+        given = [cell for cell in cells if cell.strip(" -")]
+        return (
+            len(cells) == len(self._names)
+            and bool(given)
+            and all(is_unit(cell) or counts_without_turn(cell) for cell in given)
+        )
+
+    def _pairs(self, cells: list[str]) -> list[tuple[str, str]]:
+        """Return names and units of ``time s input mV``."""
+        pairs = [*zip(cells[::2], cells[1::2], strict=False)]
+        known = {_key(name) for name in self._names} | set().union(*_ALIASES.values())
+        even = len(cells) % 2 == 0
+        return pairs if even and all(_key(name) in known for name, _ in pairs) else []
+
+    def _segment(self, text: str, place: str, how: Said = Said.AS_VALUE) -> None:
+        """Collect one of ``input: mV``, ``input [mV]``, ``input in mV`` and ``input mV``."""
+        head, mark, rest = _halves(text)
+        if mark and rest:
+            besides = _besides_unit(head)
+            if besides:
+                self._add(besides, rest, place, Said.AS_UNIT)
+            else:
+                self._add((head,), rest, place, how)
+                self._prose(rest, (head,), place)
+            self._segment(rest, place, how)
+            return
+        for before, bracket, words in _BRACKETED.findall(text):
+            plural = bracket == "(" and words == "s" and before[-1:].isalpha()
+            self._add((before.strip(),), words, place, Said.IN_PROSE if plural else how)
+        before, _, words = text.partition(" in ")
+        self._add((before,), words, place, how)
+        if len(pair := text.split()) == 2 and not _BRACKETED.search(text):  # noqa: PLR2004
+            self._add((pair[0],), pair[1], place, Said.IN_PROSE)
+
+    def _prose(self, text: str, way: Way, place: str) -> None:
+        """Collect units in a description of a column."""
+        plain = plain_text(text[:_LONGEST])
+        self._add(way, plain, place, Said.IN_PROSE)
+        for _, bracket, words in _BRACKETED.findall(plain):
+            self._add(way, words, place, Said.IN_PROSE if bracket == "(" else Said.AS_VALUE)
+        *_, last = re.split(r"[,;]\s", plain)
+        self._add(way, last, place, Said.IN_PROSE)
+        for clause in re.split(r"[,;.]\s", plain):
+            _, within, words = f" {clause}".rstrip(" .").rpartition(" in ")
+            if within and words.lower() not in _IDIOMS:
+                self._add(way, words, place, Said.AS_VALUE)
+            head, mark, rest = _halves(clause)
+            if mark and _besides_unit(head) is not None:
+                self._add(way, rest.rstrip("."), place, Said.AS_VALUE)
+
+    def _of(self, way: Way, places: Mapping[str, int]) -> tuple[list[str], bool]:
+        """Return the fields that something is said of, and whether of a single column."""
+        if not way:
+            return [*places], len(self._names) == 1
+        if isinstance(way[0], int):
+            return [field for field, k in places.items() if k == way[0]], True
+        keys = tuple(_key(part) for each in way for part in str(each).split("."))
+        whole = [tuple(map(_key, name.split("."))) for name in self._names]
+        below = [k for k, own in enumerate(whole) if own[: len(keys)] == keys]
+        ends = [k for k, own in enumerate(whole) if own[-1:] == keys[-1:]]
+        bare = [k for k, name in enumerate(self._names) if _same(name, str(way[-1]))]
+        found = next((each for each in (below, ends, bare) if each), [])
+        if found:
+            return [field for field, k in places.items() if k in found], len(found) == 1
+        words = {each for each in _words(str(way[-1])) if each not in _ASIDE}
+        fields = [f for f in places if words and words <= _ALIASES.get(f, {f})]
+        return fields, True
+
+
+def _same(name: str, said: str) -> bool:
+    """Whether a text names a column, with or without its unit and words aside."""
+    names = {_key(name), _key(without_unit(name)), _key(without_ending(name))}
+    aside = " ".join(each for each in _words(said) if each not in _ASIDE)
+    return bool({_key(said), _key(without_unit(said)), _key(aside)} & names - {""})
+
+
+def _key(name: object) -> str:
+    return "".join(plain_text(str(name)).lower().split()).replace("_", "")
+
+
+def _words(text: str) -> list[str]:
+    return [each.lower() for each in _PARTS.findall(plain_text(text[:_LONGEST]))]
+
+
+@lru_cache(4096)
+def _besides_unit(key: str) -> tuple[str, ...] | None:
+    """Return what else a key of units names, as a way; None if it is none."""
+    words = _words(key)
+    if not _UNITS & {*words}:
+        return None
+    named = [each for each in words if each not in _UNITS]
+    rest = [each for each in named if each not in _ASIDE]
+    own = set().union(*_ALIASES.values())
+    if rest and not ({*rest} & own or (len(rest) == 1 and words[-1] in _UNITS)):
+        return None  # unitsPerRotation
+    return ("_".join(named),) if rest else ()
+
+
+def _halves(text: str) -> tuple[str, str, str]:
+    """Return a text before and after its first colon or equals sign, and which it is."""
+    place = re.search(r"[:=]", text)
+    if place is None:
+        return text, "", ""
+    return text[: place.start()].strip(), place[0], text[place.end() :].strip(" :=")
+
+
+def _segments(text: str) -> list[str]:
+    return [each.strip() for each in re.split(r"[,;|\t]|\s{3,}", text)]
+
+
+def _cells(text: str) -> list[str]:
+    parts = re.split(r"[,;|\t]", text)
+    return [each.strip() for each in parts] if len(parts) > 1 else text.split()
+
+
+def _text(value: Any) -> str:  # noqa: ANN401 - whatever a file holds
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return str(value)
+
+
+def _opened(value: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+    """Return bytes as text, arrays of texts as lists, and JSON in a text as what it holds."""
+    if hasattr(value, "tolist") and value.dtype.kind in "OSU":
+        value = value.tolist()
+    if isinstance(value, list | tuple) and value and isinstance(_opened(value[0]), str):
+        texts = [_text(_opened(each)) for each in value]
+        return texts[0] if len(texts) == 1 else texts
+    if isinstance(value, bytes):
+        value = _text(value)
+    if isinstance(value, str) and value.lstrip()[:1] in {"{", "["}:
+        try:
+            return json.loads(value)
+        except (ValueError, RecursionError):
+            return value
+    return value

@@ -1,0 +1,174 @@
+"""The words for units: symbols and names in any of the usual spellings."""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterable
+from functools import cache, lru_cache
+
+_TURN = 2 * math.pi
+
+QUANTITIES: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+    | {"days": 86_400.0},
+    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3, "MV": 1e6},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3, "MA": 1e6},
+    "torque": {"Nm": 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "kgf cm": 9.80665e-2}
+    | {"kNm": 1e3, "MNm": 1e6},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6},
+    "share": {"%": 1e-2},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "mdeg": math.pi / 180e3}
+    | {"arcmin": math.pi / 10_800, "arcsec": math.pi / 648e3, "gon": math.pi / 200}
+    | {"turns": _TURN},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "rpm": _TURN / 60}
+    | {"turns/s": _TURN},
+    "speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "frequency": {"Hz": _TURN},
+    "mass": {"kg": 1.0, "g": 1e-3},
+}
+"""Units by quantity, each with its factor to the first."""
+
+_KINDS = {unit: quantity for quantity, units in QUANTITIES.items() for unit in units}
+
+_PREFIXES = {"m": "milli", "u": "micro", "n": "nano", "c": "centi", "k": "kilo", "M": "mega"}
+_NAMES = {
+    "s": "sec second",
+    "min": "minute",
+    "h": "hr hour",
+    "days": "day",
+    "V": "volt",
+    "A": "amp ampere",
+    "N": "newton",
+    "Nm": "newtonmeter newtonmetre",
+    "rad": "radian",
+    "deg": "degree arcdegree angulardegree",
+    "arcmin": "arcminute",
+    "arcsec": "arcsecond",
+    "gon": "gradian",
+    "turns": "turn rev revolution rotation",
+    "m": "meter metre",
+    "g": "gram gramme",
+    "Hz": "hertz",
+}  # without s
+_ALSO = {
+    "ms": "msec msecs millis",
+    "us": "usec usecs micros",
+    "ns": "nsec nsecs nanos",
+    "mV": "mv",
+    "mA": "ma",
+    "mN": "mn",
+    "mNm": "mnm Nmm",
+    "kgf cm": "kgcm kgfcm",
+    "%": "percent pct",
+    "deg": "°",
+    "deg/s": "dps",
+    "turns/s": "rps",
+    "rpm": "r/min U/min tr/min 1/min /min",
+}  # ambiguous without case (mv, ma), the usual unit
+_PRODUCTS = {
+    ("N", "m"): "Nm",
+    ("mN", "m"): "mNm",
+    ("uN", "m"): "uNm",
+    ("kN", "m"): "kNm",
+    ("MN", "m"): "MNm",
+    ("N", "cm"): "Ncm",
+    ("N", "mm"): "mNm",
+    ("kgf", "cm"): "kgf cm",
+    ("kg", "cm"): "kgf cm",
+    ("turns", "min"): "rpm",
+} | {(of, "s"): f"{of}/s" for of in ("rad", "mrad", "deg", "turns", "m", "cm", "mm")}
+
+_SAME = str.maketrans("º˚−–⋅·×∙【】〔〕", "°°--****[][]")
+_WORDS_OF_PREFIX = "|".join(_PREFIXES.values())
+_COUNTED = r"(?:counts?|ticks?|increments?|inc|steps?|pulses?)"
+_NUMBER_OF_COUNTS = re.compile(
+    rf"{_COUNTED}/(\d+(?:\.\d+)?)|(\d+(?:\.\d+)?){_COUNTED}(?:/|per)(?:turns?|rev|revolution)"
+)
+_UNKNOWN_COUNTS = re.compile(r"(?:encoder |adc )?(?:counts?|ticks?|cts?|lsbs?)")
+_LONGEST = 60  # characters of a unit
+
+
+def plain_text(text: str) -> str:
+    """Return a text with one character for each of the many that look alike."""
+    same = unicodedata.normalize("NFKC", text.translate(_SAME))
+    return same.translate(_SAME).replace("µ", "u").replace("μ", "u")
+
+
+@lru_cache(4096)
+def units_meant(text: str) -> tuple[str, ...]:
+    """Return the units that a text may mean: usually one, none if it is no unit.
+
+    The exact spelling takes precedence, then case is ignored: Mv may be mV or MV.
+    """
+    plain = plain_text(text[: _LONGEST + 1]).strip(" \t\"'.,;:!")
+    if not plain or len(plain) > _LONGEST:
+        return ()
+    joined = "".join(plain.lower().split())
+    if counts := _NUMBER_OF_COUNTS.fullmatch(joined):
+        number = counts[1] or counts[2]
+        return (f"counts/{number}",) if 0 < float(number) < math.inf else ()
+    plain = re.split(r"\ssince\s", plain.replace("_", " "), maxsplit=1)[0]  # time in netCDF
+    plain = re.sub(rf"(?i)\b({_WORDS_OF_PREFIX}|arc|angular)[\s-]+(?=[a-z])", r"\1", plain)
+    plain = re.sub(r"(?i)([a-z°])\s*(?:\*\*|\^)?\s*\(?-1(?:\.0)?\)?(?!\d)", r"\1 -1", plain)
+    plain = re.sub(r"(?:^|[\s*.]+)([a-zA-Z]+) -1", r"/\1", plain)  # s^-1
+    plain = re.sub(r"(?i)\bper\b", "/", plain)
+    return _looked_up(plain, exact=True) or _looked_up(plain, exact=False)
+
+
+def _looked_up(text: str, *, exact: bool) -> tuple[str, ...]:
+    known, fold = _spellings(exact=exact), str if exact else str.lower
+    parts = [re.split(r"[\s*.-]+", part.strip(" *.()")) for part in text.split("/")]
+    whole = fold("/".join("".join(part) for part in parts))
+    tokens = [token for part in parts for token in part if token not in {"", "1"}]
+    if len(tokens) == 2:  # noqa: PLR2004 - a product or a quotient
+        first, second = (known.get(fold(token), ()) for token in tokens)
+        pairs = [(one, two) for one in first for two in second]
+        pairs += [] if len(parts) > 1 else [(two, one) for one, two in pairs]
+        if found := [_PRODUCTS[pair] for pair in pairs if pair in _PRODUCTS]:
+            return tuple(dict.fromkeys(found))
+        if len(parts) > 1 and whole not in known:
+            return ()
+    return known.get(whole, ())
+
+
+@cache
+def _spellings(*, exact: bool) -> dict[str, tuple[str, ...]]:
+    """Return the units of each spelling, of lower-case ones unless ``exact``."""
+    found: dict[str, dict[str, None]] = {}
+    for unit, spelt in _spelt():
+        found.setdefault(spelt if exact else spelt.lower(), {})[unit] = None
+    return {spelt: tuple(units) for spelt, units in found.items()}
+
+
+def _spelt() -> Iterable[tuple[str, str]]:
+    """Yield each unit, and parts of units, with each of its spellings."""
+    parts = [*_KINDS, "kgf", "uN"]
+    for unit in parts:
+        yield unit, unit.replace(" ", "")
+        yield from ((unit, each) for each in _ALSO.get(unit, "").split())
+    for base, words in _NAMES.items():
+        names = [each + s for each in words.split() for s in ("", "s")]
+        yield from ((base, each) for each in [*names, base])
+        for prefix, word in _PREFIXES.items():
+            if prefix + base in parts:
+                yield from ((prefix + base, word + each) for each in [*names, base])
+
+
+def counts_without_turn(text: str) -> bool:
+    """Whether a text means counts of an encoder or converter, of unknown size."""
+    return _UNKNOWN_COUNTS.fullmatch(plain_text(text).strip().lower()) is not None
+
+
+def factor_of(unit: str) -> float:
+    """Return the factor of a unit named as by `units_meant`."""
+    if unit.startswith("counts/"):
+        return _TURN / float(unit.removeprefix("counts/"))
+    return QUANTITIES[_KINDS[unit]][unit]
+
+
+def quantity_of(unit: str) -> str:
+    """Return the quantity of a unit, a key of `QUANTITIES`."""
+    return "angle" if unit.startswith("counts/") else _KINDS[unit]
