@@ -121,6 +121,18 @@ def write_xml(path: Path, content: str, kind: str) -> None:
     write_file(path, f"{content.rstrip()}\n{mark}\n", mark)
 
 
+@contextmanager
+def whole(path: Path, expected: str) -> Iterator[None]:
+    """Turn whatever a reader raises on damaged content into InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, "content", f"unreadable ({reason})", expected) from None
+
+
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
     """Replace numbers that JSON cannot represent by null."""
     if isinstance(value, dict):

@@ -25,10 +25,10 @@ from butterfly.files import locate, write_document
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers
-from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.model.parameters import LumpedParameters
-from butterfly.outputs import call, require_free
+from butterfly.outputs import call
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
 from butterfly.report.orbit_page import orbit_page
@@ -114,8 +114,6 @@ def simulate(
         expected = "an experiment: a file, a name, or read_experiment's result"
         raise InputError("simulate", "experiment", type(plan).__name__, expected)
     with call(overwrite=overwrite):
-        if out is not None:
-            require_free(Path(out) / MANIFEST_NAME)
         logs = list(simulated_logs(plan, track=track))
         if out is not None:
             return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))

@@ -92,10 +92,8 @@ def manifest(
     from butterfly.files import write_file  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.logs import manifest_draft as drafts  # noqa: PLC0415
     from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
-    from butterfly.outputs import require_free  # noqa: PLC0415
 
     path = out or folder / MANIFEST_NAME
-    require_free(path)
     named = drafts.has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")

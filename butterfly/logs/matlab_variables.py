@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in, require_file
+from butterfly.files import most_in, require_file, whole
 
 _SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
 _CONVERSIONS = {
@@ -54,18 +54,12 @@ def load_variables(
     like units are always wanted.
     """
     require_file(path, "an existing .mat file")
-    try:
-        with path.open("rb") as file:
-            header = file.read(_HEADER)
-            if header[_VERSION] == _HDF5:
-                return _load73(path, wanted, {} if said is None else said)
-            data = memoryview(header + file.read())  # mapped, a truncation now would crash us
-            found = _load4(data) if 0 in header[:4] else _load5(data)
-    except InputError:
-        raise
-    except Exception as error:  # readers raise anything on corrupt bytes
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
+    with whole(path, "a whole .mat file"), path.open("rb") as file:
+        header = file.read(_HEADER)
+        if header[_VERSION] == _HDF5:
+            return _load73(path, wanted, {} if said is None else said)
+        data = memoryview(header + file.read())  # mapped, a truncation now would crash us
+        found = _load4(data) if 0 in header[:4] else _load5(data)
     return found, [*found]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in, require_file
+from butterfly.files import most_in, require_file, whole
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.said import Sayings
@@ -72,31 +72,25 @@ def _table(path: Path) -> dict[str, Samples]:
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
     except ImportError:
         raise InputError(path, "content", "MCAP", _EXTRA) from None
-    try:
-        with path.open("rb") as file:
-            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-            summary = reader.get_summary()
-            if summary is None:
-                raise InputError(path, "content", "no summary at its end", _WHOLE)
-            unpacked = sum(each.uncompressed_size for each in summary.chunk_indexes)
-            if unpacked > most_in(size):
-                raise InputError(path, "content", f"chunks of {size_text(unpacked)}", _WHOLE)
-            kinds = {number: each.name for number, each in summary.schemas.items()}
-            channels = summary.channels.values()
-            topics = sorted({c.topic for c in channels if kinds.get(c.schema_id) in _TYPES})
-            if not topics:
-                found = ", ".join(sorted({*kinds.values()})) or "no messages"
-                raise InputError(path, "content", found, "sensor_msgs/msg/JointState messages")
-            table: dict[str, Samples] = {}
-            for topic in topics:
-                before = f"{topic}:" if len(topics) > 1 else ""
-                own = _columns(reader.iter_decoded_messages(topics=[topic]))
-                table |= {before + name: each for name, each in own.items()}
-    except InputError:
-        raise
-    except Exception as error:  # readers raise anything on damage
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(path, "content", f"unreadable ({reason})", _WHOLE) from None
+    with whole(path, _WHOLE), path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        if summary is None:
+            raise InputError(path, "content", "no summary at its end", _WHOLE)
+        unpacked = sum(each.uncompressed_size for each in summary.chunk_indexes)
+        if unpacked > most_in(size):
+            raise InputError(path, "content", f"chunks of {size_text(unpacked)}", _WHOLE)
+        kinds = {number: each.name for number, each in summary.schemas.items()}
+        channels = summary.channels.values()
+        topics = sorted({c.topic for c in channels if kinds.get(c.schema_id) in _TYPES})
+        if not topics:
+            found = ", ".join(sorted({*kinds.values()})) or "no messages"
+            raise InputError(path, "content", found, "sensor_msgs/msg/JointState messages")
+        table: dict[str, Samples] = {}
+        for topic in topics:
+            before = f"{topic}:" if len(topics) > 1 else ""
+            own = _columns(reader.iter_decoded_messages(topics=[topic]))
+            table |= {before + name: each for name, each in own.items()}
     return table
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 from butterfly.errors import InputError
@@ -41,6 +42,7 @@ _ALIASES = {
     "velocity": {"velocity", "speed", "vel", "omega", "dq", "qd"},
 }
 _SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
+_LETTERS = frozenset("VANsmhg")  # that are units
 _IDIOMS = {"turn", "second"}  # in turn
 _PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
 _BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)([\[({])([^\[\](){}]*)(?:[\])}]|$)")
@@ -60,11 +62,8 @@ class Sayings:
         if isinstance(found, list):
             self._listed(found, place, way, ())
             return
-        if (
-            len(way) > _DEEPEST
-            or place.count(".") > _DEEPEST
-            or str(next(iter(found), "")).isdecimal()
-        ):
+        first = str(next(iter(found), ""))
+        if place.count(".") > _DEEPEST or first.isdecimal():  # an index of pandas
             return
         for name, given in found.items():
             key, value = _text(name), _opened(given)
@@ -101,10 +100,8 @@ class Sayings:
             names = [each[key] for key in _OWN_NAMES if isinstance(each.get(key), str)]
             if names:
                 self.metadata(each, place, (*way, names[0]))
-            elif said := {k: v for k, v in each.items() if _besides_unit(k) is not None}:
+            elif said := _units_within(each):
                 rows[repr(said)] = said
-            elif below := {k: v for k, v in each.items() if isinstance(v, Mapping)}:
-                rows[repr(below)] = below if len(rows) < _MOST else {}
         for each in rows.values():
             self.metadata(each, place, (*way, *own))
 
@@ -120,7 +117,10 @@ class Sayings:
     def text(self, lines: Iterable[str], place: str, split: Any = None) -> None:  # noqa: ANN401 - cells of a line
         """Collect lines such as ``input: mV``, ``u [mV], q [rad]``, ``units: s, mV, rad``."""
         for line in [*dict.fromkeys(lines)][:_MOST]:
-            plain = plain_text(line[:_LONGEST]).strip(" #%/\t")
+            plain = plain_text(line[:_LONGEST]).strip(" #%/\t,;")
+            plain = re.sub(r"[,;]\s+(in\s)", r" \1", plain)
+            if len(two := re.split(r"\s*[,;\t]\s*", plain)) == 2 and _besides_unit(two[0]):  # noqa: PLR2004
+                plain = ": ".join(two)
             head, mark, rest = _halves(plain)
             first, _, after = plain.partition(" ")
             if mark and head.lower() in _UNITS:
@@ -156,9 +156,29 @@ class Sayings:
             for field, k in places.items()
         }
 
+    @cached_property
+    def _index(self) -> tuple[dict[Any, list[int]], ...]:
+        """Columns by the keys down to them, by the last of these, and by name without a unit."""
+        whole, ends, bare = (defaultdict[Any, list[int]](list) for _ in range(3))
+        for k, name in enumerate(self._names):
+            keys = tuple(map(_key, name.split(".")))
+            for depth in range(1, len(keys) + 1):
+                whole[keys[:depth]].append(k)
+            ends[keys[-1]].append(k)
+            for each in {_key(without_unit(name)), _key(without_ending(name))}:
+                bare[each].append(k)
+        return whole, ends, bare
+
     def _add(self, way: Way, text: object, place: str, how: Said) -> None:
         if isinstance(text, str) and text.strip() and len(text) <= _LONGEST:
             words = Words(" ".join(text.split()), place, how)
+            if (
+                how is not Said.AS_UNIT
+                and len(text) == 1
+                and text.isalpha()
+                and text not in _LETTERS
+            ):
+                return  # M. Smith
             if how is not Said.AS_UNIT and counts_without_turn(words.text):
                 words = replace(words, how=Said.AS_UNIT)
             if not words.silent and (words.how is Said.AS_UNIT or is_unit(words.text)):
@@ -177,7 +197,8 @@ class Sayings:
         """Collect what stands under a key of units."""
         if isinstance(value, Mapping):
             for key, below in value.items():
-                self._units(_opened(below), (*way, *_text(key).split(".")), place)
+                own = () if key in _OWN_NAMES else _text(key).split(".")
+                self._units(_opened(below), (*way, *own), place)
         elif isinstance(value, list | tuple) and len(value) == len(self._names):
             self.row([_text(each) for each in value], place)
         elif isinstance(value, list | tuple):
@@ -191,15 +212,11 @@ class Sayings:
     def _units_of_all(self, text: str, place: str) -> None:
         """Collect ``s, mV, rad``, ``time: s, input: mV``, ``time s input mV``, or else a word."""
         cells = _cells(text)
-        pairs = self._pairs(cells)
         if self._is_row(cells):
             self.row(cells, place)
         elif any(each in text for each in ":=[({"):
             for segment in _segments(text):
                 self._segment(segment, place, Said.AS_UNIT)
-        elif pairs:
-            for name, unit in pairs:
-                self._add((name,), unit, place, Said.AS_UNIT)
         else:
             self._add((), text, place, Said.AS_UNIT)
 
@@ -211,13 +228,6 @@ class Sayings:
             and bool(given)
             and all(is_unit(cell) or counts_without_turn(cell) for cell in given)
         )
-
-    def _pairs(self, cells: list[str]) -> list[tuple[str, str]]:
-        """Return names and units of ``time s input mV``."""
-        pairs = [*zip(cells[::2], cells[1::2], strict=False)]
-        known = {_key(name) for name in self._names} | set().union(*_ALIASES.values())
-        even = len(cells) % 2 == 0
-        return pairs if even and all(_key(name) in known for name, _ in pairs) else []
 
     def _segment(self, text: str, place: str, how: Said = Said.AS_VALUE) -> None:
         """Collect one of ``input: mV``, ``input [mV]``, ``input in mV`` and ``input mV``."""
@@ -261,12 +271,11 @@ class Sayings:
             return [*places], len(self._names) == 1
         if isinstance(way[0], int):
             return [field for field, k in places.items() if k == way[0]], True
+        whole, ends, bare = self._index
         keys = tuple(_key(part) for each in way for part in str(each).split("."))
-        whole = [tuple(map(_key, name.split("."))) for name in self._names]
-        below = [k for k, own in enumerate(whole) if own[: len(keys)] == keys]
-        ends = [k for k, own in enumerate(whole) if own[-1:] == keys[-1:]]
-        bare = [k for k, name in enumerate(self._names) if _same(name, str(way[-1]))]
-        found = next((each for each in (below, ends, bare) if each), [])
+        found = whole.get(keys) or ends.get(keys[-1]) or []
+        for text in _forms(str(way[-1])) if not found else ():
+            found = found or bare.get(text, [])
         if found:
             return [field for field, k in places.items() if k in found], len(found) == 1
         words = {each for each in _words(str(way[-1])) if each not in _ASIDE}
@@ -274,11 +283,17 @@ class Sayings:
         return fields, True
 
 
-def _same(name: str, said: str) -> bool:
-    """Whether a text names a column, with or without its unit and words aside."""
-    names = {_key(name), _key(without_unit(name)), _key(without_ending(name))}
+def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return of a row only what stands under keys of units, at any depth."""
+    found = {k: v for k, v in row.items() if _besides_unit(k) is not None}
+    below = {k: _units_within(v) for k, v in row.items() if isinstance(v, dict) and k not in found}
+    return found | {k: v for k, v in below.items() if v}
+
+
+def _forms(said: str) -> list[str]:
+    """Return how a column may be called: with or without its unit and words aside."""
     aside = " ".join(each for each in _words(said) if each not in _ASIDE)
-    return bool({_key(said), _key(without_unit(said)), _key(aside)} & names - {""})
+    return [each for each in map(_key, (said, without_unit(said), aside)) if each]
 
 
 def _key(name: object) -> str:

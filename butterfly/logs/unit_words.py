@@ -68,18 +68,10 @@ _ALSO = {
     "turns/s": "rps",
     "rpm": "r/min U/min tr/min 1/min /min",
 }  # ambiguous without case (mv, ma), the usual unit
-_PRODUCTS = {
-    ("N", "m"): "Nm",
-    ("mN", "m"): "mNm",
-    ("uN", "m"): "uNm",
-    ("kN", "m"): "kNm",
-    ("MN", "m"): "MNm",
-    ("N", "cm"): "Ncm",
-    ("N", "mm"): "mNm",
-    ("kgf", "cm"): "kgf cm",
-    ("kg", "cm"): "kgf cm",
-    ("turns", "min"): "rpm",
-} | {(of, "s"): f"{of}/s" for of in ("rad", "mrad", "deg", "turns", "m", "cm", "mm")}
+_PRODUCTS = {(f"{p}N", "m"): f"{p}Nm" for p in ("", "m", "u", "k", "M")}
+_PRODUCTS |= {("N", "cm"): "Ncm", ("N", "mm"): "mNm", ("turns", "min"): "rpm"}
+_PRODUCTS |= {(of, "cm"): "kgf cm" for of in ("kgf", "kg")}
+_PRODUCTS |= {(of, "s"): f"{of}/s" for of in ("rad", "mrad", "deg", "turns", "m", "cm", "mm")}
 
 _SAME = str.maketrans("º˚−–⋅·×∙【】〔〕", "°°--****[][]")
 _WORDS_OF_PREFIX = "|".join(_PREFIXES.values())

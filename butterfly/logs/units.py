@@ -52,7 +52,8 @@ ASSUMED, GIVEN = "assumed", "given"
 _TURNABLE = ("input", "angle", "velocity", "setpoint")
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)(?:[\])}]|$)")
 _SILENT = re.compile(
-    r"[-–\s.]*|[-+\d.,eE\s]+|si(?: units?)?|none|null|nan|n/?a|unknown|unitless|dimensionless|\?+",
+    r"[-–\s.]*|[-+\d.,eE\s]+|(?:si|mks|metric)(?: units?)?|"
+    r"none|null|nan|n/?a|unknown|unitless|dimensionless|\?+",
     re.IGNORECASE,
 )
 
@@ -232,10 +233,7 @@ def _unit_and_place(
 
 
 def _is_letter_of_prose(words: Words) -> bool:
-    return (
-        words.how is Said.IN_PROSE
-        and re.fullmatch(r"[\[({]?[a-zA-Z][\])}]?", words.text) is not None
-    )
+    return words.how is Said.IN_PROSE and re.fullmatch(r"\W*[a-zA-Z]\W*", words.text) is not None
 
 
 # Names of columns: angle [deg], angle_deg, angleDeg, angle:deg.

@@ -82,6 +82,8 @@ COMMENTS = {
     "unit of": "# unit of {}: {}",
     "unit after": "# {} unit: {}",
     "units =": "# units: {}={}",
+    "cells": "# {}_unit;{}",
+    "clause": "# column 2: {}, in {}",
     "in": "# {} in {}",
     "percent": "% {}: {}",
     "no mark": "{} unit: {}",
@@ -118,10 +120,8 @@ def _text(ending, mark):
     return write
 
 
-IN_JSON = {
-    "units": lambda told: {"units": told},
-    "Units": lambda told: {"Units": told},
-    "unit": lambda told: {"unit": told},
+IN_KEYS = {
+    **{key: lambda told, key=key: {key: told} for key in ("units", "Units", "unit", "UNITS")},
     "meta.units": lambda told: {"meta": {"units": told}},
     "meta.columns": lambda told: {"meta": {"columns": {k: {"unit": v} for k, v in told.items()}}},
     "fields": lambda told: {"fields": [{"name": k, "unit": v} for k, v in told.items()]},
@@ -140,7 +140,7 @@ def _json(folder, cell):
         key = cell.place.split()[1]
         content |= {k: {key: v, "values": content[k]} for k, v in cell.told.items()}
     path.write_text(
-        json.dumps(content | (IN_JSON[cell.place](cell.told) if cell.place in IN_JSON else {}))
+        json.dumps(content | (IN_KEYS[cell.place](cell.told) if cell.place in IN_KEYS else {}))
     )
     return path
 
@@ -161,12 +161,6 @@ def _records(ending):
     return write
 
 
-IN_SCHEMA = {
-    "schema units": lambda told: {"units": json.dumps(told)},
-    "schema key_unit": lambda told: {f"{k}_unit": v for k, v in told.items()},
-    "schema key": dict,
-    "schema comment": lambda told: {"comment": "; ".join(f"{k}: {v}" for k, v in told.items())},
-}
 IN_FIELD = ("unit", "units", "UNIT", "uom", "astropy:unit", "description", "long description")
 
 
@@ -184,23 +178,16 @@ def _parquet(folder, cell):
         )
         for n, c in zip(cell.names, cell.columns, strict=True)
     ]
-    meta = IN_SCHEMA[cell.place](cell.told) if cell.place in IN_SCHEMA else None
+    meta = IN_KEYS.get(cell.place.removeprefix("schema "), lambda _: {})(cell.told)
+    meta = {k: v if isinstance(v, str) else json.dumps(v) for k, v in meta.items()}
     table = pa.table(list(cell.columns.values()), schema=pa.schema(fields, metadata=meta))
     parquet.write_table(table, path)
     return path
 
 
-IN_ATTRS = {
-    "attrs units": lambda told: {"units": dict(told)},
-    "attrs column": dict,
-    "attrs column unit": lambda told: {k: {"unit": v} for k, v in told.items()},
-    "attrs key_unit": lambda told: {f"{k}_unit": v for k, v in told.items()},
-}
-
-
 def _frame(_, cell):
     frame = pd.DataFrame(dict(zip(cell.names, cell.columns.values(), strict=True)))
-    frame.attrs = IN_ATTRS[cell.place](cell.told) if cell.place in IN_ATTRS else {}
+    frame.attrs = IN_KEYS[cell.place](cell.told) if cell.place in IN_KEYS else {}
     return frame
 
 
@@ -253,14 +240,20 @@ WRITERS = {
     "semicolons": (_text(".csv", ";"), TEXTS),
     "tsv": (_text(".tsv", "\t"), TEXTS),
     "blanks": (_text(".txt", " "), ("tight", "underscore", "key: value", "units =", "glued")),
-    "json": (_json, (*IN_NAMES, *GLUED, *IN_JSON, "beside unit", "beside Units", "beside uom")),
+    "json": (_json, (*IN_NAMES, *GLUED, *IN_KEYS, "beside unit", "beside Units", "beside uom")),
     "records": (_records(".json"), (*IN_NAMES, *GLUED, "per row", "units per row")),
     "jsonl": (_records(".jsonl"), (*IN_NAMES, *GLUED, "per row", "units per row")),
     "parquet": (
         _parquet,
-        (*IN_NAMES, *GLUED, *IN_FIELD, *IN_SCHEMA, *(f"pandas {each}" for each in IN_ATTRS)),
+        (
+            *IN_NAMES,
+            *GLUED,
+            *IN_FIELD,
+            *(f"schema {each}" for each in IN_KEYS),
+            *(f"pandas {each}" for each in IN_KEYS),
+        ),
     ),
-    "frame": (_frame, (*IN_NAMES, *GLUED, *IN_ATTRS)),
+    "frame": (_frame, (*IN_NAMES, *GLUED, *IN_KEYS)),
     "mat": (_mat, ("struct.units", "top-level units", "key_unit", "data.units", "DataInfo")),
     "mat 7.3": (_hdf5, IN_HDF5),
 }
@@ -301,55 +294,27 @@ def written(folder, where, field, spelling, factor):
 # Files that say nothing of units, though words and letters of theirs may be some.
 
 PROSE = """run 3 at 5 A supply, by M. Smith, motor in box
-angle(s) recorded by the encoder, input held between samples
-operator: M
+angle(s) recorded by the encoder, input held between samples | operator: M | position: M
+tags: ["a", "b", "V"]
 gain: 5 V/V
-mass: 120 g
-bench 2 (Tuesday), run (3)
-serial number: A-4711/V2
-date: 2024-03-01 10:30:12
-recorded 12 min after start, 3 h after lunch
-firmware rev 2.1 (rev B), board V
-sampling rate: 500 Hz
-supply: 12 V, limit 3 A, 25 degC in the room
-the second run; each joint was moved in turn
-arm = 0.104 m, disc r = 15 mm
-Ms. N. Ampere, Room A, Building V
-controller gains: kp=4, ki=0.5, kd=1e-3
-encoder: 4096 counts per turn
-motor: Maxon RE 40, 24 V, 150 W
-gear ratio: 1:100
+mass: 120 g | bench 2 (Tuesday), run (3) | serial number: A-4711/V2 | date: 2024-03-01 10:30:12
+recorded 12 min after start, 3 h after lunch | firmware rev 2.1 (rev B), board V
+sampling rate: 500 Hz | supply: 12 V, limit 3 A, 25 degC in the room
+the second run; each joint was moved in turn | arm = 0.104 m, disc r = 15 mm
+Ms. N. Ampere, Room A, Building V | controller gains: kp=4, ki=0.5, kd=1e-3
+encoder: 4096 counts per turn | motor: Maxon RE 40, 24 V, 150 W | gear ratio: 1:100
 note: time starts at trigger; input is the command, angle is from the encoder
-input: chirp from 0.1 to 5 Hz
-input: sine, 2 V amplitude
-angle: wrapped at the index pulse
-angle: 0 hanging down
-time: start of the run
-units under test: 2
-test unit: 7
-unit: 7
-units: SI
-https://example.org/logs?id=7&unit=3
-data in columns, numbers in full
-temperature in the lab: 21 C
-position: left
-file saved in s:/logs
-velocity limit 300 deg/s reached once
-torque constant 0.05 Nm/A
-channel 1: motor A, channel 2: motor B
-load (m): none added
-comment: us and them, ma and pa
-version: 1.2 (V)
-author: H. Hour, S. Second
-phase: A
-axis: m
-symbol: u
-status: ok, V
-max current: 5 A; max voltage: 24 V
-input from the amplifier, angle by potentiometer
-measured in May in Rome
-wiring: red = V+, black = 0 V, g = ground
-state: s0; mode: h""".splitlines()
+input: chirp from 0.1 to 5 Hz | input: sine, 2 V amplitude | angle: wrapped at the index pulse
+angle: 0 hanging down | time: start of the run | units under test: 2 | test unit: 7 | unit: 7
+units: SI | https://example.org/logs?id=7&unit=3 | data in columns, numbers in full
+temperature in the lab: 21 C | position: left | file saved in s:/logs
+velocity limit 300 deg/s reached once | torque constant 0.05 Nm/A
+channel 1: motor A, channel 2: motor B | load (m): none added | comment: us and them, ma and pa
+version: 1.2 (V) | author: H. Hour, S. Second | phase: A | axis: m | symbol: u | status: ok, V
+max current: 5 A; max voltage: 24 V | input from the amplifier, angle by potentiometer
+measured in May in Rome | wiring: red = V+, black = 0 V, g = ground | state: s0; mode: h""".replace(
+    "\n", " | "
+).split(" | ")
 
 
 INNOCENT = ("csv", "above", "json", "jsonl", "parquet", "field", "frame", "mat", "hdf5")
