@@ -34,7 +34,7 @@ from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
-_NO_ERRORS = "The band of a new log is missing too: it needs the errors of these logs."
+_NO_ERRORS = "The band of a new log is missing: it needs the errors of these logs."
 
 
 def predict(
