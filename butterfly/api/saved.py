@@ -14,7 +14,7 @@ from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
-from butterfly.files import read_file
+from butterfly.files import read_file, whole
 from butterfly.identification.identification import Identification
 from butterfly.progress import budget
 from butterfly.report.finding_texts import finding_text, values_of
@@ -54,7 +54,7 @@ def load(
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
         expected = f"{kind.schema_number}: {remedy}"
         raise InputError(file, "schema_number", number, expected)
-    try:
+    with whole(file, "an undamaged saved result"):
         manifest = content.get("data", {}).get("manifest")
         moved = None if root is None else Path(root)
         if manifest is not None and (moved or manifest["root"]) is not None:
@@ -65,18 +65,12 @@ def load(
         if isinstance(result, Identification):
             for each in result.estimate.findings:
                 finding_text(each, values_of(result.estimate))
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        expected = "an undamaged saved result"
-        raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result
 
 
 def _content(file: Path) -> dict[str, Any]:
-    text = read_file(file, "a saved result")
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
-        raise InputError(file, "content", "not JSON", "a saved result") from None
+    with whole(file, "a saved result"):
+        content = json.loads(read_file(file, "a saved result"))
     if not isinstance(content, dict):
         raise InputError(file, "content", type(content).__name__, "a saved result")
     return content

@@ -67,13 +67,10 @@ def check(
         else:
             outputs.note_input(Path(value))
     named = {option: path for option, (path, written) in files.items() if written.endings}
-    named |= {
-        f"the numbers of {option}": path.with_suffix(written.beside)
-        for option, (path, written) in files.items()
-        if written.beside
-    }
     for option, (path, written) in files.items():
         _require_kind(path, written, option)
+        if written.beside:
+            named[f"the numbers of {option}"] = path.with_suffix(written.beside)
     taken: dict[Path, str] = {}
     for option, path in named.items():
         if taken.setdefault(path.resolve(), option) != option:

@@ -12,7 +12,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room
-from butterfly.files import read_file
+from butterfly.files import read_file, whole
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
 from butterfly.logs.said import Sayings
@@ -54,15 +54,13 @@ def _content(path: Path) -> tuple[Any, int]:
     """Return the content of a file, and how many incomplete last lines were dropped."""
     content = read_file(path, "an existing JSON file")
     require_room(path, "content", f"{len(content)} bytes of JSON", 32 * len(content))
-    try:
+    with whole(path, "complete JSON"):
         text = content.decode("utf-8-sig").strip(" ")
         if path.suffix.lower() == ".json" and not _RECORDS.match(text):
             return _parsed(text), 0
         lines = [line for line in text.split("\n") if line.strip()]
         cut = not text.endswith("\n") and len(lines) > 1
         return [_parsed(line) for line in lines[: len(lines) - cut]], int(cut)
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, "content", f"unreadable ({error})", "complete JSON") from None
 
 
 def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON

@@ -12,7 +12,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in, require_file
+from butterfly.files import most_in, require_file, whole
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.said import Sayings
@@ -31,18 +31,14 @@ def read_parquet(
 ) -> Log:
     """Read a log (see `read_log`); other columns are ignored."""
     require_file(path, "an existing Parquet file")
-    try:
-        with parquet.ParquetFile(path) as file:
-            schema = file.schema_arrow
-            places, unasked = chosen_columns(path, schema.names, columns, properties)
-            for field in unasked:
-                if not is_number_type(schema.types[places[field]]):
-                    del places[field]
-            headings = _said(path, schema).headings(places)
-            arrays = _columns(path, file, places)
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        first = str(error).splitlines()[0]
-        raise InputError(path, "content", first, "a whole Parquet file") from None
+    with whole(path, "a whole Parquet file"), parquet.ParquetFile(path) as file:
+        schema = file.schema_arrow
+        places, unasked = chosen_columns(path, schema.names, columns, properties)
+        for field in unasked:
+            if not is_number_type(schema.types[places[field]]):
+                del places[field]
+        headings = _said(path, schema).headings(places)
+        arrays = _columns(path, file, places)
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
     properties |= {"source": str(path)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)

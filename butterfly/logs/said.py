@@ -135,26 +135,17 @@ class Sayings:
 
     def headings(self, places: Mapping[str, int]) -> dict[str, Heading]:
         """Return the headings of the columns with these numbers, by field of the log."""
-        said: dict[str, list[Words]] = {field: [] for field in places}
-        shared: dict[str, list[Words]] = {field: [] for field in places}
-        scales = dict.fromkeys(places, (1.0, 0.0))
+        found = {field: Heading(name=self._names[k], number=k) for field, k in places.items()}
         for way, words in self._said:
             fields, alone = self._of(way, places)
-            for field in fields:
-                (said if alone else shared)[field].append(words)
+            for name in fields:
+                kind = "said" if alone else "shared"
+                more: Any = {kind: (*getattr(found[name], kind), words)}
+                found[name] = replace(found[name], **more)
         for way, (factor, offset) in self._scales.items():
-            for field in self._of(way, places)[0]:
-                scales[field] = (factor, offset)
-        return {
-            field: Heading(
-                name=self._names[k],
-                number=k,
-                said=tuple(said[field]),
-                shared=tuple(shared[field]),
-                scale=scales[field],
-            )
-            for field, k in places.items()
-        }
+            for name in self._of(way, places)[0]:
+                found[name] = replace(found[name], scale=(factor, offset))
+        return found
 
     @cached_property
     def _index(self) -> tuple[dict[Any, list[int]], ...]:

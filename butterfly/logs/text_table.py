@@ -18,7 +18,7 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import read_file, require_file
+from butterfly.files import read_file, require_file, whole
 from butterfly.logs.log import AS_WRITTEN, FileReading
 from butterfly.logs.units import is_unit, without_unit, words_in
 
@@ -249,16 +249,13 @@ def _parsed(
                 expected += " (numbers with decimal commas need another delimiter)"
             raise InputError(path, f"line {line.number}", found, expected)
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
-    try:
+    with whole(path, "a table"):
         table = csv.read_csv(
             io.BytesIO("\n".join(texts).encode()),
             read_options=csv.ReadOptions(column_names=[str(k) for k in range(width)]),
             parse_options=csv.ParseOptions(delimiter="\t" if blanks else delimiter),
             convert_options=csv.ConvertOptions(decimal_point=decimal),
         )
-    except pyarrow.ArrowInvalid as error:
-        reason = " ".join(str(error).split())
-        raise InputError(path, "content", f"unreadable ({reason})", "a table") from None
     return [
         np.asarray(each.to_numpy().astype(np.float64)) if is_number_type(each.type) else each
         for each in table.columns

@@ -274,9 +274,7 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
     bare = without_unit(name)
     for start, words in _endings(bare):
         before, named = bare[:start], units_spelt(field, words)
-        if (
-            before[-1:].islower() and words[0].isupper()
-        ):  # angleDeg: which case its unit has is open
+        if before[-1:].islower() and words[0].isupper():  # angleDeg, its unit of open case
             small = units_spelt(field, words[0].lower() + words[1:])
             named = [*dict.fromkeys([*small, *named])] if len(words) < len("MNms") else small
         fits = any(quantity_of(unit) in fitting for unit in named)
