@@ -72,8 +72,8 @@ def mark_of(path: Path, kind: str = "") -> str:
 
     It is empty if they can hold none.
     """
-    before, _, after = _MARKS.get(path.suffix.lower(), "").partition("{}")
-    return f"{before}{kind}{after}" if kind else before
+    mark = _MARKS.get(path.suffix.lower(), "")
+    return mark.format(kind) if kind else mark.partition("{}")[0]
 
 
 def mark_of_document(kind: str, second: str = "schema_number") -> str:

@@ -188,12 +188,13 @@ def test_a_file_that_changes_while_it_is_read_is_one_of_both_or_a_line(tmp_path,
     for size in (400, 20_000):
         write_log(Log(np.arange(size) * 1e-3, np.full(size, size), np.full(size, size)), path)
         contents.append(path.read_bytes())
+        path.unlink()
     path.write_bytes(contents[0])
 
     def change():
         for content in itertools.cycle(contents):
             if how == "replaced":
-                write_file(path, content)
+                write_file(path, content, own=True)
             else:
                 path.write_bytes(content)
             if over.wait(0.002):

@@ -27,6 +27,7 @@ from butterfly.logs.reading import read_entry
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Known
 from butterfly.model.servo import ServoLoop
+from butterfly.outputs import call
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 
@@ -96,7 +97,8 @@ def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):
     assert (mass.mass, mass.arm, mass.mass_uncertainty) == pytest.approx((0.052, 0.104, 0.001))
     assert log.excitation.omega == pytest.approx(4 * np.pi)
     assert log.excitation.amplitude == pytest.approx(0.3)
-    write_manifest(manifest, path)
+    with call(overwrite=True):
+        write_manifest(manifest, path)
     assert read_manifest(path) == manifest
 
 
@@ -109,7 +111,8 @@ def test_the_own_inertia_of_an_added_mass_is_used_as_given_and_written_again(tmp
     assert disc == AddedMass(mass=0.2, arm=0.1, own_inertia=1e-4)
     assert (disc.inertia, disc.gravity_moment) == pytest.approx((2.1e-3, 0.1962))
     assert none.inertia == 0
-    write_manifest(manifest, path)
+    with call(overwrite=True):
+        write_manifest(manifest, path)
     assert read_manifest(path) == manifest
     assert path.read_text().count("inertia:") == 1
     path.write_text(path.read_text().replace("0.0001", "-0.0001"))
@@ -149,7 +152,8 @@ def test_zeros_are_told_for_the_set_a_mass_or_a_log(tmp_path):
     manifest = read_manifest(path)
     told = [manifest.zero_of(entry) for entry in manifest.logs]
     assert told == [Known(value=0.1, uncertainty=0.01), Known(value=0.2), Known(value=0.3)]
-    write_manifest(manifest, path)
+    with call(overwrite=True):
+        write_manifest(manifest, path)
     assert read_manifest(path) == manifest
     other = manifest.with_zero(Known(value=0.7))
     assert {other.zero_of(entry) for entry in other.logs} == {Known(value=0.7)}
@@ -245,7 +249,8 @@ MANIFESTS = st.builds(
 @given(manifest=MANIFESTS)
 def test_any_manifest_is_read_back_as_it_was(tmp_path_factory, manifest):
     path = tmp_path_factory.getbasetemp() / "manifest.yaml"
-    write_manifest(manifest, path)
+    with call(overwrite=True):
+        write_manifest(manifest, path)
     read = read_manifest(path, path.parent).model_copy(update={"root": manifest.root})
     assert read == manifest
     assert manifest_text(read) == manifest_text(manifest)
