@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly import outputs
-from butterfly.errors import InputError, size_text
+from butterfly.errors import ButterflyError, InputError, size_text
 
 _PACKAGE = Path(__file__).parent
 _ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of shipped files: in a wheel, in a checkout
@@ -123,10 +123,10 @@ def write_xml(path: Path, content: str, kind: str) -> None:
 
 @contextmanager
 def whole(path: Path, expected: str) -> Iterator[None]:
-    """Turn whatever a reader raises on damaged content into InputError."""
+    """Turn whatever a reader raises on damaged content into InputError, but for lack of memory."""
     try:
         yield
-    except InputError:
+    except (ButterflyError, MemoryError):
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__

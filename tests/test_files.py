@@ -10,7 +10,15 @@ import pytest
 
 import butterfly as bf
 from butterfly.errors import InputError
-from butterfly.files import DRAFT, locate, replacing, shipped, shipped_experiments, write_file
+from butterfly.files import (
+    DRAFT,
+    locate,
+    replacing,
+    shipped,
+    shipped_experiments,
+    whole,
+    write_file,
+)
 from butterfly.logs.formats import read_log
 from butterfly.yaml_files import load_yaml
 
@@ -39,6 +47,11 @@ def test_what_fails_halfway_leaves_the_old_file_and_no_litter(tmp_path):
         fail_halfway()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_reader_without_memory_has_not_met_damage(tmp_path):
+    with pytest.raises(MemoryError), whole(tmp_path / "a.json", "complete JSON"):
+        raise MemoryError
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):

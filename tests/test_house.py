@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 216,
     "lines of the package": 43_300,
-    "lines of tests": 33_400,
+    "lines of tests": 33_283,
     "names of classes that exist twice": 0,
     "modules in import circles": 4,
     "tuned numbers of identification": 66,

@@ -54,7 +54,7 @@ def load(
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
         expected = f"{kind.schema_number}: {remedy}"
         raise InputError(file, "schema_number", number, expected)
-    with whole(file, "an undamaged saved result"):
+    try:
         manifest = content.get("data", {}).get("manifest")
         moved = None if root is None else Path(root)
         if manifest is not None and (moved or manifest["root"]) is not None:
@@ -65,6 +65,9 @@ def load(
         if isinstance(result, Identification):
             for each in result.estimate.findings:
                 finding_text(each, values_of(result.estimate))
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        expected = "an undamaged saved result"
+        raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result
 
 

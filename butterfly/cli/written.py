@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -46,10 +46,7 @@ def options_of(command: object) -> dict[tuple[str, ...], tuple[str, OutputFile]]
 
 
 def check(
-    command: Callable[..., Any],
-    arguments: Mapping[str, Any],
-    json: Path | None,
-    kinds: Sequence[str],
+    command: object, arguments: Mapping[str, Any], json: Path | None, kinds: Sequence[str]
 ) -> None:
     """Note the inputs among the arguments of a command; InputError if an output may not be.
 
