@@ -114,10 +114,10 @@ def simulate(
         expected = "an experiment: a file, a name, or read_experiment's result"
         raise InputError("simulate", "experiment", type(plan).__name__, expected)
     with call(overwrite=overwrite):
-        logs = list(simulated_logs(plan, track=track))
+        logs = simulated_logs(plan, track=track)
         if out is not None:
             return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
-    return data_set_of(plan, logs)
+    return data_set_of(plan, list(logs))
 
 
 def run(

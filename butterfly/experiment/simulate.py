@@ -69,9 +69,10 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
 
     InputError before any is written if one exists and may not be replaced.
     """
-    logs = list(logs)
-    for name in (MANIFEST_NAME, *map(file_of, logs)):
-        require_free(folder / name)
+    require_free(folder / MANIFEST_NAME)
+    logs = list(logs)  # only now are they simulated
+    for log in logs:
+        require_free(folder / file_of(log))
     entries = []
     for log in logs:
         entries.append(_entry(log, file_of(log)))
