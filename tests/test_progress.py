@@ -13,10 +13,10 @@ from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.draws import LEAST, draw_parameters
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError
-from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
-from butterfly.identification.estimators.multistart import starts
+from butterfly.identification.estimators.start import starts
 from butterfly.identification.identify import judged
 from butterfly.identification.predict import predict_logs
+from butterfly.identification.problem import Problem
 from butterfly.identification.validate import bootstrap, cross_validate, select_terms
 from butterfly.progress import budget, current_search, in_threads, out_of_time, untracked
 from butterfly.verdict import Level
@@ -110,7 +110,7 @@ def test_threads_search_for_as_long_as_what_began_them():
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_trial_that_costs_too_much_stops_at_its_first_logs(data, monkeypatch, workers):
     start = OutputError(terms=(), horizon=np.inf, workers=workers)
-    first = next(starts(data, ()))
+    first = starts(data, ())[0]
     problem = start.problem(data.logs, first)
     away = problem.initial * 1.5
     count = len(data.logs)
@@ -137,9 +137,9 @@ def test_a_trial_that_costs_too_much_stops_at_its_first_logs(data, monkeypatch, 
 def test_a_descent_goes_the_same_way_whether_dear_trials_stop_or_not(data, monkeypatch):
     estimator = OutputError(terms=("drag",), workers=1)
     found = estimator(data)
-    equations = FreeRunResiduals.equations
+    equations = Problem.equations
     monkeypatch.setattr(
-        FreeRunResiduals, "equations", lambda self, at, _=None, **how: equations(self, at, **how)
+        Problem, "equations", lambda self, at, _=None, **how: equations(self, at, **how)
     )
     assert estimator(data).values.tolist() == found.values.tolist()
 

@@ -97,16 +97,16 @@ class Segments:
 
     def linearised(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, _: Begin = None
-    ) -> tuple[Samples, Samples, Samples]:
+    ) -> tuple[Samples, Samples]:
         """Return errors and derivatives less what the starts explain (see `Simulation`)."""
-        errors, rows, mixtures, _directions = zip(
+        errors, rows, _directions = zip(
             *(each.expanded(names, parameters, zero) for each in self._counted), strict=True
         )
-        return joined(errors), joined(rows), mixtures[0]
+        return joined(errors), joined(rows)
 
     def directions(self, parameters: LumpedParameters, zero: float) -> tuple[Samples, ...]:
         """Return for each segment the (m, j) directions in which its start moves its errors."""
-        return tuple(each.expanded((), parameters, zero)[3] for each in self._counted)
+        return tuple(each.expanded((), parameters, zero)[2] for each in self._counted)
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -127,7 +127,6 @@ class _About(NamedTuple):
 
     errors: Samples
     rows: Samples
-    mixture: Samples
     directions: Samples  # (m, j) orthonormal, in which the start moves the errors
     explained: Samples  # (j,) how far these lie along each
     step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
@@ -161,16 +160,16 @@ class _Segment:
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
-    ) -> tuple[Samples, Samples, Samples, Samples]:
-        """Return errors, derivatives (two) and directions at the best start (see `_About`)."""
+    ) -> tuple[Samples, Samples, Samples]:
+        """Return errors, derivatives and directions at the best start (see `_About`)."""
         every = tuple(dict.fromkeys((*names, *_START)))
         found = self._about(every, parameters, zero, self.near)
         if not found.settled:
             found = self._about(every, parameters, zero, self.begin(parameters, zero))
-        directions, rows = found.directions, found.rows
+        directions, rows = found.directions, found.rows[:, : len(names)]
         errors = found.errors - directions @ found.explained
         take_away(directions, rows)
-        return errors, rows, found.mixture[:, : len(names)], directions
+        return errors, rows, directions
 
     def begin(self, parameters: LumpedParameters, zero: float) -> InitialState:
         """Return the start from which a simulation follows the segment best."""
@@ -200,8 +199,8 @@ class _Segment:
         """Differentiate by names and start, which moves angles by 1 less what the zero does."""
         with np.errstate(over="ignore", invalid="ignore"):
             expansion = self.simulation.linearised(names, parameters, zero, begin)
-            errors, rows, mixture = expansion
-            by_zero, by_velocity = (rows @ mixture[:, [names.index(each) for each in _START]]).T
+            errors, rows = expansion
+            by_zero, by_velocity = rows[:, [names.index(each) for each in _START]].T
         lifted = 1 - self.simulation.log.integrated - by_zero
         columns = np.column_stack([lifted, by_velocity]) * self._units
         if not (np.isfinite(columns).all() and np.isfinite(errors).all()):

@@ -99,8 +99,8 @@ class Simulation:
 
     def linearised(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> tuple[Samples, Samples, Samples]:
-        """Return (m,) errors, and (m, k) and (k, n) factors of their derivatives by n parameters.
+    ) -> tuple[Samples, Samples]:
+        """Return (m,) errors, and their (m, n) derivatives by n parameters.
 
         They are simulated less measured, in rad or rad/s, averaged over the samples of each grid
         interval: that keeps what they tell at a fraction of their number.
@@ -115,7 +115,7 @@ class Simulation:
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += rise  # it moves the start back, and all readings on
-        return values + (rise * zero - measured), rows, columns.mixture
+        return values + (rise * zero - measured), rows @ columns.mixture
 
     @property
     def counts(self) -> NDArray[np.int64]:

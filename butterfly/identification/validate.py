@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,10 +14,11 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
-from butterfly.identification.estimators.multistart import Start, starts
 from butterfly.identification.estimators.output_error import JointFit
+from butterfly.identification.estimators.start import starts
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
+from butterfly.identification.problem import Start
 from butterfly.identification.splits import Division, Split, divide, remedy
 from butterfly.model.terms import companions
 from butterfly.progress import Track, out_of_time, untracked
@@ -256,7 +257,7 @@ class _NestedFits(_Fits):
             )
         return self._fitted[terms]
 
-    def _fit(self, terms: tuple[str, ...], data: DataSet, first: Iterable[Start]) -> JointFit:
+    def _fit(self, terms: tuple[str, ...], data: DataSet, first: Sequence[Start]) -> JointFit:
         return self._joint.with_terms(terms).fit(data.logs, first, data.known)
 
 

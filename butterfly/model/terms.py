@@ -75,9 +75,6 @@ class Term:
     of_gain: bool = False  # Whether p4 times the parameter enters the equation
     sign_observable: bool = True  # Whether the motion reveals the sign
     state: str = ""  # State that it adds to the joint, if any
-    # Typical size for scaling, if there is no basis: from torque in N m, speed and rate in rad/s
-    # of the motion
-    size: Callable[[float, float, float], float] | None = None
     # Name of a residual torque of this shape; empty if not searched for
     looks_like: str = ""
     follows: frozenset[str] = frozenset()  # Terms of which it needs one
@@ -294,10 +291,6 @@ _HARMONIC, _WEAK = "harmonic-balance", "weak-form"
 _OUTPUT, _ORBIT = "output-error", "re-calibration"
 
 
-def _tenth(_torque: float, _speed: float, _rate: float) -> float:
-    return 0.1
-
-
 def _excess(m: Motion) -> Any:  # noqa: ANN401 - in the motion's shape
     return np.exp(-((m.velocity / m.stribeck_velocity) ** 2))
 
@@ -329,10 +322,10 @@ _ROWS = (
          describing=lambda _w, a, _m: coulomb_describing_function(a),
          looks_like="Coulomb friction", offered=frozenset({_ORBIT})),
     Term("delay", "delay", "s", "delay from recorded input to torque",
-         of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate),
+         of_gain=True),
     Term("slow_delay", "slow delay", "s",
          "additional delay in the slow regime of a clock whose sampling interval switches",
-         of_gain=True, size=lambda _torque, _speed, rate: 0.1 / rate,
+         of_gain=True,
          offered=frozenset({_OUTPUT})),
     Term("slow_interval", "slow interval", "s",
          "mean sampling interval above which the clock is in its slow regime", lower=0.0),
@@ -358,7 +351,7 @@ _ROWS = (
     Term("mass_inertia", "mass inertia", "–",
          "inertia of added masses about their own centre, relative to m l²",
          lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
-         size=_tenth, looks_like="an own inertia of the added masses",
+         looks_like="an own inertia of the added masses",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
     Term("bias", "bias", "N m",
          "constant torque, or half the difference of Coulomb friction between directions",
@@ -380,49 +373,49 @@ _ROWS = (
          looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "velocity scale over which that excess vanishes",
-         lower=1e-3, size=lambda _torque, speed, _rate: 0.1 * speed,
+         lower=1e-3,
          follows=frozenset({"stribeck", "motor_stribeck", "load_stribeck"}),
          offered=frozenset({_OUTPUT})),
     Term("motor_friction", "motor friction", "–",
          "gear: growth of friction with motor torque",
-         lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction, size=_tenth,
+         lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction,
          looks_like="friction that grows with motor torque", offered=frozenset({_OUTPUT})),
     Term("load_friction", "load friction", "–",
          "gear: growth of friction with load torque (gravity, spring)",
-         lower=0.0, dry=True, basis=lambda m: _carried(-m.way, m.load) * m.direction, size=_tenth,
+         lower=0.0, dry=True, basis=lambda m: _carried(-m.way, m.load) * m.direction,
          looks_like="friction that grows with the load", offered=frozenset({_OUTPUT})),
     Term("motor_stribeck", "motor Stribeck", "–",
          "gear: growth of Stribeck friction with motor torque",
-         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
          basis=lambda m: _carried(m.way_at_rest, m.motor) * m.direction * _excess(m)),
     Term("load_stribeck", "load Stribeck", "–",
          "gear: growth of Stribeck friction with load torque",
-         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
          basis=lambda m: _carried(-m.way_at_rest, m.load) * m.direction * _excess(m)),
     Term("lifting_stribeck", "lifting Stribeck", "1/(N m)",
          "gear: growth of Stribeck friction with torque squared while the motor drives the load",
-         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
          basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load < 0) * m.direction
          * _excess(m)),
     Term("lowering_stribeck", "lowering Stribeck", "1/(N m)",
          "gear: growth of Stribeck friction with torque squared while the load drives the motor",
-         lower=0.0, dry=True, offered=frozenset({_OUTPUT}), size=_tenth,
+         lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
          basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load > 0) * m.direction
          * _excess(m)),
     Term("tilt", "tilt", "rad",
          "angle of the axis from the horizontal, visible in the weight of added masses",
-         lower=0.0, sign_observable=False, size=_tenth,
+         lower=0.0, sign_observable=False,
          offered=frozenset({_OUTPUT})),
     Term("base_compliance", "base compliance", "m/N",
          "compliance of a moving base; 0 for a fixed one",
-         lower=0.0, state="base", size=lambda _torque, _speed, _rate: 1e-3,
+         lower=0.0, state="base",
          describing=base_describing_function, offered=frozenset({_HARMONIC, _OUTPUT})),
     Term("base_frequency", "base frequency", "rad/s",
          "natural frequency of the base, without added mass",
-         lower=1.0, state="base", size=lambda _torque, _speed, rate: rate,
+         lower=1.0, state="base",
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("base_damping", "base damping", "–", "damping ratio of the base, without added mass",
-         lower=0.0, state="base", size=_tenth,
+         lower=0.0, state="base",
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque periodic in the angle",
          basis=lambda m: -np.sin(m.periods * m.angle),
@@ -444,7 +437,7 @@ _ROWS = (
     Term("back_emf", "back EMF", "N m s/rad",
          "part of p2 that lags with the armature, and is 0 while a servo is off",
          lower=0.0, state="torque of the motor",
-         size=lambda torque, speed, _rate: 0.1 * torque / speed, offered=frozenset({_OUTPUT})),
+         offered=frozenset({_OUTPUT})),
     Term("time_constant", "time constant", "s", "electrical time constant L/R of the armature",
          lower=0.0, state="torque of the motor"),
     Term("dead_zone", "dead zone", "unit",
@@ -457,14 +450,14 @@ _ROWS = (
          looks_like="a saturating drive",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
     Term("loop_kp", "loop P gain", "–", "P gain of the servo loop, relative to the given one",
-         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+         lower=0.0, offered=frozenset({_OUTPUT})),
     Term("loop_ki", "loop I gain", "–", "I gain of the servo loop, relative to the given one",
-         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+         lower=0.0, offered=frozenset({_OUTPUT})),
     Term("loop_kd", "loop D gain", "–", "D gain of the servo loop, relative to the given one",
-         lower=0.0, size=_tenth, offered=frozenset({_OUTPUT})),
+         lower=0.0, offered=frozenset({_OUTPUT})),
     Term("latency", "latency", "s",
          "delay of a servo from sampling the joint to the torque, besides its clock",
-         lower=0.0, size=lambda _torque, _speed, rate: 0.1 / rate, offered=frozenset({_OUTPUT})),
+         lower=0.0, offered=frozenset({_OUTPUT})),
 )
 # fmt: on
 

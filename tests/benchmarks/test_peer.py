@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.estimators.multistart import Start
+from butterfly.identification.problem import Start
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.rig import Rig

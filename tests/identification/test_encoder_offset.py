@@ -18,11 +18,12 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, near, offset_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.local_parameters import columns_of, known_zeros, local_keys
-from butterfly.identification.estimators.multistart import starts
+from butterfly.identification.estimators.start import starts
+from butterfly.identification.problem import Start
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
+from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, steady
 from tests.independent.integrator import Joint, motion
@@ -136,14 +137,18 @@ def test_output_error_fits_no_zero_that_is_exact_and_one_prior_for_each_that_is_
     logs = [replace(log, name=f"{k}") for k, log in enumerate(_logs(0.3))]
     exact, rough = Known(value=0.3), Known(value=0.3, uncertainty=0.01)
 
-    def keys(*zeros, hangs=True):
-        told = [replace(log, zero=zero) for log, zero in zip(logs, zeros, strict=True)]
-        found = local_keys(told, (), (), hangs=hangs, anchored=told)
-        return found, known_zeros(found, told), [columns_of(found, log) for log in told]
+    def keys(*zeros, gravity=GRAVITY):
+        masses = [replace(log.added_mass, gravity=gravity) for log in logs]
+        facts = zip(logs, zeros, masses, strict=True)
+        told = [replace(log, zero=zero, added_mass=mass) for log, zero, mass in facts]
+        first = Start(ROBOT, dict.fromkeys(masses, 0.3))
+        problem = OutputError(terms=(), fixed=PARAMETERS).problem(told, first)
+        columns = [[*problem.columns_of(log).values()] for log in told]
+        return [*problem.keys], problem.known, columns
 
     assert keys(None, None, None) == ([("zero", None)], {}, [[0], [0], [0]])
     assert keys(exact, exact, exact) == ([], {}, [[], [], []])
-    assert keys(None, None, None, hangs=False)[0] == []
+    assert keys(None, None, None, gravity=0.0)[0] == []
     assert keys(None, exact, None)[2] == [[0], [], [0]]
     assert keys(rough, rough, rough)[:2] == ([("zero", None)], {("zero", None): rough})
     found, known, columns = keys(rough, None, exact)
@@ -156,12 +161,12 @@ def test_output_error_holds_a_told_zero_and_weighs_an_uncertain_one():
     logs = [log.take(np.arange(1500)) for log in _logs(0.3, turns=(0, 0, 0))]
     fit = OutputError(terms=(), workers=1)
     held = DataSet.of([replace(log, zero=0.3) for log in logs])
-    found = fit.of_logs(held.logs, [next(starts(held, ()))])
+    found = fit.of_logs(held.logs, starts(held, ())[:1])
     assert found.local == {}
     assert found.parameters.p3 == pytest.approx(P3, rel=1e-3)
     assert (held.simulations.fits(found) > 99).all()
     rough = DataSet.of([replace(log, zero=(0.33, 1e-4)) for log in logs])
-    weighed = fit.of_logs(rough.logs, [next(starts(rough, ()))])
+    weighed = fit.of_logs(rough.logs, starts(rough, ())[:1])
     assert 0.3 < weighed.local[None]["zero"] < 0.33
 
 

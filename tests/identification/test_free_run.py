@@ -10,10 +10,10 @@ import pytest
 from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identify import identify, judged
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
+from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate

@@ -11,7 +11,7 @@ from butterfly.identification.derived_quantities import apart, implied
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.gauss_newton import Loss
+from butterfly.identification.fit import Loss
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind

@@ -8,7 +8,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.multistart import Start
+from butterfly.identification.problem import Start
 from butterfly.model.prior import Prior
 from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
@@ -10,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
+from butterfly.identification.chosen_terms import tried
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators.free_run_residuals import tried
-from butterfly.identification.estimators.multistart import servo_start, starts
 from butterfly.identification.estimators.output_error import OutputError
+from butterfly.identification.estimators.start import servo_start, starts
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import simulated
 from butterfly.identification.segments import is_segmented
@@ -75,10 +74,9 @@ def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
     names = ["p1", "p2", "p3", "p4", "coulomb", "stribeck", "delay", "back_emf"]
     names += ["motor_friction", "load_friction", "dead_zone", "compression", "loop_kp", "loop_ki"]
     names += ["loop_kd", "latency", "zero", "velocity", *["time_constant"][: bool(lag)]]
-    values, rows, mixture = simulation.linearised(names, joint, 0.1, 0.2)
+    values, found = simulation.linearised(names, joint, 0.1, 0.2)
     alone, *_ = simulation.linearised([], joint, 0.1, 0.2)
     np.testing.assert_allclose(alone, values, rtol=0, atol=1e-12)
-    found = rows @ mixture
 
     def errors(name, step):
         point = {"zero": 0.1, "velocity": 0.2} | {name: step + getattr(joint, name, 0.0)}
@@ -228,7 +226,7 @@ def _over(terms, fixed, horizon):
 
 def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
     data = _simulated(GOAL, joint=replace(SIMPLE, delay=0.018))
-    (first,) = islice(starts(data, ()), 1)
+    first = starts(data, ())[0]
     begun, _ = servo_start(_over, ((), ()), data.logs, first, data.known)
     assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
@@ -237,7 +235,7 @@ def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
 
 def test_a_first_guess_without_gravity_and_damping_is_one_to_begin_with():
     data = _simulated(GOAL)
-    (first,) = islice(starts(data, ()), 1)
+    first = starts(data, ())[0]
     poor = replace(first.parameters, p1=1.5 * SIMPLE.p1, p2=0.0, p3=0.0)
     guess = replace(first, parameters=poor)
     begun, _ = servo_start(_over, ((), ()), data.logs, guess, Prior.of({"p4": 0.09}))

@@ -17,7 +17,7 @@ from butterfly.identification.estimators import (
     WeakForm,
     output_error,
 )
-from butterfly.identification.estimators.multistart import starts
+from butterfly.identification.estimators.start import starts
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.splits import Split, divide, excluding_interval, remedy
 from butterfly.identification.validate import (

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.multistart import Start
 from butterfly.identification.identify import identify
+from butterfly.identification.problem import Start
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 

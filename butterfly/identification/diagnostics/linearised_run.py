@@ -95,12 +95,8 @@ class LinearisedRun:
         asked = [*model.names, *local, *model.lacking]
         simulation = setting.simulation(log, first)
         with np.errstate(all="ignore"):
-            whole, rows, mixture = simulation.linearised(
-                asked, parameters, setting.zero, setting.velocity
-            )
-            slopes = rows @ mixture
+            whole, slopes = simulation.linearised(asked, parameters, setting.zero, setting.velocity)
             squares = [run.fit, float(whole @ whole), float(np.vdot(slopes, slopes))]
-        del rows
         if not (motion > 0 and np.isfinite(squares).all()):
             return None
         of = dict(zip(asked, slopes.T, strict=True))

@@ -11,32 +11,28 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain, islice
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
+from butterfly.identification.chosen_terms import (
+    Fitted,
+    chosen,
+    separable,
+    tried,
+    untold_shape,
+)
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.free_run_residuals import LOCAL, FreeRunResiduals, tried
-from butterfly.identification.estimators.gauss_newton import Loss, Minimum
-from butterfly.identification.estimators.local_parameters import Key
-from butterfly.identification.estimators.multistart import Start, lowest_end, servo_start, starts
-from butterfly.identification.estimators.weighed_logs import (
-    WeighedLogs,
-    chosen_by_weight,
-    not_tried,
-    weighed_end,
-    weighed_from,
-)
-from butterfly.identification.inference.agreement import contrasts_of
+from butterfly.identification.estimators.start import lowest_end, servo_start, starts
+from butterfly.identification.fit import Loss
 from butterfly.identification.inference.identifiability import (
     ScaleParameter,
     is_driven,
@@ -46,12 +42,18 @@ from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
     RARER,
-    SCANNED,
     candidates,
     requested_terms,
 )
-from butterfly.identification.levels import FEW, LOST, MATTERS
+from butterfly.identification.levels import FEW, MATTERS
+from butterfly.identification.problem import LOCAL, Key, Options, Problem, Start
 from butterfly.identification.segments import horizon_of
+from butterfly.identification.weighed_logs import (
+    WeighedLogs,
+    chosen_by_weight,
+    weighed_end,
+    weighed_from,
+)
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -140,92 +142,72 @@ class OutputError(Estimator):
         return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
-        self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         return self.fit(logs, first, known).estimate
 
-    def fit(self, logs: Sequence[Log], first: Iterable[Start], known: Prior = NO_PRIOR) -> JointFit:
-        """Fit as `of_logs`; if terms are told, further guesses only if noise is exceeded."""
+    def fit(self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR) -> JointFit:
+        """Fit as `of_logs`; the equations about the estimate come with it."""
         if self.servo_loop == "open":
             logs = [log.opened for log in logs]
-        guesses = iter(first)
-        begun = list(islice(guesses, 1) if self._has_one_end else guesses)
         if self.horizon is not None:
-            return self._fit(logs, begun, guesses, known)
-
-        def later() -> Iterator[Start]:
-            for each in guesses:
-                begun.append(each)
-                yield each
-
-        horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in begun)
-        found = replace(self, horizon=horizon).fit(logs, chain(tuple(begun), later()), known)
-        shortest = min(horizon_of(logs, each.parameters, each.zeros) for each in begun)
-        if shortest < horizon:
-            found = replace(self, horizon=shortest).fit(logs, begun, known)
-        if math.isfinite(shortest):
+            return self._fit(logs, first, known)
+        horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
+        found = replace(self, horizon=horizon).fit(logs, first, known)
+        if math.isfinite(horizon):
             return found
         return found._replace(estimate=replace(found.estimate, horizon=None))
 
-    def _fit(
-        self, logs: Sequence[Log], begun: Sequence[Start], later: Iterator[Start], known: Prior
-    ) -> JointFit:
-        """Fit over a horizon, from guesses, and those made later where these do not suffice."""
+    def _fit(self, logs: Sequence[Log], first: Sequence[Start], known: Prior) -> JointFit:
+        """Fit over a horizon: start, descend, choose terms, weigh logs, infer."""
         require_usable(self.method, known)
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
-        rarer = self._unseen(begun) - {*tried(logs)}
-        absent, enough = rarer, self._has_one_end
+        rarer = self._unseen(first) - {*tried(logs)}
+        absent = rarer
         if any(log.closed for log in logs):
             asked = (self.terms, self.fixed)
-            start, terms = servo_start(self._over, asked, logs, begun[0], reference.fixed)
-            begun = [start, *begun]
+            start, terms = servo_start(self._over, asked, logs, first[0], reference.fixed)
+            first = [start, *first]
             if self.terms is None:
-                absent, enough = {*tried(logs), *RARER} - {*terms}, SCANNED not in terms
-        wide = self.problem(logs, begun[0], reference.fixed)
-        others = (self.problem(logs, each, reference.fixed) for each in chain(begun[1:], later))
-        problem, end, said = lowest_end(
-            (each.without(absent) for each in chain([wide], others)), enough=enough
-        )
-        rivals: tuple[Samples, ...] = ()
+                absent = {*tried(logs), *RARER} - {*terms}
+        problems = [self.problem(logs, each, reference.fixed) for each in first]
+        problem, end, said = lowest_end([each.without(absent) for each in problems])
+        wide, fitted = problems[0], Fitted(problem=problem, end=end)
         choosing = self.terms is None and not out_of_time("the selection of terms")
         if choosing:
-            always = tuple(known.uncertain)
-            problem, end, rivals, more = _chosen(wide, rarer, (problem, end), always)
-            said = (*said, *more)
-        while lost := problem.inseparable(end.at):
-            said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
-            kept = np.flatnonzero([name not in lost for name in problem.names])
-            rivals = tuple(each[kept[kept < each.size]] for each in rivals)
-            problem = problem.keeping(kept, end.point[kept])
-            end = problem.descend(problem.initial)
-        weighed = weighed_from(problem, end.at, end.point)
-        hidden = chosen_by_weight(wide, weighed, end) if choosing else None
+            fitted = chosen(wide, rarer, fitted, tuple(known.uncertain))
+        fitted = separable(fitted)
+        weighed = weighed_from(fitted.problem, fitted.end)
+        hidden = chosen_by_weight(wide, weighed, fitted.end) if choosing else None
         if hidden:
-            problem, weighed, end, rivals = hidden.problem, hidden, hidden.end, ()
-        problem, end, weighed, rivals, held = _holding(problem, end, weighed, rivals, hidden)
-        said = (*said, *held)
+            weighed = hidden
+            fitted = replace(fitted, problem=hidden.problem, end=hidden.end, rivals=())
+        fitted, weighed = _with_held_shape(fitted, weighed, hidden)
+        problem, end = fitted.problem, fitted.end
+        said = (*said, *fitted.findings)
 
         solved = cells = problem.solved(end)
-        if with_scatter := weighed_end(weighed, end):
-            end, differing = with_scatter
-            solved, said = problem.solved(end, cells=1), (*said, *differing)
+        if weighed and (with_scatter := weighed_end(weighed, end)):
+            end, said = with_scatter, (*said, *weighed.findings)
+            solved = problem.solved(end, cells=1)
         owned = problem.keys[problem.shared :]
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
         whole, unweighted = reference.whole(solved), reference.whole(cells)
+        rivals = (*fitted.rivals, *clock)
         estimate = infer(
             whole,
             unweighted=unweighted,
             method="output error",
             driven=driven,
             conditions=problem.conditions,
-            rivals=[reference.grown(each, solved.names[: each.size]) for each in (*rivals, *clock)],
+            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
             shared=problem.shared + bool(reference.name),
             findings=said,
             fixed=self._fixed(problem, reference.name),
@@ -239,14 +221,9 @@ class OutputError(Estimator):
 
     def _over(
         self, terms: Iterable[str], fixed: Iterable[str], horizon: float
-    ) -> Callable[..., FreeRunResiduals]:
-        """Return how residuals are made with other terms, what is fixed, and another horizon."""
+    ) -> Callable[..., Problem]:
+        """Return how a problem is made with other terms, what is fixed, and another horizon."""
         return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
-
-    @property
-    def _has_one_end(self) -> bool:
-        """Whether other ends of a descent would leave far more than noise."""
-        return self.terms is not None and SCANNED not in self.terms
 
     def _unseen(self, first: Sequence[Start]) -> set[str]:
         """Return the rarer terms that no first guess has: they are tried in the end."""
@@ -269,27 +246,25 @@ class OutputError(Estimator):
                     expected = "a parameter that is not among the known values"
                     raise InputError(self.method, field, name, expected)
 
-    def problem(
-        self, logs: Sequence[Log], first: Start, known: Prior = NO_PRIOR
-    ) -> FreeRunResiduals:
-        """Return the residuals that are minimised."""
-        start, zeros, horizon = first.parameters, first.zeros, self.horizon
+    def problem(self, logs: Sequence[Log], first: Start, known: Prior = NO_PRIOR) -> Problem:
+        """Return the problem that is solved."""
+        start, horizon = first.parameters, self.horizon
         if horizon is None:
-            horizon = horizon_of(logs, start, zeros)
+            horizon = horizon_of(logs, start, first.zeros)
         every = known.fitted((*PARAMETERS, *self._names(logs, known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
-        return FreeRunResiduals.of(
-            logs,
-            replace(start, cogging_periods=self.cogging_periods, slow_interval=slow_interval(logs)),
-            zeros,
-            shared=[name for name in every if name not in owned],
+        settings = {"cogging_periods": self.cogging_periods, "slow_interval": slow_interval(logs)}
+        options = Options(
             per_mass=self.per_mass,
             per_log=self.per_log,
             window=self.window,
             horizon=horizon or math.inf,
             workers=self.workers or os.cpu_count() or 1,
             loss=self.loss,
-            known=known,
+        )
+        names = [name for name in every if name not in owned]
+        return Problem.of(
+            logs, Start(replace(start, **settings), first.zeros), names, options, known
         )
 
     def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
@@ -304,7 +279,7 @@ class OutputError(Estimator):
         brought = companions({*terms, *known.uncertain}) - {*terms, *self.fixed, *known.parameters}
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
-    def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
+    def _fixed(self, problem: Problem, reference: str | None) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
         fitted = {reference, *problem.names}
@@ -352,72 +327,23 @@ def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None
     return local
 
 
-def _chosen(
-    wide: FreeRunResiduals,
-    rarer: set[str],
-    found: tuple[FreeRunResiduals, Minimum],
-    always: tuple[str, ...],
-) -> tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]]:
-    """Choose terms of ``wide`` residuals, ``rarer`` if lacking; return end, rivals, findings."""
-    (problem, end), lacking = found, None
-    rivals: tuple[Samples, ...] = ()
-    said: tuple[Finding, ...] = ()
-    plain: tuple[FreeRunResiduals, Minimum, tuple[Samples, ...], tuple[Finding, ...]] | None = None
-    while True:
-        here, before = wide.without(rarer), (problem, end, rivals, said)
-        point, at = (end.point, end.at)
-        if lacking or here.keys != problem.keys:
-            point, at = here.about(problem, end.point)
-        if not lacking and here.keys != problem.keys:  # at 0 some look like nothing
-            end = here.descend(point, at)
-            point, at = end.point, end.at
-        choice = here.choose_terms(point, at, always)
-        (problem, end, rivals), said = here.fitted(choice), choice.findings
-        worse = lacking is not None and end.at.cost > before[1].at.cost
-        if worse:
-            problem, end, rivals, said = before
-        elif LOST * end.at.cost > before[1].at.cost:  # not what the derivatives said
-            (problem, end), rivals, said = _helping(*found), (), ()
-        tried_next = wide.without(not_tried(problem))
-        lacking = None if worse else tried_next.lacking(problem, end.point)
-        if lacking is None or out_of_time("the selection of terms"):
-            if plain and contrasts_of(problem.solved(end), problem.conditions):
-                problem, end, rivals, said = plain  # it is no such term
-            return problem, end, rivals, said
-        if lacking != "slow_delay":  # which stamps tell from all else
-            plain = plain or (problem, end, rivals, said)
-        rarer, always = rarer - {lacking}, (*always, lacking)
-
-
-def _holding(
-    problem: FreeRunResiduals,
-    end: Minimum,
-    weighed: WeighedLogs | None,
-    rivals: tuple[Samples, ...],
-    hidden: WeighedLogs | None,
-) -> tuple[FreeRunResiduals, Minimum, WeighedLogs | None, tuple[Samples, ...], tuple[Finding, ...]]:
+def _with_held_shape(
+    fitted: Fitted, weighed: WeighedLogs | None, hidden: WeighedLogs | None
+) -> tuple[Fitted, WeighedLogs | None]:
     """Hold what hardly shows of a base's shape; fit again, unless terms are ``hidden``."""
-    said: tuple[Finding, ...] = ()
-    while held := problem.untold(weighed.weighed_end if weighed else end):
-        point = weighed.weighed_end.point if weighed else end.point
-        at = problem.keys.index((held, None))
-        number = float(point[at] * problem.scale[at])
-        said = (*said, Finding(FindingKind.HELD, (held,), number=number))
-        rivals = tuple(np.delete(each, at) for each in rivals)
-        problem = problem.holding(held, point)
+    while held := untold_shape(fitted.problem, weighed.weighed_end if weighed else fitted.end):
+        values = weighed.weighed_end.values if weighed else fitted.end.values
+        at = fitted.problem.keys.index((held, None))
+        said = Finding(FindingKind.HELD, (held,), number=float(values[at]))
+        problem = fitted.problem.holding(held, values)
         weighed = weighed and weighed.taking(problem).settled_within(FEW)
-        end = weighed.end if hidden and weighed else problem.descend(problem.initial)
-    return problem, end, weighed, rivals, said
-
-
-def _helping(problem: FreeRunResiduals, end: Minimum) -> tuple[FreeRunResiduals, Minimum]:
-    """Return the residuals without the terms that are 0, and where they end."""
-    optional = {*tried([each.log for each in problem.simulations]), *RARER}
-    pairs = zip(problem.names, end.point.tolist(), strict=True)
-    told = problem.without({name for name, value in pairs if not value} & optional).keys
-    kept = np.flatnonzero([key in told for key in problem.keys])
-    fewer = problem.keeping(kept, end.point[kept])
-    return fewer, fewer.descend(fewer.initial)
+        fitted = Fitted(
+            problem=problem,
+            end=weighed.end if hidden and weighed else problem.descend(),
+            rivals=tuple(np.delete(each, at) for each in fitted.rivals),
+            findings=(*fitted.findings, said),
+        )
+    return fitted, weighed
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
@@ -428,7 +354,7 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
     return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
 
 
-def _of_clock(problem: FreeRunResiduals, solved: CellEquations) -> list[Samples]:
+def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
     """Return values of a clock wrong by a share instead: damping grows by it, inertia by twice."""
     own = dict(zip(solved.names, solved.values.tolist(), strict=True))
     share = own.get("mass_inertia", 0.0)

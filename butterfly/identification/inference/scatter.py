@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_columns
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
@@ -217,12 +217,13 @@ def _coordinates(
 ) -> tuple[Samples, Samples, Samples]:
     """Return (q, n) R, (q,) U'r and (q, q) U'NU of a log (see `LogRows.of`)."""
     basis, triangle = np.linalg.qr(rows)
-    left, sizes, right = np.linalg.svd(triangle @ mixture, full_matrices=False)
+    scaled, lengths = unit_columns(triangle @ mixture)
+    left, sizes, right = np.linalg.svd(scaled, full_matrices=False)
     told = sizes > np.finfo(float).eps * residuals.size * sizes[0]
     basis = basis @ left[:, told]
     own = basis.T @ residuals
     noise = _coloured(basis, residuals - basis @ own)
-    return sizes[told, None] * right[told], own, noise + NEGLIGIBLE**2 * np.eye(own.size)
+    return sizes[told, None] * right[told] * lengths, own, noise + NEGLIGIBLE**2 * np.eye(own.size)
 
 
 def _coloured(basis: Samples, residuals: Samples) -> Samples:

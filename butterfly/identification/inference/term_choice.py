@@ -227,12 +227,11 @@ def _all_trials(
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
-    about = fits[0].equations
-    places = [about.names.index(name) for name in always]
-    known = None if about.prior is None else about.prior.active[places]
-    rows = about.rows[:, :, places].reshape(-1, len(places))
-    there = about.values[places], about.residuals.ravel()
-    raise Conditioning.of(rows, always, known, there).refusal
+    (kept,) = _kept(fits[0], always, [()])
+    alone = fits[0].restricted(kept, np.where(kept, fits[0].equations.values, 0.0))
+    known = None if alone.prior is None else alone.prior.active
+    there = alone.values, alone.residuals.ravel()
+    raise Conditioning.of(alone.rows.reshape(there[1].size, -1), alone.names, known, there).refusal
 
 
 def _trials(

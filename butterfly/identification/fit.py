@@ -1,24 +1,26 @@
-"""Nonlinear least squares over many logs, from their sums, within bounds and a trust region.
+"""Nonlinear least squares over many logs, within bounds and a trust region.
 
 Where residuals are many, parameters few and derivatives come with the residuals, the sums J^T J and
-J^T r are all that a step needs. Each is the least-squares step within the bounds of the parameters
-and a box about the point, whose size follows how well the last step was predicted (Nocedal &
-Wright, Numerical Optimization, 2nd ed. 2006, chapters 4 and 10). SciPy's `least_squares` expands
-the cost two to ten times as often: it takes no last step on trust.
+J^T r are all that a step needs. Values are in their own units: a step is measured by what it does
+to the residuals. Each is the least-squares step within the bounds of the parameters and a box about
+the point, whose size follows how well the last step was predicted (Nocedal & Wright, Numerical
+Optimization, 2nd ed. 2006, chapters 4 and 10). SciPy's `least_squares` expands the cost two to ten
+times as often: it takes no last step on trust.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.special import ndtri
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.equations import compressed
@@ -77,31 +79,30 @@ def outlying(residuals: Samples) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogEquations:
-    """One log's residuals, and their derivatives by the scaled parameters as a product."""
+    """One log's residuals, and their derivatives by the parameters that it depends on."""
 
     residuals: Samples  # (m,)
-    # rows, mixture: (m, k) derivatives by what the simulation knows, and (k, n) of that by the
-    # parameters
-    rows: Samples
-    mixture: Samples
-
-    @property
-    def jacobian(self) -> Samples:
-        """(m, n) derivatives of the residuals."""
-        return np.asarray(self.rows @ self.mixture)
+    rows: Samples  # (m, k) derivatives
+    columns: NDArray[np.intp]  # (k,) numbers of these parameters, of all n
 
     def weighted(self, weights: Samples) -> LogEquations:
         """Return the equations, the squares of each of m counting so many times."""
         root = np.sqrt(weights)
         return replace(self, residuals=self.residuals * root, rows=self.rows * root[:, None])
 
+    def spread(self, each: Samples, count: int) -> Samples:
+        """Return (..., n) what is told of all parameters, from (..., k) of these; 0 elsewhere."""
+        every = np.zeros((*each.shape[:-1], count))
+        every[..., self.columns] = each
+        return every
+
     def compressed(self, cells: int) -> tuple[Samples, Samples]:
-        """Return (cells, p, n) rows and (cells, p) residuals of stretches, one after the other."""
+        """Return (cells, p, k) rows and (cells, p) residuals of stretches, one after the other."""
         many = self.residuals.size > CELLS * self.rows.shape[1]
         rows, residuals = self._usual if many and cells in {1, CELLS} else self._factors(cells)
         if cells == 1 < len(rows):
             rows, residuals = compressed([(rows.reshape(-1, rows.shape[2]), residuals.ravel())])
-        return rows @ self.mixture, residuals
+        return rows, residuals
 
     @cached_property
     def _usual(self) -> tuple[Samples, Samples]:
@@ -117,11 +118,11 @@ class LogEquations:
 class Equations:
     """All logs' equations about one set of parameters."""
 
+    values: Samples  # (n,) these
     logs: tuple[LogEquations, ...]  # one for each
-    loss: Loss = Loss.LINEAR  # loss, scale: how their residuals count
+    prior: Penalty | None = None  # what is known of the parameters besides
+    loss: Loss = Loss.LINEAR  # loss, scale: how the residuals count
     scale: float = 1.0
-    # what is known of the parameters besides, and the (n,) values that these equations are about
-    known: tuple[Penalty, Samples] | None = None
 
     def counting(self, loss: Loss) -> Equations:
         """Return equations whose residuals count as a loss says, by their own scatter."""
@@ -132,19 +133,18 @@ class Equations:
 
     def weigh_as(self, other: Equations) -> bool:
         """Whether what is known besides weighs about as much as beside other equations."""
-        if self.known is None or other.known is None:
+        if self.prior is None or other.prior is None:
             return True
-        mine, theirs = self.known[0].weight, other.known[0].weight
+        mine, theirs = self.prior.weight, other.prior.weight
         return bool((abs(mine - theirs) <= WEIGHED * theirs).all())
 
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
         logs = (
-            replace(log, residuals=log.residuals + log.rows @ (log.mixture @ step))
+            replace(log, residuals=log.residuals + log.rows @ step[log.columns])
             for log in self.logs
         )
-        known = None if self.known is None else (self.known[0], self.known[1] + step)
-        return replace(self, logs=tuple(logs), known=known)
+        return replace(self, values=self.values + step, logs=tuple(logs))
 
     @cached_property
     def cost(self) -> float:
@@ -152,7 +152,7 @@ class Equations:
         with np.errstate(over="ignore", invalid="ignore"):
             counted = [self.loss.values(log.residuals, self.scale) for log in self.logs]
             of_logs = 0.5 * float(sum(np.sum(each) for each in counted))
-        return of_logs if self.known is None else of_logs + self.known[0].cost(self.known[1])
+        return of_logs if self.prior is None else of_logs + self.prior.cost(self.values)
 
     @property
     def is_finite(self) -> bool:
@@ -163,41 +163,41 @@ class Equations:
     @cached_property
     def gradient(self) -> Samples:
         """(n,) derivatives of the cost."""
-        parts = [log.mixture.T @ (log.rows.T @ log.residuals) for log in self._weighted]
-        of_logs: Samples = np.sum(parts, axis=0)
-        return of_logs if self.known is None else of_logs + self.known[0].gradient(self.known[1])
+        total = np.zeros(self.values.size)
+        for log in self._weighted:
+            total[log.columns] += log.rows.T @ log.residuals
+        return total if self.prior is None else total + self.prior.gradient(self.values)
 
     @cached_property
     def curvature(self) -> Samples:
         """(n, n) second derivatives of the cost, but for those of the residuals."""
-        return self._with_prior(
-            sum(log.mixture.T @ (log.rows.T @ log.rows) @ log.mixture for log in self._weighted)
+        return self._summed((log, log.rows.T @ log.rows) for log in self._weighted)
+
+    @property
+    def bread(self) -> Samples:
+        """(n, n) derivatives of the gradient as a robust loss has them, its weights moving too."""
+        slopes = (self.loss.slopes(log.residuals, self.scale)[:, None] for log in self.logs)
+        return self._summed(
+            (log, (log.rows * each).T @ log.rows)
+            for log, each in zip(self.logs, slopes, strict=True)
         )
+
+    def _summed(self, parts: Iterable[tuple[LogEquations, Samples]]) -> Samples:
+        total = np.zeros((self.values.size, self.values.size))
+        for log, own in parts:
+            total[np.ix_(log.columns, log.columns)] += own
+        return total if self.prior is None else total + self.prior.curvature
 
     def compressed(self, cells: int) -> tuple[Samples, Samples]:
         """Return (k, p, n) rows and (k, p) residuals of each log's cells, as the loss weighs."""
         factors = [log.compressed(cells) for log in self._weighted]
         most = max(left.shape[1] for _, left in factors)
-        rows = np.zeros((len(factors), cells, most, self.logs[0].mixture.shape[1]))
+        rows = np.zeros((len(factors), cells, most, self.values.size))
         residuals = np.zeros((len(factors), cells, most))
-        for k, (own, left) in enumerate(factors):
-            rows[k, :, : left.shape[1]], residuals[k, :, : left.shape[1]] = own, left
+        for k, (log, (own, left)) in enumerate(zip(self.logs, factors, strict=True)):
+            rows[k, :, : left.shape[1]] = log.spread(own, self.values.size)
+            residuals[k, :, : left.shape[1]] = left
         return rows.reshape(-1, *rows.shape[2:]), residuals.reshape(-1, most)
-
-    @property
-    def bread(self) -> Samples:
-        """(n, n) derivatives of the gradient as a robust loss has them, its weights moving too."""
-        parts = (
-            (log.rows * self.loss.slopes(log.residuals, self.scale)[:, None], log)
-            for log in self.logs
-        )
-        return self._with_prior(
-            sum(log.mixture.T @ (sloped.T @ log.rows) @ log.mixture for sloped, log in parts)
-        )
-
-    def _with_prior(self, curvature: Samples | float) -> Samples:
-        of_logs = np.asarray(curvature)
-        return of_logs if self.known is None else of_logs + self.known[0].curvature
 
     @cached_property
     def _weighted(self) -> tuple[LogEquations, ...]:
@@ -206,48 +206,68 @@ class Equations:
         weights = (self.loss.weights(log.residuals, self.scale) for log in self.logs)
         return tuple(log.weighted(each) for log, each in zip(self.logs, weights, strict=True))
 
+    def decrease(self, step: Samples) -> float:
+        """Return what an (n,) step takes off the cost, by its derivatives."""
+        return -float(self.gradient @ step + 0.5 * step @ self.curvature @ step)
+
+    def step(self, lowest: Samples, highest: Samples) -> Samples:
+        """Return the (n,) step that the quadratic cost asks for, within a box."""
+        scaled, size = unit_diagonal(self.curvature)
+        curvatures, axes = np.linalg.eigh(scaled)
+        told = curvatures > ROUNDING**2 * curvatures[-1]
+        roots = np.sqrt(np.where(told, curvatures, 0.0))
+        pull = np.divide(axes.T @ (self.gradient / size), roots, out=0 * roots, where=told)
+        rows, step = roots[:, None] * axes.T, lowest * size
+        free = lowest < highest  # the others are held: `lsq_linear` refuses a box without width
+        box = step[free], (highest * size)[free]
+        left = -pull - rows[:, ~free] @ step[~free]
+        step[free] = lsq_linear(rows[:, free], left, box, method="bvls", tol=1e-12).x
+        return np.asarray(step / size)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum:
     """Where a descent ended."""
 
-    point: Samples  # (n,)
-    at: Equations  # the cost about it, as its last expansion says
+    at: Equations  # about the (n,) values there, as its last expansion says
     converged: bool  # whether no further step promises anything
     evaluations: int  # how often the cost was expanded
 
+    @property
+    def values(self) -> Samples:
+        """(n,) values of the parameters."""
+        return self.at.values
 
-def minimise(
-    expand: Callable[[Samples, float], Equations],
-    initial: Samples,
-    lower: Samples,
-    known: Equations | None = None,
-    most: int = MOST,
-) -> Minimum:
-    """Descend from a point to a minimum.
+
+Expand = Callable[[Samples, float], Equations]
+"""From (n,) values, and the largest cost that is of use, to the equations about them."""
+
+
+def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) -> Minimum:
+    """Descend from equations about the (n,) first values to a minimum.
 
     Where the cost bends more along a step than its derivatives say, the next one is shorter by as
     much. Once steps do what they promise, and promise far less each time, the last is taken on
     trust. Where its box has shrunk, it has converged only if no step out of that promises anything.
-    ``expand``: from (n,) a point, and the largest cost that is of use, to the cost about it, which
-    may be infinite or NaN; ``initial``, ``lower``: (n,) of order 1; ``known``: the cost about the
-    beginning, and what is known besides; ``most``: how often the cost may be expanded.
+    ``expand`` may give an infinite or NaN cost; ``lower``: (n,) bounds; ``most``: how often the
+    cost may be expanded. IdentifiabilityError if the first cost is not finite.
     """
-    point = np.maximum(initial, lower)
-    at, evaluations = (expand(point, np.inf), 1) if known is None else (known, 0)
     if not at.is_finite:
         raise IdentifiabilityError(
             "the simulation diverges at the initial parameters of the fit, so they are not those "
             "of a joint: try --method weak-form, which needs no simulation"
         )
-    count = sum(log.residuals.size for log in at.logs)
-    reach, kept, last, bends = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0, 1.0
-    search = current_search()
+    count, evaluations = sum(log.residuals.size for log in at.logs), 0
+    size = np.sqrt(np.diag(at.curvature))
+    unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), np.maximum(abs(at.values), SHOWS))
+    reach = max(float(np.linalg.norm(at.values / unit)), 1.0)
+    kept, last, bends, search = 0.0, 0.0, 1.0, current_search()
     while evaluations < most and not search.over:
         search.simulations += 1
-        whole = bounded_step(at, np.maximum(lower - point, -reach), reach)
-        step, promised, longest = whole / bends, decrease(at, whole), float(abs(whole).max())
-        there = np.maximum(point + step, lower)
+        whole = at.step(np.maximum(lower - at.values, -reach * unit), reach * unit)
+        step, promised = whole / bends, at.decrease(whole)
+        longest = float(abs(whole / unit).max())
+        there = np.maximum(at.values + step, lower)
         if longest < (1 - ROUNDING) * reach:
             left = _UNSEEN * at.cost * last / count
             small = promised <= _LAST * at.cost and promised**2 < left
@@ -255,13 +275,13 @@ def minimise(
             sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
             trusted = _GOOD < kept < _BETTER and small and sure
             if trusted or promised <= ROUNDING * at.cost or longest < ROUNDING:
-                end = at.moved(there - point)
-                return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
+                end = at.moved(there - at.values)
+                return Minimum(at=end, converged=True, evaluations=evaluations)
         elif reach < ROUNDING:
             break
-        tried = replace(expand(there, at.cost), known=at.known and (at.known[0], there))
+        tried = replace(expand(there, at.cost), prior=at.prior)
         evaluations += 1
-        predicted, longest = decrease(at, step), longest / bends
+        predicted, longest = at.decrease(step), longest / bends
         kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if kept > _POOR:
             bends = max(1.0, 1 + (1 - kept) * predicted / (0.5 * float(step @ at.curvature @ step)))
@@ -271,49 +291,23 @@ def minimise(
             reach *= 2
         if kept > 0:
             last = at.cost - tried.cost
-            point, at = there, tried
-    promised = decrease(at, bounded_step(at, lower - point, np.inf))
+            at = tried
+    promised = at.decrease(at.step(lower - at.values, np.full(lower.size, np.inf)))
     converged = evaluations < most and promised <= SHOWS * at.cost
-    return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
+    return Minimum(at=at, converged=converged, evaluations=evaluations)
 
 
 def minimise_robustly(
-    expand: Callable[[Samples, float], Equations],
-    initial: Samples,
-    lower: Samples,
-    loss: Loss,
-    *,
-    known: Equations | None = None,
-    most: int = MOST,
+    expand: Expand, at: Equations, lower: Samples, loss: Loss, most: int = MOST
 ) -> Minimum:
     """Descend to the least squares, and on from there to the minimum of a loss."""
-    plain = minimise(expand, initial, lower, known, most)
+    plain = minimise(expand, at, lower, most)
     if loss is Loss.LINEAR:
         return plain
     first = plain.at.counting(loss)
-    found = minimise(
-        lambda scaled, _: replace(expand(scaled, np.inf), loss=loss, scale=first.scale),
-        plain.point,
-        lower,
-        first,
-    )
+
+    def counted(values: Samples, _: float) -> Equations:
+        return replace(expand(values, np.inf), loss=loss, scale=first.scale)
+
+    found = minimise(counted, first, lower)
     return replace(found, evaluations=plain.evaluations + found.evaluations)
-
-
-def decrease(at: Equations, step: Samples) -> float:
-    """Return what a step takes off the cost, by its derivatives."""
-    return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
-
-
-def bounded_step(at: Equations, lowest: Samples, reach: float | Samples) -> Samples:
-    """Return the step that a quadratic cost asks for, within a box."""
-    curvatures, axes = np.linalg.eigh(at.curvature)
-    told = curvatures > ROUNDING**2 * curvatures[-1]
-    roots = np.sqrt(np.where(told, curvatures, 0.0))
-    pull = np.divide(axes.T @ at.gradient, roots, out=np.zeros_like(roots), where=told)
-    rows = roots[:, None] * axes.T
-    step, highest = lowest.copy(), np.broadcast_to(reach, lowest.shape)
-    free = lowest < highest  # the others are held: `lsq_linear` refuses a box without width
-    left, box = -pull - rows[:, ~free] @ step[~free], (lowest[free], highest[free])
-    step[free] = lsq_linear(rows[:, free], left, box, method="bvls", tol=1e-12).x
-    return step

@@ -11,15 +11,14 @@ from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.estimators.gauss_newton import (
+from butterfly.identification.estimators.start import lowest_end
+from butterfly.identification.fit import (
     Equations,
     LogEquations,
     Loss,
-    bounded_step,
     minimise,
     outlying,
 )
-from butterfly.identification.estimators.multistart import lowest_end
 from butterfly.progress import budget
 
 RAT_42 = np.array(
@@ -42,29 +41,36 @@ CERTIFIED, SQUARES = (7.2462237576e1, 2.6180768402, 6.7359200066e-2), 8.05652293
 """NIST Statistical Reference Datasets, nonlinear regression, Rat42: first start and values."""
 
 
-def _equations(residuals, slopes, scale=None):
+def _log(residuals, slopes):
     slopes = np.asarray(slopes, dtype=float)
-    mixture = np.eye(slopes.shape[1]) if scale is None else np.diag(scale)
-    log = LogEquations(residuals=np.asarray(residuals, dtype=float), rows=slopes, mixture=mixture)
-    return Equations(logs=(log,))
+    every = np.arange(slopes.shape[1])
+    return LogEquations(residuals=np.asarray(residuals, dtype=float), rows=slopes, columns=every)
 
 
-def _scaled(model, data, start):
-    """Equations of a fit, its parameters in shares of the start, and that."""
-    scale = np.array(start, dtype=float)
-
-    def expand(scaled, _):
-        values, slopes = model(scaled * scale, data[:, 0])
-        return _equations(values - data[:, 1], slopes, scale)
-
-    return expand, scale
+def _equations(values, residuals, slopes):
+    return Equations(values=values, logs=(_log(residuals, slopes),))
 
 
-def test_a_certified_fit_is_found_from_its_far_start():
-    expand, scale = _scaled(_ratkowsky, RAT_42, START)
-    found = minimise(expand, np.ones(scale.size), np.full(scale.size, -np.inf))
+def _minimised(expand, start, lower=None):
+    start = np.array(start, dtype=float)
+    lower = np.full(start.size, -np.inf) if lower is None else lower
+    return minimise(expand, expand(np.maximum(start, lower), np.inf), lower)
+
+
+def _rat_42(values, _):
+    fitted, slopes = _ratkowsky(values, RAT_42[:, 0])
+    return _equations(values, fitted - RAT_42[:, 1], slopes)
+
+
+@pytest.mark.parametrize("unit", [(1, 1, 1), (1e-6, 1e3, 1e9)])
+def test_a_certified_fit_is_found_from_its_far_start_in_any_units(unit):
+    def expand(values, _):
+        (log,) = _rat_42(values * unit, _).logs
+        return _equations(values, log.residuals, log.rows * unit)
+
+    found = _minimised(expand, np.divide(START, unit))
     assert found.converged
-    np.testing.assert_allclose(found.point * scale, CERTIFIED, rtol=1e-5)
+    np.testing.assert_allclose(found.values * unit, CERTIFIED, rtol=1e-5)
     assert 2 * found.at.cost == pytest.approx(SQUARES, rel=1e-6)
 
 
@@ -82,15 +88,15 @@ def _line(seed, outliers):
 @given(seed=st.integers(0, 10**6), outliers=st.integers(0, 40))
 def test_robust_fits_end_where_scipy_s_do(loss, seed, outliers):
     residuals, slopes = _line(seed, outliers)
-    first = minimise(lambda b, _: _equations(residuals(b), slopes), np.zeros(2), FREE)
-    scale = outlying(residuals(first.point))
+    first = _minimised(lambda b, _: _equations(b, residuals(b), slopes), np.zeros(2))
+    scale = outlying(residuals(first.values))
 
     def robust(b, _=np.inf):
-        return replace(_equations(residuals(b), slopes), loss=loss, scale=scale)
+        return replace(_equations(b, residuals(b), slopes), loss=loss, scale=scale)
 
-    found = minimise(robust, first.point, FREE, robust(first.point))
+    found = _minimised(robust, first.values)
     options = {"loss": loss.value, "f_scale": scale, "xtol": 1e-12, "ftol": 1e-12}
-    expected = least_squares(residuals, first.point, lambda _: slopes, **options)
+    expected = least_squares(residuals, first.values, lambda _: slopes, **options)
     assert found.at.cost == pytest.approx(expected.cost, rel=1e-3)
     at = robust(expected.x)
     assert at.cost == pytest.approx(expected.cost, rel=1e-9)
@@ -102,17 +108,17 @@ def test_robust_fits_end_where_scipy_s_do(loss, seed, outliers):
 def test_bounds_hold_as_scipy_s_do(seed, floor):
     (residuals, slopes), lower = _line(seed, 0), np.array([-np.inf, floor])
     start = np.array([0.0, floor + 0.5])
-    found = minimise(lambda b, _: _equations(residuals(b), slopes), start, lower)
+    found = _minimised(lambda b, _: _equations(b, residuals(b), slopes), start, lower)
     exactly = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
     expected = least_squares(residuals, start, lambda _: slopes, (lower, np.inf), **exactly)
-    assert np.all(found.point >= lower)
-    np.testing.assert_allclose(found.point, expected.x, atol=1e-5)
+    assert np.all(found.values >= lower)
+    np.testing.assert_allclose(found.values, expected.x, atol=1e-5)
 
 
 def test_a_step_holds_what_a_box_has_no_width_for_and_the_rest_is_best_beside_it():
     slopes = np.random.default_rng(0).standard_normal((9, 3))
-    at = _equations(slopes @ [1.0, 2.0, 3.0], slopes)
-    step = bounded_step(at, np.array([-9.0, -1.0, -9.0]), np.array([9.0, -1.0, 9.0]))
+    at = _equations(np.zeros(3), slopes @ [1.0, 2.0, 3.0], slopes)
+    step = at.step(np.array([-9.0, -1.0, -9.0]), np.array([9.0, -1.0, 9.0]))
     beside = np.linalg.lstsq(slopes[:, [0, 2]], -slopes @ [1.0, 1.0, 3.0], rcond=None)[0]
     np.testing.assert_allclose(step, [beside[0], -1.0, beside[1]], rtol=1e-9)
 
@@ -122,11 +128,11 @@ def test_a_valley_that_bends_is_followed_to_its_end_or_said_not_to_be():
 
     def expand(b, _):
         residuals = [10 * (b[1] - b[0] ** 2), 1 - b[0], 30.0]
-        return _equations(residuals, [[-20 * b[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
+        return _equations(b, residuals, [[-20 * b[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
 
-    found = minimise(expand, np.array([-1.2, 1.0]), FREE)
+    found = _minimised(expand, [-1.2, 1.0])
     assert found.converged
-    np.testing.assert_allclose(found.point, [1, 1], atol=1e-3)
+    np.testing.assert_allclose(found.values, [1, 1], atol=1e-3)
 
 
 def test_a_wall_of_numbers_that_are_none_is_stepped_back_from():
@@ -134,32 +140,32 @@ def test_a_wall_of_numbers_that_are_none_is_stepped_back_from():
 
     def expand(point, _):
         with np.errstate(invalid="ignore", divide="ignore"):
-            return _equations(np.sqrt(point) - 0.1, [0.5 / np.sqrt(point)])
+            return _equations(point, np.sqrt(point) - 0.1, [0.5 / np.sqrt(point)])
 
-    found = minimise(expand, np.array([4.0]), FREE[:1])
-    assert found.point[0] == pytest.approx(0.01, rel=1e-3)
+    found = _minimised(expand, [4.0])
+    assert found.values[0] == pytest.approx(0.01, rel=1e-3)
 
 
 def test_derivatives_that_lead_nowhere_make_no_minimum_and_no_number_is_a_beginning():
-    found = minimise(lambda b, _: _equations(b - 3.0, -np.eye(2)), np.ones(2), FREE)
+    found = _minimised(lambda b, _: _equations(b, b - 3.0, -np.eye(2)), np.ones(2))
     assert not found.converged
     with pytest.raises(IdentifiabilityError, match="diverges"):
-        minimise(lambda *_: _equations([np.nan], [[1.0]]), np.ones(1), np.zeros(1))
+        _minimised(lambda b, _: _equations(b, [np.nan], [[1.0]]), np.ones(1))
 
 
 @pytest.mark.parametrize("seconds", [1e9, 0.0])
 def test_a_descent_ends_where_it_is_when_its_time_is_over(seconds):
-    expand, scale = _scaled(_ratkowsky, RAT_42, START)
     with budget(seconds) as search:
-        found = minimise(expand, np.ones(scale.size), np.full(scale.size, -np.inf))
+        found = _minimised(_rat_42, START)
     assert found.converged is (seconds > 0)
-    assert np.allclose(found.point * scale, CERTIFIED, rtol=1e-5) is (seconds > 0)
-    assert (found.evaluations, search.simulations) == (1, 0) or seconds
+    assert np.allclose(found.values, CERTIFIED, rtol=1e-5) is (seconds > 0)
+    assert (found.evaluations, search.simulations) == (0, 0) or seconds
 
 
 def test_factors_of_the_whole_are_those_of_its_cells_which_are_made_once(monkeypatch):
     random = np.random.default_rng(0)
-    both = _equations(random.standard_normal(60), random.standard_normal((60, 3)), [1, 2, 3])
+    slopes = random.standard_normal((60, 3))
+    both = _equations(np.zeros(3), random.standard_normal(60), slopes)
     made = []
     factors = LogEquations._factors  # noqa: SLF001 - what costs
     monkeypatch.setattr(LogEquations, "_factors", lambda *of: made.append(of) or factors(*of))
@@ -172,50 +178,54 @@ def test_factors_of_the_whole_are_those_of_its_cells_which_are_made_once(monkeyp
 
 
 class Problem:
-    """What descends to given ends: at a glance, and when gone on with; None cannot be simulated."""
+    """What has a cost at its guess, and descends to given ends: at a glance, and when gone on with.
+
+    A cost that is infinite cannot be simulated.
+    """
 
     initial = "start"
 
-    def __init__(self, *ends):
-        self.ends, self.made = ends, []
+    def __init__(self, begun, *ends):
+        self.begun, self.ends, self.made = begun, ends, []
 
-    def descend(self, initial, known=None, most=None):
-        self.made.append((initial, most is not None))
-        if self.ends[0] is None:
+    def equations(self, _):
+        return SimpleNamespace(cost=self.begun, is_finite=np.isfinite(self.begun))
+
+    def descend(self, at, most=None):
+        self.made.append((at.cost, most is not None))
+        if not np.isfinite(self.begun):
             raise IdentifiabilityError("diverges")
-        return self.ends[0 if known is None else 1]
+        return self.ends[min(len(self.made), len(self.ends)) - 1]
 
 
 def _end(cost, *, converged=True):
-    return SimpleNamespace(point="on", at=SimpleNamespace(cost=cost, logs=()), converged=converged)
-
-
-FULLY, GLANCE, ON = ("start", False), ("start", True), ("on", False)
+    return SimpleNamespace(at=SimpleNamespace(cost=cost, logs=()), converged=converged)
 
 
 @pytest.mark.parametrize(
-    ("ends", "cost", "ratios", "last"),
+    ("problems", "cost", "ratios", "last"),
     [
-        pytest.param([[_end(3)], [_end(2)]], 2, [1.5], [GLANCE], id="a-higher-end-is-said"),
-        pytest.param([[_end(2)], [_end(8)], [_end(5)]], 2, [2.5], [GLANCE], id="the-nearest-is"),
-        pytest.param([[_end(2)], [_end(2.08)]], 2, [], [GLANCE], id="the-same-twice-is-not"),
+        pytest.param([(8, _end(3)), (9, _end(2))], 2, [1.5], [(9, True)], id="a-higher-end"),
+        pytest.param([(9, _end(3)), (8, _end(2))], 2, [1.5], [(9, True)], id="the-nearer-first"),
+        pytest.param([(8, _end(2)), (9, _end(2.08))], 2, [], [(9, True)], id="the-same-is-not"),
         pytest.param(
-            [[_end(2)], [_end(9, converged=False)]], 2, [], [GLANCE], id="not-lower-is-given-up"
+            *([(8, _end(2)), (9, _end(7, converged=False))], 2, [], [(9, True)]),
+            id="not-lower-is-given-up",
         ),
         pytest.param(
-            *([[_end(2)], [_end(1.5, converged=False), _end(1)]], 1, [2.0], [GLANCE, ON]),
+            [(8, _end(2)), (9, _end(1.5, converged=False), _end(1))],
+            *(1, [2.0], [(9, True), (1.5, False)]),
             id="lower-is-gone-on-with",
         ),
-        pytest.param([[None], [_end(2)]], 2, [], [FULLY], id="no-simulation-is-passed-over"),
+        pytest.param([(np.inf,), (8, _end(2))], 2, [], [], id="no-simulation-is-passed-over"),
     ],
 )
-def test_the_lowest_end_is_kept_and_other_ends_said(ends, cost, ratios, last):
-    problems = [Problem(*each) for each in ends]
-    problem, end, findings = lowest_end(problems)
+def test_the_lowest_end_is_kept_and_other_ends_said(problems, cost, ratios, last):
+    tried = sorted((Problem(*each) for each in problems), key=lambda each: each.begun)
+    _, end, findings = lowest_end([*tried[::-1]])
     assert end.at.cost == cost
-    assert end in problem.ends
-    assert problems[0].made == [FULLY]
-    assert problems[-1].made == last
+    assert tried[0].made == [(8, False)]
+    assert tried[-1].made == last
     assert [each.number for each in findings] == ratios
     for each in findings:
         assert each.kind is FindingKind.OTHER_END
@@ -223,26 +233,18 @@ def test_the_lowest_end_is_kept_and_other_ends_said(ends, cost, ratios, last):
 
 def test_guesses_none_of_which_can_be_simulated_are_refused():
     with pytest.raises(IdentifiabilityError, match="diverges"):
-        lowest_end([Problem(None), Problem(None)])
+        lowest_end([Problem(np.inf), Problem(np.inf)])
 
 
 @pytest.mark.parametrize(
-    ("noise", "wave", "made"), [(1e-3, 0.0, 1), (1e-3, 1e-3, 2), (0.1, 0.0, 2)]
+    ("noise", "wave", "made"), [(1e-3, 0.0, 0), (1e-3, 1e-3, 1), (0.1, 0.0, 1)]
 )
-def test_no_other_start_is_made_where_the_first_leaves_small_white_errors_alone(noise, wave, made):
+def test_no_other_start_is_gone_on_from_where_small_white_errors_alone_are_left(noise, wave, made):
     """Smooth errors of the size of noise, or large ones, may have another end."""
     errors = noise * np.random.default_rng(0).standard_normal(4000)
     errors += wave * np.sqrt(2) * np.sin(np.arange(4000) / 50)
-    log = LogEquations(residuals=errors / 4000**0.5, rows=np.ones((4000, 1)), mixture=np.eye(1))
-    first = SimpleNamespace(point="on", at=Equations(logs=(log,)), converged=True)
-    problems = []
-
-    def later():
-        for ends in ([first], [_end(5)]):
-            problems.append(Problem(*ends))
-            yield problems[-1]
-
-    lowest_end(later(), enough=True)
-    assert len(problems) == made
-    lowest_end(later())
-    assert len(problems) == made + 2
+    log = _log(errors / 4000**0.5, np.ones((4000, 1)))
+    first = SimpleNamespace(at=Equations(values=np.ones(1), logs=(log,)), converged=True)
+    other = Problem(9, _end(5))
+    lowest_end([Problem(8, first), other])
+    assert len(other.made) == made

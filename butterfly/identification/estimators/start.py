@@ -8,77 +8,63 @@ where it stops, and descents from far end at other stops.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.identification.chosen_terms import OF_SERVO, fit_of, helping, tried
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
-from butterfly.identification.estimators.free_run_residuals import OF_SERVO, FreeRunResiduals, tried
-from butterfly.identification.estimators.gauss_newton import Equations, Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.term_choice import candidates
 from butterfly.identification.levels import MATTERS, MOST, SPREADS
+from butterfly.identification.problem import Problem, Start
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, offered
 from butterfly.progress import out_of_time
 
-_LEFT_OUT = ("drag", "load", "bias")
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
 _PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
 _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
-    """A first guess."""
+def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
+    """Return what closed forms find: the weak form, and steady responses where there are sines.
 
-    parameters: LumpedParameters  # of the bare hand
-    zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
-
-    @classmethod
-    def at(cls, found: Estimate, data: DataSet) -> Start:
-        """Begin where an estimate is; the zeros are those of the logs, if it has none."""
-        zero = found.local.get(None, {}).get("zero")
-        zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-        return cls(found.parameters, zeros)
-
-
-def starts(data: DataSet, terms: tuple[str, ...] | None) -> Iterator[Start]:
-    """Yield estimates of all closed forms that the logs allow, or else a guess of the scale."""
-    found = False
+    Where neither does, it is a guess of the scale. ButterflyError if there is none either.
+    """
+    found: list[Start] = []
     refusals: list[ButterflyError] = []
-    guesses = [(_from_any, candidates(_LEFT_OUT, data.masses, data.known))] if terms is None else []
-    for closed_form, wanted in ((_from_sines, terms), (_from_any, terms), *guesses):
+    for closed_form in (_from_any, _from_sines):
         try:
-            start = closed_form(data, wanted)
+            start = closed_form(data, terms)
         except ButterflyError as refusal:
-            refusals.append(refusal)
+            refusals.insert(0, refusal)
             continue
         inertia = start.parameters.p1 + min(mass.inertia for mass in data.masses)
         if inertia > 0:
-            found = True
-            yield start
+            found.append(start)
         else:
-            refusals.append(_without_inertia(data, inertia))
-    if found:
-        return
-    guess = None if data.known.scale() else _of_ratios(data)
-    if guess is None:
-        raise refusals[-1]
-    yield guess
+            refusals.insert(0, _without_inertia(data, inertia))
+    if not found:
+        guess = None if data.known.scale() else _of_ratios(data)
+        if guess is None:
+            raise refusals[-1]
+        found.append(guess)
+    return found
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
@@ -149,37 +135,27 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
     return tuple(name for name in terms if name in offered(method.method))
 
 
-def lowest_end(
-    problems: Iterable[FreeRunResiduals], *, enough: bool = False
-) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
-    """Descend from each guess, until one is ``enough``; return the best end, and what of others."""
-    best: tuple[FreeRunResiduals, Minimum] | None = None
-    costs: list[float] = []  # of all ends that converged
-    refusals = []
-    for problem in problems:
-        if best and out_of_time("fits from other initial guesses"):
+def lowest_end(problems: Sequence[Problem]) -> tuple[Problem, Minimum, tuple[Finding, ...]]:
+    """Descend from the first guess whose free runs are nearest; return the end, and what of others.
+
+    From the others only where more than the noise of the sensors is left.
+    """
+    begun = [(problem, problem.equations(problem.initial)) for problem in problems]
+    begun.sort(key=lambda each: each[1].cost if each[1].is_finite else math.inf)
+    problem, end = begun[0][0], begun[0][0].descend(begun[0][1])
+    costs = [end.at.cost] if end.converged else []
+    for other, at in [] if end.converged and _leaves_noise(end.at) else begun[1:]:
+        if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
-        try:
-            if best is None:
-                end = problem.descend(problem.initial)
-            else:
-                end = problem.descend(problem.initial, most=_PASSES)
-                if not end.converged and end.at.cost < best[1].at.cost:
-                    end = problem.descend(end.point, end.at)
-        except IdentifiabilityError as refusal:
-            refusals.append(refusal)
-        else:
-            costs += [end.at.cost] if end.converged else []
-            if enough and best is None and end.converged and _leaves_noise(end.at):
-                return problem, end, ()
-            if best is None or end.at.cost < best[1].at.cost:
-                best = problem, end
-    if best is None:
-        raise refusals[0]
-    ratios = [cost / best[1].at.cost for cost in costs]
-    elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
+        tried = other.descend(at, _PASSES)
+        if not tried.converged and tried.at.cost < end.at.cost:
+            tried = other.descend(tried.at)
+        costs += [tried.at.cost] if tried.converged else []
+        if tried.at.cost < end.at.cost:
+            problem, end = other, tried
+    elsewhere = [ratio for ratio in (cost / end.at.cost for cost in costs) if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
-    return *best, findings
+    return problem, end, findings
 
 
 def _leaves_noise(at: Equations) -> bool:
@@ -188,7 +164,7 @@ def _leaves_noise(at: Equations) -> bool:
     return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * noise
 
 
-ProblemOf = Callable[[Sequence[Log], Start, Prior], FreeRunResiduals]
+ProblemOf = Callable[[Sequence[Log], Start, Prior], Problem]
 """Makes the residuals of logs from a first guess and what is known."""
 
 
@@ -219,16 +195,16 @@ def servo_start(
     scanned = "delay" not in {*known.fixed, *fixed}
     delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
     known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
-    ends: list[tuple[float, float, FreeRunResiduals, Minimum]] = []
+    ends: list[tuple[float, float, Problem, Minimum]] = []
 
     def attempt(delay: float) -> None:
         late = replace(start.parameters, delay=delay)
         begun = replace(start, parameters=replace(late, delay=0.0))
         problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
         if ends:
-            end = problem.descend(ends[0][2].scale * ends[0][3].point / problem.scale, most=_PASSES)
+            end = problem.descend(problem.equations(ends[0][3].values), _PASSES)
         else:
-            end = problem.descend(problem.initial)
+            end = problem.descend()
         ends.append((end.at.cost, delay, problem, end))
         ends.sort(key=lambda each: each[:2])
 
@@ -249,10 +225,10 @@ def servo_start(
     _, delay, problem, end = ends[0]
     terms = told
     if terms is None:
-        choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
-        problem, end, _ = problem.fitted(choice)
-        terms = (*choice.terms, "latency")
-    found = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        choice = helping(problem, end.at, tuple(known.uncertain))
+        fitted = fit_of(problem, choice)
+        problem, end, terms = fitted.problem, fitted.end, (*choice.terms, "latency")
+    found = zip(problem.keys, end.values.tolist(), strict=True)
     own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
     zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
     return Start(replace(problem.start, **own), zeros), tuple(terms)

@@ -1,0 +1,369 @@
+"""Logs to be followed by free runs, and the unknowns with which they are simulated.
+
+An unknown belongs to all logs, to those with one added mass, or to one log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.arrays import Samples
+from butterfly.errors import InputError
+from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
+from butterfly.identification.data import DataSet
+from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.equations import CellEquations, scaled_least_squares
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.fit import (
+    Equations,
+    LogEquations,
+    Loss,
+    Minimum,
+    minimise_robustly,
+)
+from butterfly.identification.levels import FEW, MOST, PRECISE, ROUNDING
+from butterfly.identification.segments import Segments, is_segmented
+from butterfly.identification.simulation import FINEST, Simulation
+from butterfly.logs.log import Log
+from butterfly.model.greybox import INITIAL
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Known, Penalty, Prior
+from butterfly.model.terms import TERMS, companions, lower_bounds
+from butterfly.progress import current_search, out_of_time, threads
+from butterfly.signals.frequency_response import first_counted
+
+Key = tuple[str, "AddedMass | str | None"]
+"""An unknown, and whose it is: all logs', if None."""
+
+LOCAL = ("zero", "bias", "velocity")
+"""What may differ from mass to mass or from log to log."""
+
+_HIDDEN = 0.1  # first guess of what shows no sign: at 0 its derivative is 0, a fit would stay
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A first guess."""
+
+    parameters: LumpedParameters  # of the bare hand
+    zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
+
+    @classmethod
+    def at(cls, found: Estimate, data: DataSet) -> Start:
+        """Begin where an estimate is; the zeros are those of the logs, if it has none."""
+        zero = found.local.get(None, {}).get("zero")
+        zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
+        return cls(found.parameters, zeros)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How logs are simulated, and whose the unknowns are (see `estimators.OutputError`)."""
+
+    per_mass: Sequence[str] = ()
+    per_log: Sequence[str] = ()
+    window: float  # s
+    horizon: float  # s
+    workers: int
+    loss: Loss
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """Simulations of k logs, and the n unknowns that are fitted."""
+
+    keys: tuple[Key, ...]  # the unknowns
+    shared: int  # how many of them, the first ones, all logs share, the encoder's zero aside
+    start: LumpedParameters  # values of the parameters that are not fitted
+    initial: Samples  # (n,) first guesses
+    lower: Samples  # (n,) least values
+    # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
+    zeros: Mapping[AddedMass, float]
+    known: Mapping[Key, Known]  # what is known of the unknowns
+    simulations: tuple[Simulation | Segments, ...]
+    motion: tuple[float, ...]  # rms motion of each in rad
+    options: Options
+
+    @classmethod
+    def of(
+        cls, logs: Sequence[Log], first: Start, names: Sequence[str], options: Options, known: Prior
+    ) -> Problem:
+        """Make logs ready to be fitted in parameters that all share, and in what is their own."""
+        start = replace(first.parameters, **known.fixed)
+        counted = [first_counted(log, options.window) for log in logs]
+        motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
+        own, few = "velocity" in {*options.per_mass, *options.per_log}, len(logs) <= FEW
+        how = {"velocity_known": own, "free": few}
+        simulations = tuple(
+            Segments(log, start, options.horizon, k, warm=True)
+            if is_segmented(log, start, options.horizon, first=k, **how)
+            else Simulation(log, start, k)
+            for log, k in zip(logs, counted, strict=True)
+        )
+        hangs = not known.weightless(log.added_mass for log in logs)
+        keys_of = {
+            (each.log.name, name): _local_key(name, each, logs, options, hangs=hangs)
+            for each in simulations
+            for name in LOCAL
+        }
+        local = dict.fromkeys(key for key in keys_of.values() if key is not None)
+        keys: tuple[Key, ...] = (*((name, None) for name in names), *local)
+        least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
+        least["p1"] = _least_inertia(logs, start)
+        told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
+        for key in local:
+            mine = {log.zero for log in logs if keys_of[log.name, "zero"] == key}
+            if len(mine) == 1 and (zero := mine.pop()) is not None:
+                told[key] = zero
+        return cls(
+            keys=keys,
+            shared=len(names),
+            start=start,
+            initial=np.array([_first_guess(key, logs, start, first.zeros) for key in keys]),
+            lower=np.array([least.get(name, -np.inf) for name, _ in keys]),
+            zeros=first.zeros,
+            known=told,
+            simulations=simulations,
+            motion=motion,
+            options=options,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(n,) names of the unknowns."""
+        return tuple(name for name, _ in self.keys)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(n,) what the unknowns are called, and of whom."""
+        return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
+
+    @property
+    def logs(self) -> list[Log]:
+        """The k logs."""
+        return [each.log for each in self.simulations]
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Under which the cells were recorded."""
+        return Conditions.of(self.logs, cells_of(len(self.motion), len(self.keys)))
+
+    def columns_of(self, log: Log) -> dict[str, int]:
+        """Return the numbers of a log's unknowns by name; its own go before shared ones."""
+        mine: dict[str, int] = {}
+        for owner in (None, log.added_mass, log.name):
+            mine |= {name: k for k, (name, whose) in enumerate(self.keys) if whose == owner}
+        if log.zero is not None and log.zero.fixed:
+            mine.pop("zero", None)
+        return mine
+
+    def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
+        """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
+
+        A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
+        """
+        own = np.broadcast_to(values, (len(self.motion), len(self.keys)))
+        segmented = [each for each in self.simulations if isinstance(each, Segments)]
+        begins = [each.begins for each in segmented]
+        simulated = partial(self._of_log, slopes=slopes)
+        if self.options.workers == 1:
+            found = _within(most, map(simulated, range(len(own)), own))
+        else:
+            with threads(self.options.workers) as pool:
+                found = _within(most, pool.map(simulated, range(len(own)), own))
+                pool.shutdown(cancel_futures=True)
+        if len(found) < len(own):  # whichever were simulated, they begin where they did
+            for each, before in zip(segmented, begins, strict=True):
+                each.begins = before
+            found.append(_IMPOSSIBLE)
+        return Equations(values=own[0], logs=tuple(found))
+
+    @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
+    def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
+        simulation, log = self.simulations[index], self.simulations[index].log
+        mine = self.columns_of(log)
+        own = {name: float(values[k]) for name, k in mine.items()}
+        moved = {name: value for name, value in own.items() if name not in INITIAL}
+        parameters = replace(self.start, **moved)
+        if not parameters.p1 + log.added_mass.inertia > 0:
+            return _IMPOSSIBLE
+        fastest = parameters.base_frequency * max(1.0, 2 * parameters.base_damping)
+        if parameters.base_compliance and PRECISE * log.mean_step * fastest > 1:
+            return _IMPOSSIBLE  # a base that settles in a tenth of a clock's step
+        zero = own["zero"] if "zero" in own else reading_of(log, self.zeros)
+        names = list(own) if slopes else []
+        errors, rows = simulation.linearised(names, parameters, zero, own.get("velocity"))
+        unit = 1 / (self.motion[index] * errors.size**0.5)
+        columns = np.array([mine[name] for name in names], dtype=np.intp)
+        return LogEquations(residuals=unit * errors, rows=unit * rows, columns=columns)
+
+    def weighed(self, at: Equations) -> Equations:
+        """Return equations with what is known of the values, weighed by what they tell."""
+        prior = self.prior(at.values)
+        if prior is None or not at.is_finite:
+            return at
+        cells = independent_cells_of(len(at.logs), len(self.keys))
+        about = self.cells(replace(at, prior=prior), cells)
+        rows = about.rows.reshape(-1, at.values.size)
+        left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
+        free = replace(about, residuals=left.reshape(about.residuals.shape))
+        return replace(at, prior=prior.weighed(free.realised_variance))
+
+    def prior(self, values: Samples) -> Penalty | None:
+        """Return what is known of (n,) values, relative to rows of variance 1."""
+        about = dict(zip(self.keys, values.tolist(), strict=True))
+        return Penalty.of(self.keys, self.known, values=about)
+
+    def descend(self, at: Equations | None = None, most: int = MOST) -> Minimum:
+        """Return where a descent ends, from the first guess on (see `fit.minimise`)."""
+        at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
+        for _ in range(MOST):
+            at = before = self.weighed(at)
+            end = minimise_robustly(
+                self.equations, at, self.lower, self.options.loss, most - evaluations
+            )
+            evaluations += end.evaluations
+            at = end.at
+            if not end.converged and evaluations < most:
+                out_of_time("iterations of a fit that had not converged")
+            if not end.converged or self.weighed(at).weigh_as(before):
+                break
+        return replace(end, evaluations=evaluations)
+
+    def keeping(self, kept: NDArray[np.intp], initial: Samples) -> Problem:
+        """Return the problem in some of the unknowns; terms that are not kept are absent."""
+        lost = np.delete(self.names, kept).tolist()
+        absent = {name: getattr(LumpedParameters, name, 0.0) for name in lost}
+        return replace(
+            self,
+            start=replace(self.start, **absent),
+            keys=tuple(self.keys[k] for k in kept),
+            shared=int(np.sum(kept < self.shared)),
+            lower=self.lower[kept],
+            initial=initial,
+        )
+
+    def without(self, names: Container[str]) -> Problem:
+        """Return the problem without some terms, and what says nothing without them."""
+        lost = {name for name in self.names if name in names}
+        left = {*self.names} - lost
+        lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
+        kept = np.flatnonzero([name not in lost for name in self.names])
+        return self.keeping(kept, self.initial[kept])
+
+    def holding(self, name: str, values: Samples) -> Problem:
+        """Return the problem with an unknown held at its value of (n,)."""
+        at = self.keys.index((name, None))
+        kept = np.delete(np.arange(len(self.keys)), at)
+        fewer = self.keeping(kept, values[kept])
+        return replace(fewer, start=replace(fewer.start, **{name: float(values[at])}))
+
+    def values_of(self, other: Problem, values: Samples) -> Samples:
+        """Return (..., n) values at those of a problem in fewer unknowns."""
+        absent = np.array([getattr(LumpedParameters, name, 0.0) for name in self.names])
+        found = np.broadcast_to(absent, (*values.shape[:-1], absent.size)).copy()
+        found[..., [self.keys.index(key) for key in other.keys]] = values
+        return found
+
+    def about(self, other: Problem, values: Samples) -> Equations:
+        """Return the equations about the values of a problem in fewer unknowns."""
+        there = self.equations(self.values_of(other, values))
+        return self.weighed(there.counting(self.options.loss))
+
+    def cells(self, at: Equations, count: int) -> CellEquations:
+        """Return the equations of stretches, each log cut into so many."""
+        rows, residuals = at.compressed(count)
+        return CellEquations(
+            names=self.labels,
+            values=at.values,
+            lower=self.lower,
+            on_bound=at.values <= self.lower,
+            rows=rows,
+            residuals=residuals,
+            log=np.repeat(np.arange(len(at.logs)), count),
+            prior=at.prior,
+        )
+
+    def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
+        """Return the equations about the end of a descent, by the bare names of the unknowns."""
+        count = cells or cells_of(len(self.motion), len(self.keys))
+        bread = None if end.at.loss is Loss.LINEAR else end.at.bread
+        found = replace(self.cells(end.at, count), names=self.names, bread=bread)
+        return found if end.converged else found.stopped(found.next_step)
+
+
+_IMPOSSIBLE = LogEquations(
+    residuals=np.full(1, np.inf), rows=np.zeros((1, 1)), columns=np.zeros(1, dtype=np.intp)
+)
+"""Of a joint that there is not, from which a descent steps back."""
+
+
+def _within(most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
+    """Return the equations of the first logs, until they cost too much, or the time is over."""
+    found: list[LogEquations] = []
+    cost, search = 0.0, current_search()
+    for each in logs:
+        found.append(each)
+        cost += 0.5 * float(each.residuals @ each.residuals) if most < np.inf else 0.0
+        if not cost <= most or (most < np.inf and search.over):
+            break
+    return found
+
+
+def _local_key(
+    name: str,
+    each: Simulation | Segments,
+    logs: Sequence[Log],
+    options: Options,
+    *,
+    hangs: bool,
+) -> Key | None:
+    """Return an unknown of a log that is its own, its mass's, or all logs' zero; None if known."""
+    log = each.log
+    exact = name == "zero" and log.zero is not None and log.zero.fixed
+    if exact or (name == "velocity" and isinstance(each, Segments)):  # whose starts are their own
+        return None
+    if name in options.per_log:
+        return name, log.name
+    if name in options.per_mass:
+        return name, log.added_mass
+    if name != "zero" or not hangs:
+        return None
+    open_ = [own for own in logs if own.zero is None or not own.zero.fixed]
+    if log.zero is None or len({own.zero for own in open_}) == 1:
+        return name, None
+    alike = {own.zero for own in open_ if own.added_mass == log.added_mass}
+    return name, log.added_mass if len(alike) == 1 else log.name
+
+
+def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
+    """Return the least p1: the speed settles in a hundredth of a clock's step, which none shows."""
+    carried = min(log.added_mass.inertia for log in logs)
+    settled = start.p2 * min(log.mean_step for log in logs) / FINEST
+    return max(settled, ROUNDING * (start.p1 + carried)) - carried
+
+
+def _rms_motion(log: Log, first: int) -> float:
+    """Return that of what was measured from a sample on, by which its errors are divided."""
+    motion = float(np.std(log.measured[first:])) if first < log.angle.size else 0.0
+    if not motion > ROUNDING:
+        found = f"{motion:.1g} {log.unit} rms motion in the samples that are fitted"
+        raise InputError(log.source, log.measures, found, "a moving joint: exclude this log")
+    return motion
+
+
+def _first_guess(
+    key: Key, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    name, whose = key
+    if name == "zero":
+        masses = {log.added_mass for log in logs if whose in {None, log.added_mass, log.name}}
+        return float(np.median([zeros[mass] for mass in masses]))
+    guess = float(getattr(start, name, 0.0))
+    hidden = guess == 0 and name in TERMS and not TERMS[name].sign_observable
+    return _HIDDEN if hidden else guess
