@@ -1,4 +1,4 @@
-"""Threads, progress, and the time budget of searches."""
+"""Threads, progress, and how much a search may do: its work is counted, seconds are a wish."""
 
 from __future__ import annotations
 
@@ -18,17 +18,19 @@ _R = TypeVar("_R")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose matrix library uses one thread, beside other workers."""
 
-BUDGET = 60.0
-"""Default time in s after which a command stops searching."""
+SIMULATIONS, SAMPLES = 400, 400_000_000
+"""Most simulations of all logs, and simulated samples, of one identification."""
 
 
 @dataclass(eq=False)
 class Search:
-    """Time budget and progress of a search, and what it skipped."""
+    """What a search may cost, what it has cost, and what it skipped."""
 
-    seconds: float = math.inf
+    seconds: float = math.inf  # as a user wishes
     begun: float = field(default_factory=time.monotonic)
+    counted: bool = False  # whether the work is limited too
     simulations: int = 0  # of all logs, so far
+    samples: int = 0  # simulated, so far
     left_out: list[str] = field(default_factory=list)
 
     def excuse(self, seconds: float) -> None:
@@ -36,9 +38,14 @@ class Search:
         self.begun += seconds
 
     @property
+    def exhausted(self) -> bool:
+        """Whether the work is done that one identification may take, on whatever machine."""
+        return self.counted and (self.simulations >= SIMULATIONS or self.samples >= SAMPLES)
+
+    @property
     def over(self) -> bool:
-        """Whether the time is over."""
-        return time.monotonic() - self.begun > self.seconds
+        """Whether it is to stop."""
+        return self.exhausted or time.monotonic() - self.begun > self.seconds
 
     @property
     def sentence(self) -> str:
@@ -47,14 +54,15 @@ class Search:
 
 
 def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
-    """Say that a search was stopped, and what it skipped."""
-    return (
-        f"Search stopped after {seconds:g} s. Skipped: {', '.join(left_out)}. "
-        "--budget 0 searches to the end."
-    )
+    """Say that a search was stopped, by a budget in s or else by its work, and what it skipped."""
+    skipped = f"Skipped: {', '.join(left_out)}."
+    if math.isfinite(seconds):
+        return f"Search stopped after {seconds:g} s. {skipped} Without --budget it goes on."
+    return f"Search stopped at its most, {SIMULATIONS} simulations. {skipped} Fewer --terms help."
 
 
-_SEARCH: ContextVar[Search] = ContextVar("search", default=Search())  # noqa: B039 - has no end
+_NO_SEARCH = Search()
+_SEARCH: ContextVar[Search] = ContextVar("search", default=_NO_SEARCH)
 
 
 def current_search() -> Search:
@@ -72,8 +80,25 @@ def budget(seconds: float) -> Iterator[Search]:
         _SEARCH.reset(token)
 
 
+@contextmanager
+def counted() -> Iterator[Search]:
+    """Limit the work of one identification too; what it skips, the present search skips."""
+    outer = _SEARCH.get()
+    begun = outer.begun if outer is not _NO_SEARCH else time.monotonic()
+    search = Search(outer.seconds, begun, counted=True)
+    token = _SEARCH.set(search)
+    try:
+        yield search
+    finally:
+        _SEARCH.reset(token)
+        if outer is not _NO_SEARCH:
+            outer.excuse(search.begun - begun)
+            outer.simulations += search.simulations
+            outer.left_out += [each for each in search.left_out if each not in outer.left_out]
+
+
 def out_of_time(left_out: str) -> bool:
-    """Whether the time to search is over; then the result says what was skipped."""
+    """Whether the search is to stop; then the result says what was skipped."""
     search = _SEARCH.get()
     if search.over and left_out not in search.left_out:
         search.left_out.append(left_out)

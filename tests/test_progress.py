@@ -1,5 +1,7 @@
 """A search ends when its time is over and says what it left out; in time it changes nothing."""
 
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
@@ -11,11 +13,10 @@ import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
-from butterfly.identification.draws import LEAST, draw_parameters
-from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError
+from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.identify import judged
-from butterfly.identification.predict import predict_logs
+from butterfly.identification.predict import LEAST, draw_parameters, predict_logs
 from butterfly.identification.problem import Problem
 from butterfly.identification.validate import bootstrap, cross_validate, select_terms
 from butterfly.progress import budget, current_search, in_threads, out_of_time, untracked
@@ -50,19 +51,50 @@ def test_an_estimate_that_was_not_searched_to_the_end_says_so_and_is_not_good(da
     assert stopped.parameters[0] == "iterations of a fit that had not converged"
     assert "fits from other initial guesses" in stopped.parameters
     assert found.estimate.ending is Ending.STOPPED
-    assert found.estimate.level is Level.WARNING
+    assert found.estimate.level is Level.CARE
+    assert "did not converge" not in str(found)
     sentence = next(line for line in found.summary if line.startswith(STOPPED))
     assert sentence == found.notes[0]
     again = bf.Identification.from_dict(found.to_dict())
     assert sentence == again.notes[0]
 
 
+def test_the_work_of_an_identification_is_counted_and_ends_at_its_most(data, monkeypatch):
+    monkeypatch.setattr("butterfly.progress.SIMULATIONS", 6)
+    few, again = (bf.identify(data, "output-error", workers=count) for count in (1, 4))
+    assert few.standing == "use with care"
+    assert "Search stopped at its most" in few.notes[0]
+    assert few.estimate.to_dict() == again.estimate.to_dict()
+    assert not current_search().left_out
+    monkeypatch.setattr("butterfly.progress.SAMPLES", 1)
+    one = bf.identify(data, "output-error")
+    assert one.standing == "use with care"
+    truth = np.array([getattr(ROBOT, name) for name in one.estimate.names])
+    assert np.mean((one.estimate.lower <= truth) & (truth <= one.estimate.upper)) > 0.8
+
+
+def test_an_answer_is_the_same_beside_busy_processes_and_with_any_number_of_threads(data):
+    """Nothing of it depends on the clock on the wall."""
+    told = [bf.identify(data, "output-error", workers=1).to_dict()]
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    try:
+        told += [bf.identify(data, "output-error", workers=count).to_dict() for count in (1, 4)]
+    finally:
+        for each in busy:
+            each.kill()
+            each.wait()
+    for each in told:
+        each["chosen"]["options"].pop("workers")
+        assert each == told[0]
+    assert not {"date", "seconds"} & {*told[0]}
+
+
 def test_a_settled_estimate_whose_search_was_stopped_is_to_be_used_with_care(data):
-    balance = HarmonicBalance(terms=())
-    assert judged(data, balance).level is Level.GOOD
+    weak = WeakForm(terms=())
+    assert judged(data, weak).level is Level.GOOD
     with budget(0.0):
         assert out_of_time("something else")
-        assert judged(data, balance).level is Level.CARE
+        assert judged(data, weak).level is Level.CARE
 
 
 def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):

@@ -31,9 +31,9 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.outputs import call
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
+from butterfly.report.numbers import NEAR_ORBIT, run_verdict
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
-from butterfly.report.records import NEAR_ORBIT, run_verdict
 from butterfly.report.sweep_page import sweep_page
 from butterfly.result import Answer, TextTable, document
 from butterfly.verdict import Verdict

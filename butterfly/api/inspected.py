@@ -16,7 +16,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
-from butterfly.identification.estimators import Suitable
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import Setting
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
@@ -292,7 +292,7 @@ def robot_of(
     if result is None:
         data = read(path, arm=arm)
         try:
-            result = identify(data, Suitable())
+            result = identify(data, OutputError())
         except IdentifiabilityError:
             remedy = "a saved result; `butterfly identify` says what these logs lack"
             raise InputError(path, "parameters", "no identifiable values", remedy) from None

@@ -14,12 +14,11 @@ import numpy as np
 
 from butterfly.api.results import Tabulated, about_log
 from butterfly.files import replacing, write_xml
-from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
-from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, ParameterDraws, Prediction
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS

@@ -22,12 +22,19 @@ from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.plausibility import judge_fit
-from butterfly.identification.draws import COUNT, LEAST, ParameterDraws, draw_parameters
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameters_by_hand import given_estimate
-from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
+from butterfly.identification.predict import (
+    COUNT,
+    LEAST,
+    ExpectedErrors,
+    ParameterDraws,
+    draw_parameters,
+    expected_errors,
+    predict_logs,
+)
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known

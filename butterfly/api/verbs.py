@@ -50,8 +50,8 @@ def identify(
     data
         Any argument of `read`, or its result.
     method
-        ``harmonic-balance``, ``output-error``, ``weak-form``, ``linear``, ``thesis``, an
-        `Estimator`, or ``auto``: harmonic balance if all logs are sines, otherwise output error.
+        ``output-error``, which ``auto`` is too; ``weak-form``; or, for a fast look at sines,
+        ``harmonic-balance``, ``linear`` or ``thesis``; or an `Estimator`.
     against
         Other parameters to simulate the same logs with, by name. Without p4 the best-fitting p4.
     holdout
@@ -311,7 +311,7 @@ def _prepared(
 ) -> tuple[DataSet, Estimator]:
     estimator = make_estimator(method, options)  # a wrong option is refused first
     logs = read(data).holding_out(holdout)
-    return logs, estimator.suited(logs)
+    return logs, estimator
 
 
 def _estimated(

@@ -81,7 +81,7 @@ OF_DATA = {f"--{name}" for name in (*_DATA, "joint", "gravity", "from", "to", "r
 """Options of the commands that read logs without a manifest."""
 
 _SEARCHING = {"Identify", "Check a result"}
-"""Groups of the commands that search: for 60 s, unless --budget says otherwise."""
+"""Groups of the commands that search, for as long as --budget says."""
 
 _EVERYWHERE = Group("Any command", sort_key=9)
 
@@ -154,7 +154,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         json
             Write the answer as JSON to this file; - prints only the JSON.
         budget
-            Time limit of the search. Default: 60; no limit for `run`.
+            Time limit of the search. Default: none.
         overwrite
             Replace existing files (CSV, C, films, logs).
         help_all
@@ -170,7 +170,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
             raise InputError("butterfly", "--budget", name, "a command that searches")
         if budget is not None and not budget >= 0:
             raise InputError("butterfly", "--budget", budget, "0 s or more")
-        seconds = progress.BUDGET if budget is None and searches else budget or math.inf
+        seconds = budget or math.inf
         asked.quiet, asked.verbose, asked.json = quiet, verbose, json
         kinds = (COMMANDS[name].answer, *COMMANDS[name].also) if name in COMMANDS else ()
         search = progress.current_search()

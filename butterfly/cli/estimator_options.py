@@ -14,6 +14,7 @@ from butterfly.cli.options import FIT_IN_DETAIL, THE_FIT, parse_names
 from butterfly.experiment.methods import (
     DEFAULT_METHOD,
     ESTIMATORS,
+    METHODS,
     kind_of,
     make_estimator,
     options_of,
@@ -60,6 +61,7 @@ def _made(
 ) -> type[FitOptions]:
     """Return a dataclass with every option of every estimator."""
     listing = "; ".join(f"{method}: {each.summary}" for method, each in ESTIMATORS.items())
+    listing += f"; {DEFAULT_METHOD}: the same as {kind_of(DEFAULT_METHOD).method}"
     several = "To rank several, separate them by commas. " if many else ""
     names = Parameter(
         name=("--method", "-m"),
@@ -68,7 +70,7 @@ def _made(
         metavar="METHOD",
         show_choices=False,
     )
-    kind: Any = str if many else Literal[tuple(ESTIMATORS)]
+    kind: Any = str if many else Literal[METHODS]
     method = ("method", Annotated[kind, names], with_default(default=default))
     owners: dict[str, list[str]] = {}
     for each, own in ESTIMATORS.items():

@@ -29,8 +29,8 @@ from butterfly.logs.log import InputKind
 from butterfly.outputs import mark_of
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit, with_error
+from butterfly.report.numbers import record_document, rows_document, runs_document
 from butterfly.report.parameter_table import parameter_texts
-from butterfly.report.records import record_document, rows_document, runs_document
 from butterfly.result import document
 
 Folder = Annotated[Path, Option(name="FOLDER", help="A sweep's results, such as results/NAME.")]

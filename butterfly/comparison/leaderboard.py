@@ -67,7 +67,6 @@ def _score(entry: Entry) -> float:
 
 
 def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
-    estimator = estimator.suited(data)
     begun = time.perf_counter()
     found, seen, held, error = None, None, None, ""
     seconds = 0.0

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from butterfly.errors import InputError, nearest
-from butterfly.identification.estimators import Estimator, HarmonicBalance, Suitable
+from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
 
 ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
 """All estimators by the name of their method."""
 
-DEFAULT_METHOD = Suitable.method
-"""Default estimator for logs."""
+DEFAULT_METHOD = "auto"
+"""Another name of output error, the default."""
 
-DEFAULT_OF_EXPERIMENTS = HarmonicBalance.method
-"""Default estimator of an experiment."""
+METHODS = (DEFAULT_METHOD, *ESTIMATORS)
+"""Names of methods."""
 
 
 def options_of(kind: type[Estimator]) -> list[str]:
@@ -33,9 +33,9 @@ def kind_of(
     method: str, options: Iterable[str] = (), *, written: Callable[[str], str] = str
 ) -> type[Estimator]:
     """Return the estimator of a name, whose options are its own; ``written``: as the user does."""
-    if method not in ESTIMATORS:
-        raise InputError("estimator", written("method"), method, nearest(method, ESTIMATORS))
-    kind = ESTIMATORS[method]
+    if method not in METHODS:
+        raise InputError("estimator", written("method"), method, nearest(method, METHODS))
+    kind = OutputError if method == DEFAULT_METHOD else ESTIMATORS[method]
     own = [written(name) for name in options_of(kind)]
     for name in map(written, options):
         if name not in own:
@@ -48,16 +48,16 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
     """Add the default method to an estimator without one, and refuse options of others."""
     if not isinstance(estimator, dict):
         return estimator
-    named = {"method": DEFAULT_OF_EXPERIMENTS} | estimator
-    kind_of(str(named["method"]), [str(name) for name in named if name != "method"])
-    return named
+    named = {"method": DEFAULT_METHOD} | estimator
+    kind = kind_of(str(named["method"]), [str(name) for name in named if name != "method"])
+    return named | {"method": kind.method}
 
 
 if TYPE_CHECKING:
     MethodName = str
     AnyEstimator = Estimator
 else:
-    MethodName = Literal[tuple(ESTIMATORS)]
+    MethodName = Literal[METHODS]
     AnyEstimator = Annotated[
         Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")],
         BeforeValidator(_named),
@@ -75,7 +75,7 @@ def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estim
             raise InputError(method.method, "options", ", ".join(options), expected)
         return method
     if not isinstance(method, str):
-        raise InputError("estimator", "method", method, nearest(str(method), ESTIMATORS))
+        raise InputError("estimator", "method", method, nearest(str(method), METHODS))
     try:
         made: Estimator = _ADAPTER.validate_python({"method": method, **options})
     except ValidationError as error:

@@ -12,10 +12,10 @@ from pydantic import Field, field_validator, model_validator
 
 from butterfly.errors import InputError
 from butterfly.experiment.methods import (
-    DEFAULT_OF_EXPERIMENTS,
-    ESTIMATORS,
+    DEFAULT_METHOD,
     AnyEstimator,
     MethodName,
+    kind_of,
 )
 from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
@@ -279,7 +279,7 @@ class Experiment(StrictModel):
     """Inputs other than sines, for the methods weak-form and output-error."""
     duration: Annotated[float, Field(gt=0)]
     """Length of each run in s."""
-    method: MethodName = DEFAULT_OF_EXPERIMENTS
+    method: MethodName = DEFAULT_METHOD
     terms: tuple[str, ...] | None = None
     """Terms besides p1..p4, coulomb and delay; default: chosen by the method."""
     estimators: tuple[AnyEstimator, ...] = ()
@@ -343,7 +343,7 @@ class Experiment(StrictModel):
         """All named estimators."""
         if self.estimators:
             return self.estimators
-        plain = ESTIMATORS[self.method]()
+        plain = kind_of(self.method)()
         return (plain if self.terms is None else plain.with_terms(self.terms),)
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:

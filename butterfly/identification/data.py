@@ -27,6 +27,7 @@ from butterfly.identification.encoder_offset import (
 )
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.inference.identifiability import is_driven
+from butterfly.identification.levels import LOST
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
@@ -38,6 +39,9 @@ from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import OF_ANGLE
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
+
+LARGEST_SINE = math.pi / 2
+"""In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 
 _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 _OF_EACH_LOG = ("recorded", "logs", "health", "points")  # of a data set
@@ -156,6 +160,24 @@ class DataSet:
     def masses(self) -> list[AddedMass]:
         """The different added masses."""
         return sorted({log.added_mass for log in self.logs})
+
+    @cached_property
+    def steady(self) -> list[int]:
+        """Numbers of the logs whose response to a sine is a steady swing about the rest angle."""
+        return [k for k in range(len(self.logs)) if self._is_steady(k)]
+
+    def _is_steady(self, number: int) -> bool:
+        log, point = self.logs[number], self.points[number]
+        if point is None:
+            return False
+        away = math.remainder(point.angle.offset - self.zero_of(log), 2 * math.pi)
+        return bool(
+            0 < point.amplitude <= LARGEST_SINE
+            and float(np.ptp(log.angle)) / 2 <= math.pi / 2 + LARGEST_SINE
+            and not point.angle.residual_rms * math.sqrt(2) > LOST * point.amplitude
+            and not abs(point.drift) > LOST
+            and (abs(away) < LARGEST_SINE / 2 or not self.hangs)
+        )
 
     @property
     def joint(self) -> JointKind:

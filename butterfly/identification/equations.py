@@ -168,23 +168,6 @@ class CellEquations:
             prior=regression.prior,
         )
 
-    def beside(self, other: CellEquations) -> CellEquations:
-        """Return these equations and others of other values, of the same cells, as one."""
-        (count, mine, own), (_, theirs, further) = self.rows.shape, other.rows.shape
-        rows = np.zeros((count, mine + theirs, own + further))
-        rows[:, :mine, :own] = self.rows
-        rows[:, mine:, own:] = other.rows
-        return replace(
-            self,
-            names=(*self.names, *other.names),
-            values=np.append(self.values, other.values),
-            rows=rows,
-            residuals=np.concatenate([self.residuals, other.residuals], axis=1),
-            on_bound=np.append(self.on_bound, other.on_bound),
-            lower=np.append(self.lower, other.lower),
-            prior=None if self.prior is None else self.prior.padded(further),
-        )
-
     @cached_property
     def curvature(self) -> Samples:
         """(k, n, n): J^T J of each cell."""

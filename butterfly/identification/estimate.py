@@ -29,6 +29,7 @@ from butterfly.verdict import Level
 OF_VERDICT = ("p1", "p4")
 """Parameters that set the scale, by which values are judged."""
 
+_DOUBTED = {FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 _FINDINGS = TypeAdapter(tuple[Finding, ...])
 _CONTRASTS = TypeAdapter(tuple[Contrast, ...])
@@ -248,12 +249,18 @@ class Estimate:
     @cached_property
     def level(self) -> Level:
         """What may be done with the values: good if the limits of the scale are near."""
-        if self.ending is not Ending.CONVERGED or any(each.forbids for each in self.findings):
+        if self.unsettled or any(each.forbids for each in self.findings):
             return Level.WARNING
         reach = self.reach
         near = all(reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
+        doubted = any(each.kind in _DOUBTED for each in self.findings)
+        return Level.GOOD if near and not doubted else Level.CARE
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether the fit did not converge, though nobody stopped it."""
         stopped = any(each.kind is FindingKind.SEARCH_STOPPED for each in self.findings)
-        return Level.GOOD if near and not stopped else Level.CARE
+        return self.ending is not Ending.CONVERGED and not stopped
 
     @property
     def farther(self) -> Samples:

@@ -263,7 +263,6 @@ def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) ->
     reach = max(float(np.linalg.norm(at.values / unit)), 1.0)
     kept, last, bends, search = 0.0, 0.0, 1.0, current_search()
     while evaluations < most and not search.over:
-        search.simulations += 1
         whole = at.step(np.maximum(lower - at.values, -reach * unit), reach * unit)
         step, promised = whole / bends, at.decrease(whole)
         longest = float(abs(whole / unit).max())

@@ -17,6 +17,7 @@ from butterfly.identification.simulation import Simulation, grid_step
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.progress import current_search
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
@@ -126,6 +127,7 @@ class Setting:
     def run(self, simulation: Simulation | Segments) -> FreeRun:
         """Simulate a log."""
         motion = simulation.run(self.parameters, self.zero, self.velocity)
+        current_search().samples += simulation.spend()
         simulated = motion.at(simulation.log.time)
         return FreeRun(log=simulation.log, simulated=simulated, horizon=self.horizon)
 

@@ -27,14 +27,14 @@ from butterfly.identification.diagnostics.unit_error_search import (
 )
 from butterfly.identification.diagnostics.unit_errors import clock_error, with_unit_errors
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, Suitable
+from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identification import Identification
 from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.model.parameters import LumpedParameters
-from butterfly.progress import Track, current_search, untracked
+from butterfly.progress import Track, counted, current_search, untracked
 
 _CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
 _MIMICS = "mass_inertia"  # the term that a wrong clock looks like
@@ -52,17 +52,19 @@ def identify(
 ) -> Identification:
     """Identify the robot that made the logs of a data set.
 
-    `estimator`: The one that suits the logs if not given; `against`: Other parameters to simulate
+    `estimator`: Output error if not given; `against`: Other parameters to simulate
     the logs with, by name; a p4 that is NaN is fitted. Raises InputError if the estimator cannot
     use the logs; IdentifiabilityError if the logs cannot determine the parameters.
     """
-    estimator = (estimator or Suitable()).suited(data)
-    ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
-    run = simulated(data, found, against=against, track=track)
-    (left,) = [
-        residuals_of(data, run.estimate, each) for each in track([run.runs], "Checking residuals")
-    ]
-    sure = judge(data, estimator, run.estimate, left)
+    estimator = estimator or OutputError()
+    with counted():
+        ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
+        run = simulated(data, found, against=against, track=track)
+        (left,) = [
+            residuals_of(data, run.estimate, each)
+            for each in track([run.runs], "Checking residuals")
+        ]
+        sure = judge(data, estimator, run.estimate, left)
     return replace(
         run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
     )
@@ -78,9 +80,9 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
-    estimator = estimator.suited(data)
-    data, found = timed(data, estimator)
-    return judge(data, estimator, data.simulations.settled(found))
+    with counted():
+        data, found = timed(data, estimator)
+        return judge(data, estimator, data.simulations.settled(found))
 
 
 @_UNWARNED
@@ -107,8 +109,10 @@ def judge(
     search = current_search()
     if not search.left_out:
         return sure
-    stopped = Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=search.seconds)
-    return sure.with_findings(stopped)
+    seconds = search.seconds if math.isfinite(search.seconds) else None
+    return sure.with_findings(
+        Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=seconds)
+    )
 
 
 def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:

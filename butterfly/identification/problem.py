@@ -62,7 +62,7 @@ class Start:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class ProblemOptions:
     """How logs are simulated, and whose the unknowns are (see `estimators.OutputError`)."""
 
     per_mass: Sequence[str] = ()
@@ -87,11 +87,16 @@ class Problem:
     known: Mapping[Key, Known]  # what is known of the unknowns
     simulations: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
-    options: Options
+    options: ProblemOptions
 
     @classmethod
     def of(
-        cls, logs: Sequence[Log], first: Start, names: Sequence[str], options: Options, known: Prior
+        cls,
+        logs: Sequence[Log],
+        first: Start,
+        names: Sequence[str],
+        options: ProblemOptions,
+        known: Prior,
     ) -> Problem:
         """Make logs ready to be fitted in parameters that all share, and in what is their own."""
         start = replace(first.parameters, **known.fixed)
@@ -167,6 +172,9 @@ class Problem:
 
         A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
         """
+        search = current_search()
+        search.simulations += 1
+        search.samples += sum(each.spend() for each in self.simulations)
         own = np.broadcast_to(values, (len(self.motion), len(self.keys)))
         segmented = [each for each in self.simulations if isinstance(each, Segments)]
         begins = [each.begins for each in segmented]
@@ -319,7 +327,7 @@ def _local_key(
     name: str,
     each: Simulation | Segments,
     logs: Sequence[Log],
-    options: Options,
+    options: ProblemOptions,
     *,
     hangs: bool,
 ) -> Key | None:

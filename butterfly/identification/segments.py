@@ -76,6 +76,13 @@ class Segments:
         """Step of the simulation in s."""
         return self._counted[0].simulation.step
 
+    def spend(self) -> int:
+        """Return how many samples the next run simulates, and searches for starts did before it."""
+        found = sum(each.spent + each.simulation.spend() for each in self._segments)
+        for each in self._segments:
+            each.spent = 0
+        return found
+
     @property
     def begins(self) -> list[InitialState]:
         """Where the search for the start of each segment begins."""
@@ -155,6 +162,7 @@ class _Segment:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
         self._warm, self.near = warm, log.initial_state
+        self.spent = 0  # samples simulated to find its start
         self._spread = log.rms_measured**2
         self._sought = 1 if log.initial_state.velocity == 0 else len(_START)
 
@@ -185,6 +193,7 @@ class _Segment:
                 break
             there = InitialState(*(np.array(begin) + reach * at.step).tolist())
             tried = self._about(_START, parameters, zero, there)
+            self.spent += self.simulation.spend()
             if tried.cost < at.cost:
                 begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
             else:

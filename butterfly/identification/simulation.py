@@ -19,8 +19,6 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import DRIVE, IDEAL, DriveTerms
 from butterfly.signals import hold, polynomials
-from butterfly.signals.frequency_response import STEADY_SECONDS, steady_window
-from butterfly.signals.sine_fit import sine_basis, with_transient
 from butterfly.signals.spectrum import uniform_grid
 
 Begin: TypeAlias = InitialState | float | None
@@ -81,12 +79,15 @@ class Simulation:
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
-        self._reader: tuple[complex | None, Samples, Samples] | None = None
 
     @property
     def step(self) -> float:
         """Step of the simulation in s."""
         return float(self.grid[1] - self.grid[0])
+
+    def spend(self) -> int:
+        """Return how many samples the next run simulates."""
+        return self.grid.size
 
     def run(
         self, parameters: LumpedParameters, zero: float, begin: Begin = None
@@ -132,27 +133,6 @@ class Simulation:
     def middles(self) -> Samples:
         """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
         return np.asarray((self.grid[:-1] + self.grid[1:])[self._averages[0].into >= 0] / 2)
-
-    def steady_response(
-        self, parameters: LumpedParameters, zero: float, pole: complex | None = None
-    ) -> tuple[complex, float]:
-        """Return phasor and mean in rad of a sine's simulated angle, read as the log was."""
-        stamps, reader = self._steady_reader(pole)
-        mean, cosine, sine = reader @ self.run(parameters, zero).at(stamps)
-        return complex(cosine, -sine), float(mean)
-
-    def _steady_reader(self, pole: complex | None) -> tuple[Samples, Samples]:
-        """Return (m,) steady stamps, and (3, m) weights that give mean, cosine and sine there."""
-        if self._reader is None or self._reader[0] != pole:
-            log = self.log
-            assert log.excitation is not None  # noqa: S101 - of a sine
-            omega = log.excitation.omega
-            stamps = log.time[steady_window(log, omega, STEADY_SECONDS)]
-            basis = with_transient(sine_basis(stamps, omega), stamps, pole)
-            weights = np.asarray(np.linalg.inv(basis @ basis.T)[:3] @ basis, dtype=np.float64)
-            self._reader = pole, stamps, weights
-        _, stamps, weights = self._reader
-        return stamps, weights
 
     def start(self, zero: float, begin: Begin) -> tuple[float, float]:
         """Return angle, from the hanging position, and velocity at the first sample."""

@@ -21,7 +21,7 @@ from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
 from butterfly.identification.problem import Start
 from butterfly.identification.splits import Division, Split, divide, remedy
 from butterfly.model.terms import companions
-from butterfly.progress import Track, out_of_time, untracked
+from butterfly.progress import Track, counted, out_of_time, untracked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +89,8 @@ def cross_validate(
         if estimates and out_of_time("some parts of the cross-validation"):
             break
         try:
-            found = estimator(division.kept(data, name))
+            with counted():
+                found = estimator(division.kept(data, name))
         except IdentifiabilityError as error:
             raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
         estimates[name] = found

@@ -175,5 +175,7 @@ def chosen_by_weight(wide: Problem, found: WeighedLogs | None, end: Minimum) -> 
         found = there.taking(every.without({*offers} - {lacking})).settled_within(MOST)
         if not found or not found.settled or LOST * found.end.at.cost > end.at.cost:
             break
+        if inseparable(found.problem, found.end.at):
+            break
         chosen = found
     return chosen

@@ -233,19 +233,6 @@ class DriveTerms:
         weaker = (1 + self.compression * abs(left)) ** 2 if self.compression else 1.0
         return np.asarray(slopes / weaker)
 
-    def of_sines(
-        self, commands: NDArray[np.complex128]
-    ) -> tuple[NDArray[np.complex128], dict[str, NDArray[np.complex128]]]:
-        """Return the fundamentals of the output for (n,) sines, and of its `slopes`."""
-        sines = np.asarray(np.outer(np.abs(commands), _COSINE), dtype=np.float64)
-        unit = np.exp(1j * np.angle(commands))
-
-        def fundamental(values: Samples) -> NDArray[np.complex128]:
-            return np.asarray(unit * 2 * (values * _COSINE).mean(axis=1))
-
-        slopes = {name: fundamental(each) for name, each in self.slopes(sines).items()}
-        return fundamental(self.delivered(sines)), slopes
-
 
 @dataclass(frozen=True, kw_only=True)
 class LoopTerms:
@@ -270,8 +257,6 @@ class BaseTerms:
         """Whether the base moves."""
         return self.base_compliance > 0
 
-
-_COSINE = np.cos(np.pi * (np.arange(128) + 0.5) / 128)  # over half a period
 
 _ROUNDS = 30  # for friction that grows with the torque that overcomes it
 IDEAL = DriveTerms()
@@ -356,7 +341,7 @@ _ROWS = (
     Term("bias", "bias", "N m",
          "constant torque, or half the difference of Coulomb friction between directions",
          basis=lambda m: -np.ones_like(m.angle), potential=lambda x, _n: -x,
-         looks_like="a constant torque", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+         looks_like="a constant torque", offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
     Term("spring", "spring", "N m/rad",
          "stiffness towards angle 0, as of a cable or flexure",
          lower=0.0, basis=lambda m: m.angle, potential=lambda x, _n: 0.5 * x**2,
@@ -409,7 +394,7 @@ _ROWS = (
     Term("base_compliance", "base compliance", "m/N",
          "compliance of a moving base; 0 for a fixed one",
          lower=0.0, state="base",
-         describing=base_describing_function, offered=frozenset({_HARMONIC, _OUTPUT})),
+         describing=base_describing_function, offered=frozenset({_OUTPUT})),
     Term("base_frequency", "base frequency", "rad/s",
          "natural frequency of the base, without added mass",
          lower=1.0, state="base",
@@ -443,12 +428,12 @@ _ROWS = (
     Term("dead_zone", "dead zone", "unit",
          "command below which the drive gives no torque",
          lower=0.0, basis=lambda m: np.sign(m.input), of_gain=True,
-         looks_like="a dead zone of the drive", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
+         looks_like="a dead zone of the drive", offered=frozenset({_WEAK, _OUTPUT})),
     Term("compression", "compression", "1/unit",
          "saturation c of a drive that gives v/(1 + c |v|)",
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
          looks_like="a saturating drive",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
     Term("loop_kp", "loop P gain", "–", "P gain of the servo loop, relative to the given one",
          lower=0.0, offered=frozenset({_OUTPUT})),
     Term("loop_ki", "loop I gain", "–", "I gain of the servo loop, relative to the given one",

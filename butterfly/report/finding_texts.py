@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError, listed
 from butterfly.identification.blocks import Condition
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors import unit_error_text
 from butterfly.identification.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.agreement import Contrast
@@ -99,7 +99,7 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
     if level is Level.WARNING:
         forbidding = (each for each in estimate.findings if each.forbids)
         why = [finding_text(each, values_of(estimate)) for each in forbidding]
-        if estimate.ending is not Ending.CONVERGED:
+        if estimate.unsettled:
             why.append("The fit did not converge.")
         values = " ".join(why)
     return Verdict(level, tuple(filter(None, (values, model_sentence(estimate)))))
@@ -311,12 +311,15 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.REST_APART: (
         "The rest angles differ by {number:.2g} rad from mass to mass, as with a constant torque, "
-        "but this method takes each as the encoder zero. The methods harmonic-balance and "
-        "output-error fit the torque."
+        "but this method takes each as the encoder zero. The method output-error fits the torque."
     ),
     FindingKind.ZERO_GUESSED: (
         "The encoder zero is a guess in {logs}, and this method does not fit it: "
         f"{REMEDY}. The method output-error fits it."
+    ),
+    FindingKind.APPROXIMATE: (
+        "This method is a fast look: its intervals do not know its own error. The method "
+        "output-error gives intervals that do."
     ),
     FindingKind.UNPREDICTABLE: (
         "{logs} {were} excluded: near the upright position small causes decide the motion, and no "
@@ -341,7 +344,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         ]
     ),
     FindingKind.SEARCH_STOPPED: lambda finding, _: stopped_text(
-        _number(finding), finding.parameters
+        math.inf if finding.number is None else finding.number, finding.parameters
     ),
     FindingKind.OTHER_END: (
         "Another start led to a worse minimum ({number:.3g} times the squared error); the best fit "

@@ -1,20 +1,36 @@
-"""What results say for programs of the data, the estimate and the findings that they rest on."""
+"""What results, and runs and sweeps on disk, say for programs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from butterfly.experiment.record import EstimateRecord, RunRecord
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.residuals import Residuals
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.parameter import lumped_numbers
+from butterfly.identification.parameter import lumped_numbers, unit_of
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
-from butterfly.report.finding_texts import finding_text, values_of
+from butterfly.report.finding_texts import estimate_verdict, finding_text, values_of
+from butterfly.result import document
+from butterfly.verdict import Level, Verdict
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+NEAR_ORBIT = "near the orbit"
+"""Name of an orbit's estimate among those of a run."""
+
+_IN_THEIR_UNIT = {
+    *("value", "standard_error", "lower", "upper", "true"),
+    *("least_left_out", "largest_left_out"),
+}
 
 
 def rests_on(data: DataSet, estimate: Estimate, estimator: Estimator | None) -> dict[str, Any]:
@@ -63,3 +79,84 @@ def _plain(value: object) -> Any:  # noqa: ANN401 - any option
     if isinstance(value, tuple | list):
         return [_plain(each) for each in value]
     return value if isinstance(value, bool | int | float | None) else str(value)
+
+
+def record_document(record: RunRecord) -> dict[str, Any]:
+    """Return the record of one run."""
+    content = json.loads(record.to_json())
+    for unsaid in ("schema", "digest", "versions"):
+        del content[unsaid]
+    verdict = run_verdict(record)
+    return document(
+        "run-record",
+        f"Run {record.key}",
+        {
+            **content,
+            "made_with": record.versions,
+            "estimates": [_estimate(each) for each in record.estimates],
+        },
+        verdict=verdict,
+        summary=() if verdict is None else verdict.lines,
+        units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
+    )
+
+
+def runs_document(records: Sequence[RunRecord]) -> dict[str, Any]:
+    """Return the records of runs that are compared."""
+    runs = [record_document(each) for each in records]
+    return document(
+        "runs",
+        " beside ".join(each["title"] for each in runs),
+        {"runs": runs},
+        summary=[f"{each['title']}: {each['summary'][0]}" for each in runs if each["summary"]],
+    )
+
+
+def rows_document(name: str, table: pa.Table, limit: int, kind: InputKind) -> dict[str, Any]:
+    """Return the first rows of a table of results, with the units of what they estimate."""
+    rows = table.slice(0, limit).to_pylist()
+    for row in rows:
+        if "parameter" in row:
+            row["unit"] = unit_of(row["parameter"], kind)
+    units = {f"rows.{each}": _unit_of_column(each) for each in table.column_names}
+    return document(
+        "table",
+        f"Rows of {name}",
+        {"count": table.num_rows, "rows": rows},
+        units={column: unit for column, unit in units.items() if unit},
+    )
+
+
+def _unit_of_column(name: str) -> str:
+    if name.startswith(("fit_", "held_out_", "holdout_")):
+        return "%"
+    if name.startswith("orbit_") and name != "orbit_rounds":
+        return "rad"
+    return "the row's unit" if name in _IN_THEIR_UNIT else ""
+
+
+def run_verdict(record: RunRecord) -> Verdict | None:
+    """Return the worst verdict on the estimates of a run; None if there is none."""
+    found = {
+        each.estimator: estimate_verdict(each.estimate)
+        for each in record.estimates
+        if each.estimate is not None
+    }
+    if record.orbit is not None and record.orbit.verdict is not None:
+        level = Level.of_verdict(record.orbit.verdict)
+        found[NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
+    if len(found) == 1:
+        return next(iter(found.values()))
+    return Verdict.of_several(found) if found else None
+
+
+def _estimate(record: EstimateRecord) -> dict[str, Any]:
+    found = record.estimate
+    fits = {name: getattr(record, name) for name in ("fit", "held_out", "holdout")}
+    content: dict[str, Any] = {"estimator": record.estimator, "error": record.error}
+    if found is None:
+        content |= {"verdict": None, "reasons": [], "ending": str(record.ending)}
+    else:
+        content |= estimate_verdict(found).numbers() | found.to_dict(record.truth)
+        content["findings"] = finding_numbers(found.findings, found)
+    return content | {name: fit and fit.numbers() for name, fit in fits.items()}

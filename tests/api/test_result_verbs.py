@@ -12,8 +12,7 @@ from mujoco import rollout
 from pyarrow import parquet
 
 import butterfly as bf
-from butterfly.identification.draws import LEAST
-from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.identification.predict import LEAST, OF_NEW_LOG, OF_PARAMETERS
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import budget

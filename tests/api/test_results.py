@@ -15,7 +15,7 @@ import yaml
 import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identification.design import masses_at_hand
-from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.mat import write_mat
@@ -74,7 +74,7 @@ def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
 
 
 def test_nothing_is_made_of_values_that_no_joint_has(quick_data, tmp_path):
-    found = bf.identify(impossible_data(quick_data, tmp_path / "data"), terms=())
+    found = bf.identify(impossible_data(quick_data, tmp_path / "data"), "weak-form", terms=())
     for asked in (
         lambda: bf.design(found),
         lambda: bf.compare(found),
@@ -243,7 +243,7 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
 
 
 def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
-    held = cross_validate(data, HarmonicBalance(terms=()), Split.MASS)
+    held = cross_validate(data, OutputError(terms=()), Split.MASS)
     left_out = bf.validate(data, terms=()).to_dataframe()["FIT held out in %"]
     np.testing.assert_allclose(left_out, held.fits)
     designed, compared = results["design"].rows(), results["comparison"]

@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 import butterfly as bf
-from butterfly import progress
 from butterfly.cli import main, output
 from tests.conftest import brief_quickstart
 from tests.experiment.setting import changed, written
@@ -30,7 +29,6 @@ def answer():
                 contextlib.redirect_stderr(err),
             ):
                 patch.setattr(output, "EVERY", 1e4)
-                patch.setattr(progress, "BUDGET", 1e4)
                 patch.setattr(sys, "argv", ["butterfly", *words])
                 patch.setenv("COLUMNS", "80")
                 with pytest.raises(SystemExit) as ended:
@@ -55,7 +53,7 @@ def place(answer, saved):
     """A folder with what the commands work with: a saved identification, results of a run."""
     folder = saved.parent
     quick = brief_quickstart(folder, "grey-box", few=2)
-    changed(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
+    changed(quick, estimators=[{"method": "output-error", "terms": []}])
     run = answer("run", quick, "--out", folder / "results/one")
     assert run[0] == 0, run
     return folder
@@ -76,7 +74,7 @@ def unfit(saved, tmp_path_factory):
     file = tmp_path_factory.mktemp("unfit") / "saved.json"
     with pytest.MonkeyPatch.context() as patch:
         follow_nothing(patch)
-        bf.identify(saved, "harmonic-balance", terms=()).save(file)
+        bf.identify(saved, "output-error", terms=()).save(file)
     return file
 
 

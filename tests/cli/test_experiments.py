@@ -12,7 +12,7 @@ from tests.experiment.setting import changed
 def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
     butterfly, quick_in_mujoco, tmp_path
 ):
-    changed(quick_in_mujoco, estimators=[{"method": "harmonic-balance", "terms": []}])
+    changed(quick_in_mujoco, estimators=[{"method": "output-error", "terms": []}])
     out = done(butterfly("run", quick_in_mujoco, "--out", tmp_path / "out"))
     assert "0.00325" in out
     assert "deviation" in out

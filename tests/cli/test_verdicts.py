@@ -8,7 +8,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.cli.output import ExitCode
-from butterfly.identification.estimators import harmonic_balance_regression
+from butterfly.identification.estimators import harmonic_balance
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.thesis import method
 from tests.cli.one_line import assert_tables_fit, done
@@ -149,7 +149,7 @@ def fewer(quick, **content):
 
 
 def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkeypatch):
-    monkeypatch.setattr(harmonic_balance_regression, "MOST", 1)
+    monkeypatch.setattr(harmonic_balance, "MOST", 1)
     out = tmp_path / "out"
     fewer(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
     for of_this in ("deviation", "already done"):

@@ -11,7 +11,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment
 from butterfly.experiment.sweep_spec import SweepSpec
 from butterfly.files import is_name, shipped, shipped_experiments
-from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
+from butterfly.identification.estimators import Loss, OutputError, WeakForm
 from butterfly.thesis.method import Thesis
 from tests.experiment.setting import SINGLE, planned, written
 
@@ -205,7 +205,7 @@ def test_estimators_have_the_options_of_their_method_and_a_shorthand_for_one(tmp
     assert several.all_estimators == (
         OutputError(terms=("drag",), per_mass=("zero",), loss=Loss.HUBER),
         Thesis(decimation=5),
-        HarmonicBalance(terms=("load",)),
+        OutputError(terms=("load",)),
     )
     short = written(tmp_path / "f.yaml", **QUICKSTART, method="weak-form", terms=[])
     assert read_experiment(short).all_estimators == (WeakForm(terms=()),)

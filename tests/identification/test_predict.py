@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.draws import draw_parameters
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.predict import (
@@ -14,6 +13,7 @@ from butterfly.identification.predict import (
     OF_PARAMETERS,
     Band,
     donors,
+    draw_parameters,
     expected_errors,
     predict_logs,
 )

@@ -10,7 +10,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import OutputError, Suitable
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import identify
 from butterfly.identification.problem import Start
@@ -228,7 +228,7 @@ def _followed(ripple, noise, seconds=20.0):
 
 def test_friction_that_changes_along_the_way_is_not_taken_for_mass_or_delay():
     log = _followed(ripple=4.0, noise=2e-5)
-    found = Suitable()(DataSet.of([log], known=Prior.of({"p4": GAIN})))
+    found = OutputError()(DataSet.of([log], known=Prior.of({"p4": GAIN})))
     assert found.method == "output error"
     assert found.horizon is None
     for name, truth in {"p1": MASS, "p2": DAMPING, "coulomb": FRICTION, "delay": 0.0}.items():

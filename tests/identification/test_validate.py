@@ -66,20 +66,8 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(
     np.testing.assert_allclose(result.fits, data.simulations.fits(chosen))
 
 
-def test_harmonic_balance_predicts_a_mass_it_has_not_seen(data):
-    assert cross_validate(data, BALANCE, Split.MASS).summary.worst > 98
-
-
-@pytest.mark.slow
-def test_harmonic_balance_predicts_masses_of_the_real_robot(real):
-    for estimator, median, mean, worst in (
-        (BALANCE, 93.0, 91.2, 67),
-        (HarmonicBalance(terms=()), 92.3, 91.2, 66),
-    ):
-        summary = cross_validate(real.data, estimator, Split.MASS).summary
-        assert summary.median >= median
-        assert summary.mean >= mean
-        assert summary.worst >= worst
+def test_a_mass_is_predicted_that_no_fit_has_seen(data):
+    assert cross_validate(data, OutputError(), Split.MASS).summary.worst > 98
 
 
 @pytest.mark.slow
@@ -130,16 +118,9 @@ def test_a_choice_is_judged_by_what_it_has_not_seen(data):
     assert 0 < nested.mean.error < 3
 
 
-class DescribingFunctions(HarmonicBalance):
-    """Without the remainder."""
-
-    def __call__(self, data):
-        return self.of_points(data.sines)
-
-
 @pytest.mark.slow
 def test_the_bootstrap_agrees_with_the_sandwich(real):
-    estimator = DescribingFunctions(terms=())
+    estimator = HarmonicBalance(terms=())
     whole = estimator(real.data)
     drawn = bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
     spread = np.std(drawn.values, axis=0)
@@ -147,7 +128,7 @@ def test_the_bootstrap_agrees_with_the_sandwich(real):
 
 
 def test_draws_spread_about_the_estimate_and_are_those_of_their_seed(data):
-    estimator = DescribingFunctions(terms=())
+    estimator = HarmonicBalance(terms=())
     whole = estimator(data)
     drawn = bootstrap(data, estimator, whole, repetitions=30, seed=1)
     ratio = np.std(drawn.values, axis=0) / whole.standard_errors
@@ -187,7 +168,7 @@ def test_draws_that_cannot_tell_a_term_are_drawn_again_or_refused():
 @pytest.mark.parametrize(
     ("estimator", "terms"),
     [
-        (HarmonicBalance(), ("stribeck", "bias")),
+        (HarmonicBalance(), ("stribeck", "drag")),
         (WeakForm(terms=("drag", "load"), half_width=0.2), ("drag",)),
         (OutputError(window=20.0), ("drag", "stribeck", "stribeck_velocity")),
         (OutputError(terms=("drag",)), ()),
@@ -289,7 +270,7 @@ def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
 @pytest.mark.parametrize(("kind", "least"), [("sines", 98), ("any motion", 99)])
 def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, kind, least):
     data = _of(sines, 2) if kind == "sines" else DataSet.of(wild(ROBOT))
-    estimator, seen = PLAIN if kind == "sines" else WeakForm(terms=()), []
+    estimator, seen = OutputError(terms=()) if kind == "sines" else WeakForm(terms=()), []
 
     def spy(part):
         seen.append(sum(float(log.time[-1] - log.time[0]) for log in part.logs))

@@ -164,4 +164,4 @@ def _excess(robot, estimator, estimate):
     zero = estimate.local.get(None, {}).get("zero", robot.zero)
     found = same.problem(data.logs, Start(estimate.parameters, dict.fromkeys(robot.masses, zero)))
     best = same.problem(data.logs, Start(truth, zeros))
-    return found.descend(found.initial).at.cost / best.descend(best.initial).at.cost
+    return found.descend().at.cost / best.descend().at.cost

@@ -368,7 +368,7 @@ def test_one_added_mass_has_one_colour_in_all_figures_of_a_page(simulated):
 def test_a_footer_says_what_was_run_on_which_data_when_and_with_what(simulated, page, monkeypatch):
     text = html.unescape(page.read_text(encoding="utf-8"))
     footer = text[text.index("<footer>") :]
-    for said in ("made from Python", "quickstart", "harmonic-balance", "<dt>date</dt>", "numpy "):
+    for said in ("made from Python", "quickstart", "output-error", "<dt>date</dt>", "numpy "):
         assert said in footer
     monkeypatch.setattr("sys.argv", ["/bin/butterfly", "identify", "my logs", "-r", "x.html"])
     origin = identification_page(simulated[0]).origin

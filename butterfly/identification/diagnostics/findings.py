@@ -43,6 +43,7 @@ class FindingKind(StrEnum):
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess
     NO_UNCERTAINTY = "no-uncertainty"  # number of equations
     COMBINATION = "combination"  # condition number, of parameters known in one combination only
+    APPROXIMATE = "approximate"  # a method whose intervals do not know its own error
     FEW_LOGS = "few-logs"  # number of logs; the scatter is that of their blocks
     SCATTER = "scatter"  # standard deviation between logs, over the value
     LEFT_OUT = "left-out"  # number of all logs; those named have no response to a sine

@@ -19,11 +19,11 @@ from butterfly.arrays import Samples, take_away, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
-from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.term_choice import candidates, stribeck_velocities
 from butterfly.identification.levels import DRAWS, ROUNDING, SHOWS
+from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.segments import Segments
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS

@@ -35,7 +35,7 @@ from butterfly.identification.diagnostics.unit_errors import (
 )
 from butterfly.identification.equations import CellEquations, Solution, scaled_least_squares
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
+from butterfly.identification.estimators import Estimator, WeakForm
 from butterfly.identification.estimators.weak_regression import About, Windows
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.servo_drive import driven
@@ -355,13 +355,9 @@ class _Search:
 
     def _without(self, mistake: _Mistake) -> Estimate | None:
         """Return what is quickly identified without a mistake, if a joint then follows better."""
-        sines = all(log.excitation for log in self.data.logs)
-        quick: Estimator = HarmonicBalance() if sines else WeakForm()
-        if isinstance(self.estimator, HarmonicBalance | WeakForm):
-            quick = self.estimator
         try:
             undone = mistake.undone(self.data)
-            found = quick(undone)
+            found = WeakForm()(undone)
         except _FAILURES:
             return None
         if not (np.isfinite(found.values).all() and is_possible(found, undone.masses)):

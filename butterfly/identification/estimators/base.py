@@ -9,7 +9,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import DRIVE, GEAR, PARAMETERS, TERMS, offered
+from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, TERMS, offered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Estimator:
         parts: list[str] = []
         for each in fields(self):
             value = getattr(self, each.name)
-            if each.name == "method" or value == each.default:
+            if each.name in {"method", "workers"} or value == each.default:
                 continue
             if each.name == "terms":
                 parts += value or ["no terms"]
@@ -55,10 +55,6 @@ class Estimator:
                 listed = " ".join(value) if isinstance(value, tuple) else value
                 parts.append(f"{each.name} {listed}")
         return f"{self.method}({', '.join(parts)})" if parts else self.method
-
-    def suited(self, data: DataSet) -> Estimator:  # noqa: ARG002 - for one that looks at the data
-        """Return the estimator that is meant for the logs of a data set: itself."""
-        return self
 
     def with_terms(self, terms: tuple[str, ...]) -> Self:
         """Return the estimator with other terms."""
@@ -82,8 +78,8 @@ class Estimator:
 _SETTINGS = {"stribeck_velocity", "cogging_periods"}
 
 TAKES = {
-    "harmonic-balance": {row.name for row in TERMS.values() if row.describing}
-    | {"p4", "delay", *DRIVE, *_SETTINGS},
+    "harmonic-balance": {row.name for row in TERMS.values() if row.describing} - {*BASE_TERMS}
+    | {"p4", "delay", *_SETTINGS},
     "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative} - {*GEAR}
     | {"delay", "mass_inertia", *_SETTINGS},
     "output-error": set(TERMS),

@@ -1,83 +1,71 @@
-"""The default method: a linear regression over all logs, at their own finite amplitudes.
+"""Harmonic balance: a linear regression over the steady responses to sines, as a fast look.
 
 At each log's frequency w, with the phasors th of the angle and u of the input and a = |th|, the
 balance of the fundamental of (78) with Coulomb friction and an input delay d reads
 
-    [-(p1 + Z) w^2 + j w p2 + (p3 + X) 2 J1(a)/a + j 4 T_c/(pi a)] th = p4 e^(-j w d) u + r
+    [-(p1 + Z) w^2 + j w p2 + (p3 + X) 2 J1(a)/a + j 4 T_c/(pi a)] th = p4 e^(-j w d) u
 
 which is linear in p1, p2, p3, T_c, p4 and, to first order about the current delay, in p4 d; so are
-the describing functions of all other terms that it offers. The
-known Z = m l^2 and X = m g l set the scale, so two different added masses are needed. Each row is
-divided by the slope of its left-hand side in th at the previous iterate (Sanathanan & Koerner,
-IEEE Trans. Autom. Control 8, 1963), which turns equation errors into angle errors, and by the
-angle error's standard deviation: the measured one of the phasor, and one in proportion to the
-swing, common to all logs, that makes room for what the model leaves out (Paule & Mandel, J. Res.
-NBS 87, 1982).
-
-The remainder r is what the free run of the model itself leaves over in that balance, read in the
-same window: what describing functions neglect, a transient that still rings, stamps that are not
-regular. It is 0 at first; with it the fit ends where the model's steady response is the measured
-one (indirect inference; Gourieroux, Monfort & Renault, J. Appl. Econometrics 8, 1993).
+the describing functions of all other terms that it offers. The known Z = m l^2 and X = m g l set
+the scale, so two different added masses are needed. Each row is divided by its left-hand side over
+th at the previous iterate (Sanathanan & Koerner, IEEE Trans. Autom. Control 8, 1963), and by the
+angle error's standard deviation: the phasor's, and one in proportion to the swing, common to all
+logs (DerSimonian & Laird, Controlled Clinical Trials 7, 1986). What describing functions neglect is
+in no interval.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import Conditions
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.harmonic_balance_regression import (
-    HarmonicBalanceFit,
-    Phasors,
-)
-from butterfly.identification.estimators.steady_response import (
-    RestAngles,
-    SteadyModel,
-    steady_sines,
-)
-from butterfly.identification.inference.agreement import contrasts_of
 from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
-    BASE,
     CANDIDATES,
-    RARER,
+    NEGLIGIBLE,
     TermChoice,
-    candidates,
-    requested_terms,
     scanned_terms,
+    submodels_of,
 )
-from butterfly.identification.levels import FEW
-from butterfly.identification.simulation import Simulation
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import PARAMETERS, offered
+from butterfly.model.prior import NO_PRIOR, Penalty, Prior
+from butterfly.model.terms import (
+    BASE_TERMS,
+    PARAMETERS,
+    TERMS,
+    FrictionTerms,
+    offered,
+)
 from butterfly.signals.frequency_response import ResponsePoint
-
-_OF_REST = "bias"
 
 LINEAR = ("p1", "p2", "p3", "p4")
 """What is estimated in the limit of small swings without Coulomb friction and delay."""
-_NAME = "harmonic balance"
+
+_EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
 
 @dataclass(frozen=True, kw_only=True)
 class HarmonicBalance(Estimator):
-    """Estimate p1..p4, coulomb, delay and terms from the steady responses to sines.
+    """Estimate p1..p4, coulomb, delay and terms from the steady responses to sines: a fast look.
 
     Needs at least four logs with two different added masses (none counts as one), or enough known
-    values. The covariance is cluster-robust over logs; the intervals are widened to include the
-    leave-one-mass-out estimates, and those with other terms that predict as well. The Stribeck
-    velocity comes from a grid search.
+    values. Its intervals do not know what describing functions neglect, so that it is to be used
+    with care at best. The Stribeck velocity comes from a grid search.
 
     Parameters
     ----------
@@ -89,7 +77,7 @@ class HarmonicBalance(Estimator):
     method: Literal["harmonic-balance"] = "harmonic-balance"
     terms: tuple[str, ...] | None = None
 
-    summary: ClassVar[str] = "linear fit of the steady responses to sines"
+    summary: ClassVar[str] = "fast look at the steady responses to sines"
 
     def __post_init__(self) -> None:
         require_names(self.method, "terms", self.terms or (), offered(self.method))
@@ -98,105 +86,39 @@ class HarmonicBalance(Estimator):
         """Estimate from the sines of a data set (see `Estimator`)."""
         data.require_angles(self.method)
         require_usable(self.method, data.known)
-        numbers, said = steady_sines(data)
-        points = [point for k in numbers if (point := data.points[k]) is not None]
-        _refuse_unsteady(len(data.sines), len(points), len(data.known.fitted(PARAMETERS)))
-        reference, fit = _begun(points, data.known, PARAMETERS)
-        wanted = None if self.terms is None else "bias" in self.terms
-        told = [data.logs[k].zero for k in numbers]
-        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted, told=told)
-        logs = [Simulation(data.logs[k], fit.parameters) for k in numbers]
-        poles = [point.pole for point in points]
-        robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
-        if BASE in (self.terms or ()):
-            fit = fit.on_likeliest_base(requested_terms(self.terms or (), {_OF_REST}))
-        fit, robot = robot.settled(fit)
-        conditions = Conditions.of([data.logs[k] for k in numbers], cells=1, steady=True)
-        always, optional = fit.phasors.names, self._optional
-        chosen, fit, robot = self._searched(fit, robot, conditions, optional)
-        if self._may_move(chosen, fit, conditions):
-            based = fit.on_likeliest_base(optional).phasors
-            begun = HarmonicBalanceFit.of(replace(based, names=always))
-            optional = (*optional, BASE)
-            if BASE in self._chosen(begun, conditions, optional)[0].terms:
-                moving = self._searched(begun, robot, conditions, optional)
-                nearer = BASE in moving[0].terms and moving[1].misfit < fit.misfit
-                if nearer and _bears(moving[1].parameters, data.masses):
-                    chosen, fit, robot = moving
-        known = robot.rest if robot.rest.bias is not None else None
-        return _judged(
-            points, fit, _NAME, said, reference, chosen=chosen, rest=known, conditions=conditions
-        )
-
-    def _searched(
-        self,
-        fit: HarmonicBalanceFit,
-        robot: SteadyModel,
-        conditions: Conditions,
-        optional: Sequence[str],
-    ) -> tuple[TermChoice, HarmonicBalanceFit, SteadyModel]:
-        """Choose terms, and those rarer ones without which parameters follow conditions."""
-        always = fit.phasors.names
-        plain: tuple[TermChoice, HarmonicBalanceFit, SteadyModel] | None = None
-        again = False
-        while True:
-            chosen, fit = self._chosen(fit, conditions, optional)
-            fit, robot = robot.settled(fit)
-            while self.terms is None and (idle := fit.idle):
-                chosen = chosen.without(idle)
-                fit = HarmonicBalanceFit.of(replace(fit.phasors, names=chosen.names))
-            for _ in range(FEW if BASE in fit.phasors.names else 0):
-                fit = HarmonicBalanceFit.of(fit.on_likeliest_base().phasors)
-                fit, robot = robot.settled(fit)
-            lacking = fit.lacking(always, conditions) if self.terms is None else None
-            if lacking is not None:
-                plain, always = plain or (chosen, fit, robot), (*always, lacking)
-            elif again or plain is None:
-                break
-            else:  # the others were chosen by a motion that lacked it
-                again = True
-            fit = HarmonicBalanceFit.of(replace(fit.phasors, names=always))
-        if plain and contrasts_of(fit.solved, conditions):  # it is no such term
-            return plain
-        return chosen, fit, robot
+        points = [point for k in data.steady if (point := data.points[k]) is not None]
+        lost = [k for k, point in enumerate(data.points) if point and k not in data.steady]
+        if lost and 2 * len(points) <= len(data.known.fitted(PARAMETERS)):
+            raise IdentifiabilityError(
+                f"only {len(points)} of {len(data.sines)} sine logs show a steady swing about a "
+                "rest angle: in the others the joint turns over, rests elsewhere, swings too wide "
+                "or does not settle; use weak-form or output-error, which accept any motion"
+            )
+        names = tuple(data.logs[k].name for k in lost)
+        said = Finding(FindingKind.LEFT_OUT, number=len(data.sines), logs=names)
+        found = self.of_points(points, data.known)
+        return found.with_findings(said) if lost else found
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
-        """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
+        """Estimate from steady responses (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen, fit = self._chosen(first, None, self._optional)
-        return _judged(points, fit, _NAME, [], reference, chosen=chosen)
+        chosen, fit = self._chosen(first)
+        return _judged(fit, "harmonic balance", reference, chosen)
 
-    @property
-    def _optional(self) -> tuple[str, ...]:
-        """Terms that are tried where none are told."""
-        able = {*offered(self.method)} - {_OF_REST}  # which the middles of the swings tell
-        return tuple(name for name in CANDIDATES if name in able)
-
-    def _may_move(
-        self, chosen: TermChoice, fit: HarmonicBalanceFit, conditions: Conditions
-    ) -> bool:
-        """Whether to try a base that gives: parameters follow what they should not."""
-        if self.terms is not None or not candidates((BASE,), fit.phasors.masses, fit.phasors.known):
-            return False
-        return not {*RARER}.isdisjoint(chosen.names) or bool(contrasts_of(fit.solved, conditions))
-
-    def _chosen(
-        self, fit: HarmonicBalanceFit, conditions: Conditions | None, optional: Sequence[str]
-    ) -> tuple[TermChoice, HarmonicBalanceFit]:
+    def _chosen(self, fit: HarmonicBalanceFit) -> tuple[TermChoice, HarmonicBalanceFit]:
         """Choose from all terms, or only the Stribeck velocity of those asked for; fit them."""
         phasors = fit.phasors
 
         def with_terms(terms: tuple[str, ...], speed: float | None) -> Submodels:
             slow = phasors.stribeck_velocity if speed is None else speed
             names = (*phasors.names, *terms)
-            nested = fit.nested(replace(phasors, names=names, stribeck_velocity=slow))
-            return replace(nested, conditions=conditions)
+            return fit.nested(replace(phasors, names=names, stribeck_velocity=slow))
 
         chosen = scanned_terms(
             with_terms,
             phasors.names,
-            None if self.terms is None else requested_terms(self.terms, {_OF_REST}),
-            optional,
+            self.terms,
+            tuple(name for name in CANDIDATES if name in offered(self.method)),
             masses=phasors.masses,
             known=phasors.known,
             fastest=float(np.max(np.abs(phasors.angle) * phasors.omega)),
@@ -227,7 +149,7 @@ class Linear(Estimator):
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
         reference, fit = _begun(points, known, LINEAR, small=True)
-        return _judged(points, fit, "joint linear complex fit", [], reference)
+        return _judged(fit, "joint linear complex fit", reference, None)
 
 
 def _begun(
@@ -237,65 +159,24 @@ def _begun(
     _refuse_too_few(points, known.fitted(names), known)
     reference = ScaleParameter.of([point.added_mass for point in points], known)
     known = reference.fixed
-    phasors = Phasors.of(points, known.fitted(names), small=small, known=known)
+    phasors = Phasors.of(points, known.fitted(names), known, small=small)
     return reference, HarmonicBalanceFit.of(phasors)
 
 
-def _bears(p: LumpedParameters, masses: Iterable[AddedMass]) -> bool:
-    """Tell whether a base is at least as heavy as what swings on it, whose least mass is h^2/p1."""
-    for loaded in map(p.with_added_mass, masses):
-        least = (loaded.moments[0] ** 2 + loaded.moments[1] ** 2) / loaded.p1
-        if 2 * least * loaded.base_compliance * loaded.base_frequency**2 > 1:
-            return False
-    return True
-
-
 def _judged(
-    points: Sequence[ResponsePoint],
-    fit: HarmonicBalanceFit,
-    method: str,
-    said: Sequence[Finding],
-    reference: ScaleParameter,
-    *,
-    chosen: TermChoice | None = None,
-    rest: RestAngles | None = None,
-    conditions: Conditions | None = None,
+    fit: HarmonicBalanceFit, method: str, reference: ScaleParameter, chosen: TermChoice | None
 ) -> Estimate:
-    """Judge a fit, and the bias that the rest angles tell."""
-    if chosen and BASE in fit.phasors.names:
-        chosen = replace(chosen, settings=chosen.settings | fit.phasors.base)
-    solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
-    more = solved.values[fit.solved.values.size :]
-    others = chosen.rival_values if chosen else ()
-    if BASE in fit.phasors.names:
-        others = (*others, *fit.on_other_bases)
-    rivals = (np.append(each, more) for each in others)
-    whole = reference.whole(solved)
-    besides = np.zeros((len(whole.names), len(whole.names)))
-    if rest is not None:
-        besides[-1, -1] = rest.variance_by_zeros
-    found = infer(
-        whole,
+    """Return the estimate of a fit, whose intervals do not know what the method neglects."""
+    rivals, said = (chosen.rival_values, chosen.findings) if chosen else ((), ())
+    return infer(
+        reference.whole(fit.solved),
         method=method,
-        rivals=tuple(reference.grown(each, solved.names) for each in rivals),
-        findings=said,
+        rivals=tuple(reference.grown(each, fit.solved.names) for each in rivals),
+        findings=[Finding(FindingKind.APPROXIMATE), *said],
         fixed=chosen.settings if chosen else None,
-        masses=[point.added_mass for point in points],
-        conditions=conditions,
+        masses=fit.phasors.masses,
         known=reference.known,
-        local=None if rest is None else rest.shared_zero,
-        besides=besides,
     )
-    return found if chosen is None else found.with_findings(*chosen.findings)
-
-
-def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:
-    if steady < sines and 2 * steady <= sought:
-        raise IdentifiabilityError(
-            f"only {steady} of {sines} sine logs show a steady swing about a rest angle: in the "
-            "others the joint turns over, rests elsewhere, swings too wide or does not settle; use "
-            "weak-form or output-error, which accept any motion"
-        )
 
 
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str], known: Prior) -> None:
@@ -306,8 +187,164 @@ def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str], known
         )
     refuse_without_scale((point.added_mass for point in points), known)
     if 2 * len(points) <= len(names):
-        give = "log gives" if len(points) == 1 else "logs give"
-        raise IdentifiabilityError(
-            f"{len(points)} {give} {2 * len(points)} equations for {len(names)} parameters: add "
-            "runs at other frequencies"
+        count = f"{len(points)} {'log gives' if len(points) == 1 else 'logs give'}"
+        equations = f"{2 * len(points)} equations for {len(names)} parameters"
+        raise IdentifiabilityError(f"{count} {equations}: add runs at other frequencies")
+
+
+@dataclass(frozen=True, eq=False)
+class Phasors:
+    """The (n,) arrays that enter the balance of n responses."""
+
+    # omega, angle, input: frequencies in rad/s, phasors of angle in rad and input in its unit
+    omega: Samples
+    angle: NDArray[np.complex128]
+    input: NDArray[np.complex128]
+    variance: Samples  # of each component of the angle's phasor, in rad^2
+    masses: tuple[AddedMass, ...]
+    names: tuple[str, ...]  # the parameters that are estimated
+    swing: Samples  # in rad, at which the describing functions are taken
+    # what is known of the robot; what is known exactly is not among the names
+    known: Prior = NO_PRIOR
+    # in rad/s, at which Stribeck friction is described
+    stribeck_velocity: float = FrictionTerms.stribeck_velocity
+
+    @classmethod
+    def of(
+        cls, points: Sequence[ResponsePoint], names: tuple[str, ...], known: Prior, *, small: bool
+    ) -> Phasors:
+        """Collect them from steady responses; with ``small``, sin th counts as th."""
+        angle = np.array([p.angle.fundamental for p in points])
+        return cls(
+            omega=np.array([p.omega for p in points]),
+            angle=angle,
+            input=np.array([p.input for p in points]),
+            variance=np.array(
+                [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
+            ),
+            masses=tuple(p.added_mass for p in points),
+            names=names,
+            swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
+            known=known,
+            stribeck_velocity=known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
         )
+
+    def equations(
+        self, about: LumpedParameters
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """(n, p) regressors and (n,) targets; what p4 multiplies enters as p4 (value - about)."""
+        late = self.input * np.exp(-1j * self.omega * about.delay)
+        driven = {"p4": -late, "delay": 1j * self.omega * late}
+        columns = self._columns | driven
+        told = ((n, v) for n, v in self.known.fixed.items() if n in {"p4", *self._columns})
+        given = self._carried + sum(value * columns[name] for name, value in told)
+        return np.column_stack([columns[name] for name in self.names]), -given
+
+    def weighted(self, weights: Samples, about: LumpedParameters) -> Regression:
+        """Return the equations about a delay, as (n,) weights count them."""
+        matrix, target = self.equations(about)
+        return Regression(
+            names=self.names,
+            rows=_parts(matrix * weights[:, None]),
+            target=_parts(target * weights),
+            cluster=np.tile(np.arange(self.omega.size), 2),
+            about={"delay": about.delay},
+            gain=about.p4,
+            prior=Penalty.of(self.names, self.known.parameters),
+        )
+
+    def described(self, values: Samples) -> LumpedParameters:
+        """Return the model's parameters: (n,) values of the names, and what is known exactly."""
+        found = dict(zip(self.names, values.tolist(), strict=True))
+        told = self.known.fixed | {"stribeck_velocity": self.stribeck_velocity}
+        return LumpedParameters(**told | found)
+
+    def slope(self, values: Samples) -> Samples:
+        """(n,) torque of the left-hand side over the swing."""
+        found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
+        torque = sum(value * self._columns[n] for n, value in found.items() if n in self._columns)
+        inertia = self._of_masses("inertia")
+        heaviest = np.maximum(np.abs(inertia + found.get("p1", 0.0)), inertia.max())
+        torque, least = torque + self._carried, SHOWS * heaviest * self.omega**2
+        return np.asarray(np.maximum(np.abs(torque / self.angle), least))
+
+    @cached_property
+    def _columns(self) -> dict[str, NDArray[np.complex128]]:
+        """What parameters multiply, the motor's torque aside: (n,) each."""
+        fields = {"weight": "weight", "mass": "mass", "carried": "swung"}
+        given = {field: self._of_masses(name) for field, name in fields.items()}
+        periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
+        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
+        motion = settings.motion(0.0, 0.0, **given)
+        return {
+            row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
+            for row in TERMS.values()
+            if row.describing is not None
+            and row.name in {*self.names, *self.known.fixed, "p1", "p3"} - {*BASE_TERMS}
+        }
+
+    @property
+    def _carried(self) -> NDArray[np.complex128]:
+        """(n,) torques of the added masses."""
+        pairs = (("p1", "inertia"), ("p3", "gravity_moment"))
+        return np.asarray(sum(self._of_masses(own) * self._columns[name] for name, own in pairs))
+
+    def _of_masses(self, name: str) -> Samples:
+        """(n,) some property of the added masses."""
+        return np.array([getattr(mass, name) for mass in self.masses], dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HarmonicBalanceFit:
+    """A balance and its solution."""
+
+    phasors: Phasors  # what was balanced
+    weights: Samples  # (n,) of the n logs
+    regression: Regression  # regression, solved: the equations about the solution, and the solution
+    solved: CellEquations
+
+    @classmethod
+    @np.errstate(divide="ignore", over="ignore", invalid="ignore")
+    def of(cls, phasors: Phasors) -> HarmonicBalanceFit:
+        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
+        count, swing = len(phasors.names), np.abs(phasors.angle)
+        values, weights = np.zeros(count), np.ones(phasors.omega.size)
+        for _ in range(MOST):
+            about = phasors.described(values)
+            regression = phasors.weighted(weights, about)
+            solution = regression.solve()
+            moved = solution.values - values
+            before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
+            values = solution.values
+            slope = phasors.slope(values)
+            rest = (regression.rows @ unknowns - regression.target).reshape(2, -1) / weights
+            errors = np.hypot(*rest) / (slope * swing)
+            if not np.isfinite(errors).all():
+                raise IdentifiabilityError(
+                    "no joint fits the steady responses of these logs: check their units"
+                )
+            left = float(errors @ errors) / (2 * swing.size - count)
+            spread = max(left - float(np.mean(phasors.variance / swing**2)), 0.0)
+            weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
+            change = np.linalg.norm(regression.rows @ (unknowns - before))
+            settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
+            if settled:
+                break
+        solved = CellEquations.of(regression, solution)
+        solved = solved if settled else solved.stopped(moved)
+        return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
+
+    def nested(self, phasors: Phasors) -> Submodels:
+        """Return the equations of a balance with more terms, as this one weighs them."""
+        about = self.phasors.described(self.solved.values)
+        regression = phasors.weighted(self.weights, about)
+        values = np.array([getattr(about, name) for name in phasors.names])
+        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
+        slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
+        negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
+        return submodels_of(CellEquations.of(regression, solution), phasors.masses, negligible)
+
+
+def _parts(values: NDArray[np.complex128]) -> Samples:
+    """Return real parts, then imaginary ones."""
+    return np.concatenate([values.real, values.imag])

@@ -46,7 +46,7 @@ from butterfly.identification.inference.term_choice import (
     requested_terms,
 )
 from butterfly.identification.levels import FEW, MATTERS
-from butterfly.identification.problem import LOCAL, Key, Options, Problem, Start
+from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.segments import horizon_of
 from butterfly.identification.weighed_logs import (
     WeighedLogs,
@@ -200,7 +200,8 @@ class OutputError(Estimator):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
         whole, unweighted = reference.whole(solved), reference.whole(cells)
-        rivals = (*fitted.rivals, *clock)
+        stopped = [] if end.converged else [solved.values + solved.next_step]
+        rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in stopped))
         estimate = infer(
             whole,
             unweighted=unweighted,
@@ -254,7 +255,7 @@ class OutputError(Estimator):
         every = known.fitted((*PARAMETERS, *self._names(logs, known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         settings = {"cogging_periods": self.cogging_periods, "slow_interval": slow_interval(logs)}
-        options = Options(
+        options = ProblemOptions(
             per_mass=self.per_mass,
             per_log=self.per_log,
             window=self.window,

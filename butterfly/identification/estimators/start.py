@@ -21,7 +21,6 @@ from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
-from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.term_choice import candidates
@@ -79,7 +78,7 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
-    points = data.take(steady_sines(data)[0]).sines
+    points = data.take(data.steady).sines
     found = closed_form.of_points(points, usable(closed_form.method, data.known))
     return replace(Start.at(found, data), parameters=_moving(found, data))
 

@@ -112,20 +112,12 @@ def disagreements_of(
         for _, each, ends in accepted
         for limit, end in ends
     )
-    return _contrasts(equations, conditions, accepted), tuple(rivals)
+    return tuple(contrast for contrast, *_ in accepted), tuple(rivals)
 
 
 def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Contrast, ...]:
     """Return the contrasts that are no chance and matter, the best first."""
-    return _contrasts(equations, conditions, _accepted(equations, conditions))
-
-
-def _contrasts(
-    equations: CellEquations, conditions: Conditions, accepted: list[_Accepted]
-) -> tuple[Contrast, ...]:
-    if accepted or not conditions.steady:  # others have `scatter` to weigh logs, or free runs
-        return tuple(contrast for contrast, *_ in accepted)
-    return from_log_to_log(equations)
+    return tuple(contrast for contrast, *_ in _accepted(equations, conditions))
 
 
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:

@@ -188,7 +188,7 @@ class ScaleParameter:
         about = dict(zip(names, values.tolist(), strict=True))
         prior = Penalty.of(names, self.known.parameters, solved.realised_variance, about)
         assert prior is not None  # noqa: S101 - the reference is uncertain
-        bread = solved.bread
+        bread, unsettled = solved.bread, solved.unsettled
         if bread is not None:
             of_logs = bread if solved.prior is None else bread - solved.prior.curvature
             bread = turned.T @ of_logs @ turned + prior.curvature
@@ -200,6 +200,7 @@ class ScaleParameter:
             on_bound=np.insert(solved.on_bound, at, [False]),
             lower=np.insert(solved.lower, at, TERMS[self.name].lower),
             bread=bread,
+            unsettled=None if unsettled is None else np.insert(unsettled, at, 0.0),
             prior=prior,
         )
         if prior.active.sum() == 1:

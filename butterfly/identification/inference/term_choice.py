@@ -81,16 +81,6 @@ class TermChoice:
         )
         return (*scanned, *(Finding(kind, names) for kind, names in said.items() if names))
 
-    def without(self, idle: tuple[str, ...]) -> TermChoice:
-        """Return the choice without some terms that turned out to be nothing."""
-        return replace(
-            self,
-            names=tuple(name for name in self.names if name not in idle),
-            terms=tuple(name for name in self.terms if name not in idle),
-            settings={} if SCANNED in idle else self.settings,
-            not_helping=(*self.not_helping, *idle),
-        )
-
 
 def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
     """Return the terms that are worth trying with some added masses, and some knowledge.

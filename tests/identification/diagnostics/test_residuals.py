@@ -10,14 +10,14 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals, residuals_of
 from butterfly.identification.diagnostics.sensor_errors import Curve
-from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import identify
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.terms import PARAMETERS
 from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, TONES, estimate_of, simulated, steady
+from tests.identification.simulated import ROBOT, TONES, estimate_of, simulated
 
 FIT = OutputError(terms=(), workers=1)
 MISSING = {
@@ -134,14 +134,6 @@ def test_a_value_that_is_a_little_off_is_an_error_and_no_misfit(noisy):
     assert not misfit.beyond_sensors
     again = residuals_of(data, estimate)
     assert [log.excess for log in again.logs] == [log.excess for log in before.logs]
-
-
-def test_harmonic_balance_of_steady_sines_leaves_no_misfit():
-    swings = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
-    data = _read(steady(ROBOT, swings), Encoder(steps=8192, noise=1e-3))
-    misfit = residuals_of(data, HarmonicBalance()(data))
-    assert misfit.relative < 1.3 * misfit.left
-    assert not misfit.beyond_sensors
 
 
 def test_a_run_that_fails_is_outside_and_hides_no_other(noisy):

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.estimators import HarmonicBalance
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
     candidates,
@@ -92,7 +92,7 @@ def test_one_log_is_enough_where_all_else_is_known():
     """One error has no scatter, and there is nothing to choose."""
     data = DataSet.of(steady(ROBOT, {2.2: 0.5})[:1])
     known = {"p1": ROBOT.p1, "p2": ROBOT.p2, "p3": ROBOT.p3, "p4": ROBOT.p4, "delay": 0.0}
-    found = HarmonicBalance(terms=())(data.knowing(Prior.of(known)))
+    found = OutputError(terms=(), workers=1)(data.knowing(Prior.of(known)))
     assert found.parameters.coulomb == pytest.approx(ROBOT.coulomb, rel=1e-3)
 
 
