@@ -20,7 +20,7 @@ ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimato
 DEFAULT_METHOD = "auto"
 """Another name of output error, the default."""
 
-METHODS = (DEFAULT_METHOD, *ESTIMATORS)
+METHODS = (*ESTIMATORS, DEFAULT_METHOD)
 """Names of methods."""
 
 

@@ -346,7 +346,7 @@ _ROWS = (
          "stiffness towards angle 0, as of a cable or flexure",
          lower=0.0, basis=lambda m: m.angle, potential=lambda x, _n: 0.5 * x**2,
          describing=lambda _w, a, _m: np.ones_like(a),
-         looks_like="a spring", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
+         looks_like="a spring", offered=frozenset({_WEAK, _OUTPUT})),
     Term("p3_offset", "p₃ offset", "N m",
          "gravity moment of a centre of mass off the line from pivot to added mass",
          basis=lambda m: np.cos(m.angle), potential=lambda x, _n: np.sin(x),

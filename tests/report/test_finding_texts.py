@@ -53,7 +53,7 @@ OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 """What values rest on instead."""
 OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
-    *(FindingKind.FEW_MASSES, FindingKind.OTHER_END),
+    *(FindingKind.FEW_MASSES, FindingKind.OTHER_END, FindingKind.APPROXIMATE),
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
