@@ -22,7 +22,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.representer import SafeRepresenter
 
 from butterfly.errors import InputError, nearest, shown
-from butterfly.files import read_file
+from butterfly.files import read_file, refuse_binary
 
 _DEEPEST = 50  # nested mappings and lists: more would raise a RecursionError
 _MOST = 300_000  # values, aliases expanded
@@ -218,6 +218,7 @@ def load_yaml(path: Path) -> Document:
 
 def _text(path: Path) -> str:
     """Return the text of a file, unless it is too large."""
+    refuse_binary(path)
     try:
         return read_file(path, "an existing YAML file", most=_LARGEST).decode()
     except UnicodeDecodeError:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
 from butterfly.errors import InputError
-from butterfly.files import locate
+from butterfly.files import locate, refuse_binary
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
 from butterfly.logs.formats import ENDINGS, FORMATS, Table, is_table, log_of_table
@@ -288,6 +288,7 @@ def _described(
         listed = _entry_of(path, beside, root, given) if beside.exists() else None
         return listed or draft(path, given)
     if suffix not in _YAML:
+        refuse_binary(path)
         expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT_ENDING})"
         raise InputError(path, "file name", path.suffix or "no ending", expected)
     try:

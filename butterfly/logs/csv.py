@@ -54,6 +54,17 @@ def read_csv(
         lambda names: chosen_columns(path, names, columns, properties)[0].values(),
         by_number=all(str(each).isdecimal() for each in wanted.values()),
     )
+    return log_of_text(path, table, columns, units, **properties)
+
+
+def log_of_text(
+    path: Path,
+    table: TextColumns,
+    columns: ColumnMap | None,
+    units: Units,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Return the log in a table of a file."""
     places, unasked = chosen_columns(path, table.names, columns, properties)
     reading = table.reading
     for field in unasked:
@@ -62,7 +73,7 @@ def read_csv(
             layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
     arrays: dict[str, Any] = {
-        field: _numeric(path, table, k, str(wanted.get(field, field)))
+        field: _numeric(path, table, k, str((columns or {}).get(field, field)))
         for field, k in places.items()
     }
     headings = _headings(path, table, places)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
+from butterfly.files import refuse_binary
 from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
@@ -20,10 +21,11 @@ from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
 FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json") | {".mcap": "mcap"}
+FORMATS |= {".npz": "npz", ".npy": "npz", ".xlsx": "excel", ".xlsm": "excel"}
 """The module that reads files of an ending; imported when it is used, as each is slow."""
 
-OFTEN_TEXTS = {".txt", ".dat", ".json"}
-"""Endings of files that are often texts of another kind."""
+OFTEN_OTHERS = {".txt", ".dat", ".json", ".npz", ".npy", ".xlsx", ".xlsm"}
+"""Endings of files that often are no log."""
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])
 """The endings, in words."""
@@ -54,13 +56,21 @@ def _state(path: Path) -> tuple[int, ...]:
 
 
 def holds_table(path: Path) -> bool:
-    """Whether a file, which may be a text of another kind, holds enough numbers for a log."""
-    return bool(_module(path).holds_table(path))
+    """Whether a file, which may be of another kind, holds enough numbers for a log."""
+    module = _module(path)
+    if hasattr(module, "holds_table"):
+        return bool(module.holds_table(path))
+    try:
+        names = dict(zip(DEFAULT_COLUMNS, range(3), strict=True))
+        return bool(read_log(path, names, Units(factors=dict.fromkeys(names, 1.0))))
+    except InputError as error:
+        return "the extra" in error.expected
 
 
 def _module(path: Path) -> ModuleType:
     ending = path.suffix.lower()
     if ending not in FORMATS:
+        refuse_binary(path)
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
     return import_module(f"butterfly.logs.{FORMATS[ending]}")
 
@@ -170,24 +180,30 @@ def log_of_table(
     table: Table,
     columns: ColumnMap | None = None,
     units: Units = AS_IS,
+    *,
+    said: Mapping[str, Any] | None = None,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
 ) -> Log:
-    """Make a log of a table; a plain array has the columns of `SAMPLED` unless others are given."""
+    """Make a log of a table; numbered columns are those of `SAMPLED` unless others are given.
+
+    What is ``said`` beside the table are metadata.
+    """
     found = _columns(table)
     names = list(found)
-    if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
+    if columns is None and names == [*map(str, range(len(names)))]:
         columns = dict(zip(SAMPLED, range(len(names)), strict=False))
-    places, unasked = chosen_columns("table", names, columns, properties)
+    properties = {"source": "table"} | properties
+    places, unasked = chosen_columns(properties["source"], names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}
-    sayings = _said(table, found)
+    sayings = _said(properties["source"], table, found)
+    sayings.metadata(said or {})
     headings = sayings.headings(places)
-    properties |= {"source": "table"}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _said(table: Table, columns: Mapping[str, Any]) -> Sayings:
+def _said(source: object, table: Table, columns: Mapping[str, Any]) -> Sayings:
     """Return what a table says in its attributes, those of its columns, and their types."""
-    sayings = Sayings("table", [*columns])
+    sayings = Sayings(source, [*columns])
     for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
         for key in ("attrs", "meta", "info"):
             found = getattr(owner, key, None)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS, holds_table
+from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, holds_table
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
@@ -63,18 +63,18 @@ def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
         entry = _entry_by_name(path, folder, units)
         if entry is not None:
             entries.append(entry)
-        elif path.suffix.lower() not in OFTEN_TEXTS:
+        elif path.suffix.lower() not in OFTEN_OTHERS:
             expected = "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
             raise InputError(path, "file name", path.stem, expected)
     return sorted(entries, key=lambda each: (known_of(each.added_mass).value, each.omega or 0.0))
 
 
 def _entries(folder: Path) -> list[LogEntry]:
-    """Return an entry for each log; a file that is often another text must hold a table."""
+    """Return an entry for each log; a file that is often no log must hold a table."""
     paths = [
         path
         for path in log_files(folder)
-        if path.suffix.lower() not in OFTEN_TEXTS or holds_table(path)
+        if path.suffix.lower() not in OFTEN_OTHERS or holds_table(path)
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")

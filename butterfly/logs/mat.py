@@ -14,7 +14,7 @@ from scipy.io import savemat
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
-from butterfly.logs.formats import ColumnMap, checked_map
+from butterfly.logs.formats import DEFAULT_COLUMNS, VELOCITY, ColumnMap, checked_map
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_variables import MatlabObject, load_variables
 from butterfly.logs.said import Sayings
@@ -33,11 +33,16 @@ def read_mat(
 
     A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
-    Without a map the columns are t, u, q[, dq] of ``D``.
+    Without a map the columns are t, u, q[, dq] of ``D``, or time, input, angle[, velocity] of the
+    only struct with these. Tables, timetables and timeseries need the extra ``matlab``.
     """
     said: dict[str, Mapping[str, Any]] = {}
     if columns is None:
-        variables, matrix = _matrix(path, said)
+        variables, names = load_variables(path, {_MATRIX}, said)
+        if isinstance(variables.get(_MATRIX, {}), dict | MatlabObject):
+            columns = _columns_of_table(path, names)
+    if columns is None:
+        matrix = _matrix(path, variables, names)
         arrays: dict[str, Any] = dict(zip(SAMPLED, matrix.T, strict=False))
         named = dict.fromkeys(arrays, _MATRIX)
     else:
@@ -74,11 +79,25 @@ def _parts(name: str | int) -> list[str]:
     return [_MATRIX, *parts] if parts[0].isdecimal() else parts
 
 
-def _matrix(path: Path, said: dict[str, Mapping[str, Any]]) -> tuple[dict[str, Any], Samples]:
-    """Return all variables, and the matrix of columns."""
-    variables, names = load_variables(path, {_MATRIX}, said)
-    if _MATRIX not in variables:
+def _columns_of_table(path: Path, names: list[str]) -> dict[str, str | int] | None:
+    """Return the columns of the only struct or table with time, input and angle."""
+    variables, _ = load_variables(path, names)
+    tables: dict[str, dict[str, str | int]] = {}
+    for name, each in variables.items():
+        own = {key.lower(): f"{name}.{key}" for key in each} if isinstance(each, dict) else {}
+        if own.keys() >= DEFAULT_COLUMNS.keys():
+            tables[name] = {f: own[f] for f in (*DEFAULT_COLUMNS, VELOCITY) if f in own}
+    if len(tables) > 1:
+        expected = f"columns of one of them: --columns time={next(iter(tables))}.time,..."
+        raise InputError(path, "columns", f"tables {', '.join(tables)}", expected)
+    if not tables:
         _refuse_objects(path, _MATRIX, variables)
+    return next(iter(tables.values()), None)
+
+
+def _matrix(path: Path, variables: dict[str, Any], names: list[str]) -> Samples:
+    """Return the matrix of columns."""
+    if _MATRIX not in variables:
         found = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
         raise InputError(path, _MATRIX, found, expected)
@@ -87,7 +106,7 @@ def _matrix(path: Path, said: dict[str, Mapping[str, Any]]) -> tuple[dict[str, A
         found = matrix if isinstance(matrix, str) else type(matrix).__name__
         found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
         raise InputError(path, _MATRIX, found, "shape (n, 3) or (n, 4): t, u, q[, dq]")
-    return variables, _real(path, _MATRIX, matrix)
+    return _real(path, _MATRIX, matrix)
 
 
 def _real(path: Path, name: str, values: NDArray[Any]) -> Samples:

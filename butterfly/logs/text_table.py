@@ -18,7 +18,7 @@ from pyarrow import csv
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import read_file, require_file, whole
+from butterfly.files import read_file, refuse_binary, require_file, whole
 from butterfly.logs.log import AS_WRITTEN, FileReading
 from butterfly.logs.units import is_unit, without_unit, words_in
 
@@ -60,8 +60,15 @@ class _Line(NamedTuple):
 def read_text_table(path: Path) -> TextColumns:
     """Read a table of any delimiter, decimal mark and encoding, with or without a header."""
     size = require_file(path, "an existing file")
+    refuse_binary(path, any_kind=False)
     require_room(path, "content", f"{size_text(size)} of text", _PER_BYTE * size)
-    text, encoding = _decoded(path)
+    return table_of_text(path, *_decoded(path))
+
+
+def table_of_text(
+    path: Path, text: str, encoding: str = "UTF-8", delimiters: str = ";\t, "
+) -> TextColumns:
+    """Return the table in a text, whose cells one of the delimiters divides."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     comments = [line for line in filled if line.text.lstrip().startswith(_COMMENTS)]
@@ -69,7 +76,7 @@ def read_text_table(path: Path) -> TextColumns:
     for line in body:
         if len(line.text) > _WIDEST:
             require_narrow(path, line.number, line.text)
-    delimiter, first = _dialect(path, body)
+    delimiter, first = _dialect(path, body, delimiters)
     width = len(_cells(body[first].text, delimiter))
     while first and _is_without_names(_cells(body[first - 1].text, delimiter)):
         first -= 1
@@ -78,15 +85,14 @@ def read_text_table(path: Path) -> TextColumns:
     cut = len(rows) > 1 and (unended or len(_cells(rows[-1].text, delimiter)) < width)
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
-    above = body[: first - len(heads)] if first else []
-    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *above)]
     names, units = _names_and_units(heads)
+    others = first - (names is not None) - (units is not None) if first else 0
+    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *body[:others])]
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
-    others = first - (names is not None) - (units is not None) if first else 0
     decimal = "," if _has_decimal_commas(rows, delimiter) else "."
     texts = {
-        f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
+        f"{_DELIMITERS[delimiter]} between columns": delimiter not in {",", delimiters},
         "decimal commas": decimal == ",",
         encoding: encoding != "UTF-8",
         f"comment lines: {len(comments)}": bool(comments),
@@ -141,11 +147,11 @@ def _cells(text: str, delimiter: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
+def _dialect(path: Path, body: list[_Line], delimiters: str) -> tuple[str, int]:
     """Return the delimiter that makes most cells numbers, and the first row's line."""
     sample = body[:_SAMPLE]
     best, share = ",", 0.0
-    for delimiter in _DELIMITERS:
+    for delimiter in delimiters:
         rows = [_cells(line.text, delimiter) for line in sample]
         filled = [[cell for cell in row if cell] for row in rows if len(row) > 1]
         numbers = sum(sum(map(is_number, row)) for row in filled if sum(map(is_number, row)) > 1)

@@ -1,0 +1,92 @@
+"""MATLAB's tables, timetables and timeseries, as structs, by the package mat-io."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from butterfly.logs.matlab_variables import MatlabObject, is_skipped
+
+
+def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+    """Return the wanted variables that hold objects, with these as structs, unless it fails.
+
+    How the file was read before says that its parts are whole, which mat-io takes for granted.
+    """
+    known = [name for name in wanted if name in variables and not is_skipped(variables[name])]
+    names = [name for name in known if _holds_object(variables[name])]
+    with warnings.catch_warnings(), suppress(Exception):  # an object that is not read is refused
+        warnings.simplefilter("ignore")
+        if names:
+            from matio import load_from_mat  # noqa: PLC0415 - an extra
+
+            found = load_from_mat(str(path), variable_names=[*names], add_table_attrs=True)
+            return {name: _filled(variables[name], found[name]) for name in names}
+    return {}
+
+
+def _holds_object(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
+    below = found.values() if isinstance(found, dict) else found if isinstance(found, list) else ()
+    return isinstance(found, MatlabObject) or any(map(_holds_object, below))
+
+
+def _filled(before: Any, after: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+    """Return what was read, its objects as mat-io reads them, clocks in s."""
+    if isinstance(before, dict):
+        (one,) = np.ravel(after)
+        return {name: _filled(each, one[name]) for name, each in before.items()}
+    if isinstance(before, list):
+        return [_filled(*pair) for pair in zip(before, np.ravel(after, "F"), strict=True)]
+    found = _plain(after) if isinstance(before, MatlabObject) else before
+    if isinstance(found, np.ndarray) and found is not before:
+        return _seconds(found) if found.dtype.kind in "mM" else before
+    return found
+
+
+def _plain(found: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+    """Return an object as a struct, if it is of a known kind."""
+    if hasattr(found, "attrs"):
+        return _frame(found)
+    if not isinstance(getattr(found, "properties", None), dict):
+        return found
+    own = {name.rstrip("_"): _plain(each) for name, each in found.properties.items()}
+    known = _series(own) if found.classname == "timeseries" else MatlabObject(found.classname)
+    return own if found.classname.startswith("tsdata.") else known
+
+
+def _series(own: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of a timeseries, whose times may be a start and an increment."""
+    about = own["TimeInfo"]
+    time = np.ravel(own.get("Time", about.get("Time", ())))
+    if not time.size:
+        start, step, count = (np.ravel(about[key])[0] for key in ("Start", "Increment", "Length"))
+        time = start + step * np.arange(int(count))
+    said = {"Time": about.get("Units"), "Data": own.get("DataInfo", {}).get("Units")}
+    return {"Time": time, "Data": np.squeeze(own["Data"]), "Properties": {"units": said}}
+
+
+def _frame(frame: Any) -> dict[str, Any]:  # noqa: ANN401 - pandas'
+    """Return the columns of a table, or of a timetable with its row times first."""
+    units, texts = (
+        frame.attrs.get(f"Variable{key}") or frame.attrs.get(f"var{key}") or [""] * frame.shape[1]
+        for key in ("Units", "Descriptions")
+    )
+    rows = zip(frame.items(), units, texts, strict=True)
+    said = [
+        {"name": name, "unit": "" if each.dtype.kind in "mM" else unit, "description": text}
+        for (name, each), unit, text in rows
+    ]
+    frame = frame if frame.index.name is None else frame.reset_index()
+    columns = {str(name): _seconds(each.to_numpy()) for name, each in frame.items()}
+    return columns | {"Properties": {"columns": said}}
+
+
+def _seconds(values: Any) -> Any:  # noqa: ANN401 - an array of any type
+    """Return durations in s, and instants in s from the first; other values as they are."""
+    values = values - values[:1] if values.dtype.kind == "M" else values
+    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
