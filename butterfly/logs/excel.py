@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +32,10 @@ def read_excel(
     for name, text in _texts(path).items():
         try:
             tables[name] = table_of_text(path, text, f"sheet {name}", "\t")
-        except InputError as error:
-            fault = error
-            continue
-        with suppress(InputError):
             chosen_columns(path, tables[name].names, columns, properties)
             fitting.append(name)
+        except InputError as error:
+            fault = error
     if not tables:
         raise fault
     (chosen, *others) = fitting or tables

@@ -39,12 +39,10 @@ def read_npz(
     texts = {name: arrays.pop(name) for name in [*arrays] if arrays[name].dtype.kind in "SU"}
     table: Any = {}
     for name, each in arrays.items():
-        if len(arrays) == 1 and (each.ndim == 2 or each.dtype.names):  # noqa: PLR2004 - a matrix
-            table = each
-        elif each.ndim == 2 and 1 not in each.shape:  # noqa: PLR2004 - a matrix
-            table |= {f"{name}.{k}": own for k, own in enumerate(each.T)}
-        else:
-            table |= {name: each.ravel()}
+        wide = each.ndim == 2 and 1 not in each.shape  # noqa: PLR2004 - a matrix
+        numbered = enumerate(each.T) if wide else ()
+        own = {f"{name}.{k}": part for k, part in numbered} or {name: each.ravel()}
+        table = each if len(arrays) == 1 and (wide or each.dtype.names) else table | own
     return log_of_table(table, columns, units, said=texts, **properties | {"source": str(path)})
 
 
