@@ -65,7 +65,7 @@ def _series(own: dict[str, Any]) -> dict[str, Any]:
     time = np.ravel(own.get("Time", about.get("Time", ())))
     if not time.size:
         start, step, count = (np.ravel(about[key])[0] for key in ("Start", "Increment", "Length"))
-        time = start + step * np.arange(int(count))
+        time = start + step * np.arange(min(int(count), np.size(own["Data"])))
     said = {"Time": about.get("Units"), "Data": own.get("DataInfo", {}).get("Units")}
     return {"Time": time, "Data": np.squeeze(own["Data"]), "Properties": {"units": said}}
 

@@ -133,6 +133,7 @@ _NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classe
 _OTHERS, _CELL, _TEXT = {5: "a sparse matrix"}, 1, 4
 _TEXTS = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _COMPLEX = 0x0800
+_LONGEST_EMPTY = 1 << 20
 _DEEPEST = 32  # dimensions, and structs within structs
 
 Bytes = memoryview
@@ -229,6 +230,8 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
     shape = elements.numbers("a shape", _INT32)
     if not 2 <= len(shape) <= _DEEPEST or min(shape) < 0:  # noqa: PLR2004 - rows and columns
         raise ValueError(f"a shape of {len(shape)} numbers, the smallest {min(shape, default=0)}")
+    if 0 in shape and max(shape) > _LONGEST_EMPTY:  # over which mat-io counts
+        raise ValueError(f"an empty array of shape {shape}")
     name = elements.text("a name")
     if kind in _NUMERIC:
         values = [_numbers(elements, shape) for _ in range(parts)]
