@@ -16,7 +16,8 @@ from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
 from butterfly.logs.formats import DEFAULT_COLUMNS, VELOCITY, ColumnMap, checked_map
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
-from butterfly.logs.matlab_variables import MatlabObject, load_variables
+from butterfly.logs.matlab_objects import MatlabObject
+from butterfly.logs.matlab_variables import load_variables
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 import struct
 import zlib
 from collections.abc import Collection, Container, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,34 +15,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
-
-_SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
-_CONVERSIONS = {
-    "table": "writetable(x, 'log.csv')",
-    "timetable": "T = timetable2table(x); T.(1) = seconds(T.(1)); writetable(T, 'log.csv')",
-    "Simulink.SimulationData.Dataset": _SIGNAL.format(x="x{1}.Values."),
-    "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
-    "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
-}  # lines of MATLAB that convert an object x; all others are converted as timeseries
-
-
-_EXTRA = "needs the extra matlab (pip install 'butterfly-testbed[matlab]')"
-
-
-@dataclass(frozen=True)
-class MatlabObject:
-    """An object that was not read."""
-
-    kind: str = ""
-
-    def refused(self, path: Path, wanted: str, name: str = "x") -> InputError:
-        """Return the error, with a line of MATLAB that converts the object."""
-        line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
-        kind = f" ({self.kind})" if self.kind else ""
-        why = "mat-io does not read" if find_spec("matio") else _EXTRA
-        found = f"a MATLAB object{kind}, which {why}"
-        return InputError(path, wanted, found, f"plain vectors or a table; in MATLAB: {line}")
-
+from butterfly.logs.matlab_objects import MatlabObject, is_skipped, opened
 
 _HEADER, _SYSTEM, _VERSION, _ORDER = 128, slice(116, 124), slice(124, 126), slice(126, 128)
 _HDF5 = b"\x00\x02"
@@ -70,19 +40,7 @@ def load_variables(
             found = _load4(data) if 0 in header[:4] else _load5(data)
             openable = not is_skipped(found.pop("", MatlabObject()))
             names = [*found]
-    if openable:
-        from butterfly.logs.matlab_objects import opened  # noqa: PLC0415 - which imports this
-
-        found |= opened(path, found, wanted)
-    return found, names
-
-
-def is_skipped(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
-    """Whether anything in what was read was left out, so that it may be damaged."""
-    below = found.values() if isinstance(found, dict) else found if isinstance(found, list) else ()
-    whole_object = isinstance(found, MatlabObject) and found.kind
-    skipped = isinstance(found, str | MatlabObject) and not whole_object
-    return skipped or any(map(is_skipped, below))
+    return found | (opened(path, found, wanted) if openable else {}), names
 
 
 # Level 4 (MATLAB, MAT-File Format, 2019, chapter 1, appendix): arrays one after the other, each
