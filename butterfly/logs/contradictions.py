@@ -17,7 +17,7 @@ _LEAST = 8  # samples of a window, and windows of a law
 _FASTEST = 5e3  # rad/s: no joint turns at 48,000 revolutions a minute
 _BY = 4.0  # resolutions by which a joint moves
 _PARTS = 6  # windows of a stuck angle, and of what was before,
-_TRIED, _MOVED = 4, 2  # and how many of either have excursions of the input, at least
+_TRIED, _MOVED = 4, 3  # and how many of either have excursions of the input, at least
 _WIDE, _ALIKE = 0.25, 1.1  # share of its range that they take; how much larger is no larger
 _STEADY = 0.8  # of the usual motion, below which it died away before it stopped
 _RARELY = 0.1  # share of the windows in which a joint that moves on may rest
@@ -39,7 +39,7 @@ def find_contradiction(log: Log) -> tuple[str, str] | None:
         text = f"from {time[np.argmax(speed > _FASTEST)]:.4g} s on the joint moves at up to "
         text += f"{speed.max():.2g} {log.added_mass.joint.way}/s, as no joint does"
         return text, _UNIT.format("angle")
-    found = _stuck(log, time, inputs, angle) or _rescaled(time, inputs, angle)
+    found = _stuck(log, time, inputs, angle) or _rescaled(log, time, inputs, angle)
     return found or _unreached(log, inputs, angle)
 
 
@@ -55,8 +55,8 @@ def _stuck(log: Log, time: Samples, inputs: Samples, angle: Samples) -> tuple[st
     efforts, moved = _efforts(inputs[:low], length), np.ptp(_cut(angle[:low], length), axis=1)
     wide, least = _WIDE * np.ptp(inputs), resolution_of(log.angle)
     by = moved[(efforts <= _ALIKE * tried).all(axis=1) & (efforts[:, 0] >= wide)]
-    drop, span = np.abs(log.angle[:row] - log.angle[row])[::-1], float(np.ptp(log.angle))
-    running = moved[-1] >= _STEADY * np.median(moved) or at_speed(drop, least, span)
+    drop = np.abs(log.angle[:row] - log.angle[row])[::-1]
+    running = moved[-1] >= _STEADY * np.median(moved) or at_speed(drop, least, moved[-1])
     if tried[0] <= wide or by.size < _MOVED or by.min() < _BY * least or not running:
         return None
     text = f"from {ends[0]:.4g} to {ends[1]:.4g} s the angle is constant while the input goes on"
@@ -75,18 +75,22 @@ def _cut(column: Samples, length: int) -> Samples:
     return sliding_window_view(column, length)[:: max(length // 2, 1)]
 
 
-def _rescaled(time: Samples, inputs: Samples, angle: Samples) -> tuple[str, str] | None:
+def _rescaled(log: Log, time: Samples, inputs: Samples, angle: Samples) -> tuple[str, str] | None:
     """Find a column whose scale jumps while the law of one part, but for it, holds in the other."""
     (jump, row), name = max((_change(inputs), "input"), (_change(angle), "angle"))
-    for length in [time.size // count for count in _LADDER] if jump > math.log(_SCALE) else ():
+    parts = [_cut(part, time.size // _LADDER[0]) for part in np.split(angle, [row])]
+    moved = min(np.median(np.ptp(part, axis=1)) for part in parts)
+    if jump < math.log(_SCALE) or moved < _BY * resolution_of(log.angle):
+        return None
+    for length in [time.size // count for count in _LADDER]:
         laws = [_law(inputs[part], angle[part], length) for part in (slice(row), slice(row, None))]
         for own, other in (laws, laws[::-1]):
             share, factor = _told(own, other)
             holds = min(share, _told(own, own)[0]) > _HOLDS
             if holds and max(factor, 1.0 / factor) > _SCALE:
                 factor = factor if (own is laws[0]) == (name == "input") else 1.0 / factor
-                text = f"from {time[row]:.4g} s on the {name} is {factor:.3g} times as large"
-                return f"{text}, and nothing else is", _UNIT.format(name)
+                text = f"from {time[row]:.4g} s on the {name} is about {float(f'{factor:.1g}'):g} "
+                return f"{text}times as large, and nothing else is", _UNIT.format(name)
     return None
 
 
