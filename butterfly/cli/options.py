@@ -72,7 +72,7 @@ _Detail = Parameter(group=DATA_IN_DETAIL)
 
 @Parameter(name="*", group=THE_DATA)
 @dataclass(frozen=True, kw_only=True)
-class DataOptions:
+class Facts:
     """Facts about the logs, in place of a manifest or overriding it.
 
     Parameters
@@ -102,10 +102,8 @@ class DataOptions:
         Joint type; a slide's angle is in m, its p1 in kg. Default: hinge.
     gravity
         Gravity normal to the joint axis; 0 for a vertical axis. Default: 9.81.
-    begin
-        Use each log from this time, by its own clock.
-    end
-        Use each log up to this time.
+    interval
+        Sampling interval of logs without a column of time.
     restarts
         Split a file where its clock restarts.
     """
@@ -122,12 +120,7 @@ class DataOptions:
     repair: Annotated[tuple[Fault, ...], _Detail] = ()
     joint: Annotated[Literal["hinge", "slide"] | None, _Detail] = None
     gravity: Annotated[float | None, _Detail, Parameter(metavar="m/s²")] = None
-    begin: Annotated[
-        float | None, _Detail, Parameter(name="--from", metavar="s", allow_leading_hyphen=True)
-    ] = None
-    end: Annotated[
-        float | None, _Detail, Parameter(name="--to", metavar="s", allow_leading_hyphen=True)
-    ] = None
+    interval: Annotated[float | None, _Detail, Parameter(metavar="s")] = None
     restarts: Annotated[bool, _Detail] = False
 
     def description(self) -> dict[str, Any]:
@@ -141,7 +134,29 @@ class DataOptions:
         said["repair"] = said["repair"] or None
         said["split"] = "restarts" if said.pop("restarts") else None
         del said["root"]
-        return {name: value for name, value in said.items() if value is not None}
+        renamed = {"begin": "from", "end": "to"}
+        return {renamed.get(name, name): each for name, each in said.items() if each is not None}
+
+
+@Parameter(name="*", group=THE_DATA)
+@dataclass(frozen=True, kw_only=True)
+class DataOptions(Facts):
+    """The same, and which piece of a log to use.
+
+    Parameters
+    ----------
+    begin
+        Use each log from this time, by its own clock.
+    end
+        Use each log up to this time.
+    """
+
+    begin: Annotated[
+        float | None, _Detail, Parameter(name="--from", metavar="s", allow_leading_hyphen=True)
+    ] = None
+    end: Annotated[
+        float | None, _Detail, Parameter(name="--to", metavar="s", allow_leading_hyphen=True)
+    ] = None
 
 
 SILENT = DataOptions()

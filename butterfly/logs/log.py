@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.logs.clock import clock_of, clock_reading, interval_reading
 from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import (
     AS_IS,
@@ -312,9 +313,15 @@ class Log:
     ) -> Log:
         """Make a log from columns in their units (see `read_unit`); all readers end here.
 
-        A column that is ``unasked`` for is ignored if its unit is unknown.
+        A column that is ``unasked`` for is ignored if its unit is unknown. Without one of time, the
+        property ``interval`` is the sampling interval in s.
         """
-        log = cls(**columns, **properties)
+        interval = properties.pop("interval", None)
+        clock, start = clock_of(columns, interval), 0.0
+        log = cls(**{**columns, "time": clock.values}, **properties)
+        if "time" in headings:
+            said = (*headings["time"].said, *clock.said)
+            headings = {**headings, "time": replace(headings["time"], said=said)}
         layout, found = list(log.reading.layout), {}
         own = {name: head for name, head in headings.items() if name != "enabled"}  # yes or no
         for name, heading in apportioned(own, {each: log.quantities(each) for each in own}).items():
@@ -326,13 +333,20 @@ class Log:
                 if name not in unasked:
                     raise
                 layout.append(f"{name} ignored: {error.value} is unknown")
+        if "time" in found:
+            found["time"], start = clock_reading(log.source, found["time"], clock, log.time)
         reading = replace(log.reading, layout=tuple(layout), columns=found)
         changed: dict[str, Any] = dict.fromkeys(unasked)
         for name, each in found.items():
             values, (scale, offset) = getattr(log, name), headings[name].scale
+            values = values - start if name == "time" and start else values
             values = values if (scale, offset) == (1.0, 0.0) else values * scale + offset
             changed[name] = values if each.factor == 1.0 else values * each.factor
-        return replace(log, **changed, reading=reading)
+        log = replace(log, **changed, reading=reading)
+        if interval is not None:
+            given = interval_reading(log.source, interval, found.get("time"), log.time)
+            found["time"] = given
+        return log
 
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return the quantities that a sampled column may hold, the project's own unit first."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS, holds_table
+from butterfly.logs.json import logs_in
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
@@ -45,7 +46,8 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
     if not path.is_dir():
         folder = path.parent
         entry = _entry_by_name(path, folder, units) or LogEntry(file=path.name)
-        entries = [entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})]
+        entry = entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})
+        entries = [entry] if "columns" in given else _each_log(entry, folder)
     elif not has_thesis_names(path) or (massless and "arm" not in given):
         entries = _entries(path)
     elif "arm" in given:
@@ -78,7 +80,15 @@ def _entries(folder: Path) -> list[LogEntry]:
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
-    return [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    return [each for entry in entries for each in _each_log(entry, folder)]
+
+
+def _each_log(entry: LogEntry, folder: Path) -> list[LogEntry]:
+    """Return an entry for each log in a file."""
+    path = folder / entry.file
+    places = logs_in(path) if FORMATS[path.suffix.lower()] == "json" else []
+    return [entry.model_copy(update={"at": place}) for place in places] or [entry]
 
 
 def of_logs(

@@ -9,14 +9,15 @@ from collections.abc import Callable, Mapping, Sequence
 from csv import reader as csv_reader
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow
+from numpy.typing import NDArray
 from pyarrow import csv
 
-from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
 from butterfly.files import read_file, require_file, whole
 from butterfly.logs.log import AS_WRITTEN, FileReading
@@ -29,13 +30,16 @@ _SAMPLE = 60  # lines from which the delimiter is found
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
+_GROUPS = re.compile(r"\d(?:[.,]\d{3}[.,]\d|['’ \xa0\u202f]\d{3})")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d\d:\d\d:\d\d.*")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
 _MARKS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-Column: TypeAlias = Samples | pyarrow.ChunkedArray
+Column: TypeAlias = NDArray[Any] | pyarrow.ChunkedArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +88,13 @@ def read_text_table(path: Path) -> TextColumns:
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
-    decimal = "," if _has_decimal_commas(rows, delimiter) else "."
+    group, decimal = _grouping(rows, delimiter)
+    if not decimal:
+        decimal = "," if _has_decimal_commas(rows, delimiter, group) else "."
     texts = {
         f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
         "decimal commas": decimal == ",",
+        f"thousands separators {group!r}": bool(group),
         encoding: encoding != "UTF-8",
         f"comment lines: {len(comments)}": bool(comments),
         f"lines above the table: {others}": others > 0,
@@ -99,7 +106,7 @@ def read_text_table(path: Path) -> TextColumns:
         names=names or [""] * width,
         units=units,
         headless=headless if names is None else None,
-        columns=dict(enumerate(_parsed(path, rows, delimiter, decimal, width))),
+        columns=dict(enumerate(_parsed(path, rows, delimiter, (group, decimal), width))),
         lines=[line.number for line in rows],
         remarks=remarks,
         split=partial(_cells, delimiter=delimiter),
@@ -109,7 +116,38 @@ def read_text_table(path: Path) -> TextColumns:
 
 def is_number(text: str) -> bool:
     """Whether a cell holds a number, with a decimal point or comma."""
-    return _NUMBER.fullmatch(text) is not None
+    return _NUMBER.fullmatch(text) is not None or _GROUPED.fullmatch(text) is not None
+
+
+def _grouping(rows: list[_Line], delimiter: str) -> tuple[str, str]:
+    """Return thousands separator and decimal mark of a table, each "" if none is sure.
+
+    They are sure if some numbers have no other reading, or both point and comma occur, and all
+    numbers fit.
+    """
+    texts = [line.text for line in rows]
+    both = all(any(mark in text for text in texts) for mark in ".,")
+    if not (both or any(map(_GROUPS.search, texts))):
+        return "", ""
+    if delimiter == "," and not any({*"\"'’"} & {*text} for text in texts):
+        return "", ""
+    cells = {cell for text in texts for cell in _cells(text, delimiter) if is_number(cell)}
+    both = all(any(mark in cell for cell in cells) for mark in ".,")
+    fits = [
+        (group, decimal)
+        for group, decimal in product(".,'’ \xa0\u202f", ".,")
+        if group != decimal
+        and any(group in cell for cell in cells)
+        and all(map(_of(group, decimal).fullmatch, cells))
+    ]
+    sure = both or not all(map(_NUMBER.fullmatch, cells))
+    return fits[0] if sure and len({group for group, _ in fits}) == 1 else ("", "")
+
+
+def _of(group: str, decimal: str) -> re.Pattern[str]:
+    """Return what a number with this thousands separator and decimal mark looks like."""
+    whole = rf"(?:\d*|[1-9]\d{{0,2}}(?:{re.escape(group)}\d{{3}})+)"
+    return re.compile(rf"[+-]?{whole}(?:{re.escape(decimal)}\d*)?(?:[eE][+-]?\d+)?")
 
 
 def _decoded(path: Path) -> tuple[str, str]:
@@ -156,12 +194,15 @@ def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
         cells = _cells(line.text, best)
         if sum(map(is_number, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
             return best, k
+    single = [is_number(line.text.strip("; \t")) for line in body]
+    if 2 * sum(single) > len(body):
+        return ";", single.index(True)
     expected = "a table of numbers, delimited by commas, semicolons, tabs or blanks"
     raise InputError(path, "content", "no row of numbers", expected)
 
 
 def _is_value(cell: str) -> bool:
-    return is_number(cell) or cell.lower() in _MISSING
+    return is_number(cell) or cell.lower() in _MISSING or _DATE.fullmatch(cell) is not None
 
 
 def _is_without_names(cells: list[str]) -> bool:
@@ -225,30 +266,35 @@ def _are_units(cells: list[str], *, most: bool = True) -> bool:
     return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 
 
-def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:
+def _has_decimal_commas(rows: list[_Line], delimiter: str, group: str) -> bool:
     """Whether the first number with decimals has a comma."""
     for line in rows:
         if "," not in line.text and "." not in line.text:
             continue
         for cell in _cells(line.text, delimiter):
-            if is_number(cell) and ("," in cell or "." in cell):
+            if is_number(cell) and {*cell} - {group} & {",", "."}:
                 return "," in cell
     return False
 
 
 def _parsed(
-    path: Path, rows: list[_Line], delimiter: str, decimal: str, width: int
+    path: Path, rows: list[_Line], delimiter: str, marks: tuple[str, str], width: int
 ) -> list[Column]:
-    blanks = delimiter == " "
+    blanks, (group, decimal) = delimiter == " ", marks
     for line in rows:
         count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
         if count != width and len(_cells(line.text, delimiter)) != width:
             found = f"{len(_cells(line.text, delimiter))} values"
             expected = f"{width}, as in the first row"
             if delimiter == ",":
-                expected += " (numbers with decimal commas need another delimiter)"
+                expected += (
+                    " (numbers with decimal commas need another delimiter, as grouped ones do)"
+                )
             raise InputError(path, f"line {line.number}", found, expected)
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
+    if group:
+        mark, split = "\t" if blanks else delimiter, [_cells(each.text, delimiter) for each in rows]
+        texts = (mark.join(_bare(cell, group) for cell in row) for row in split)
     with whole(path, "a table"):
         table = csv.read_csv(
             io.BytesIO("\n".join(texts).encode()),
@@ -257,9 +303,12 @@ def _parsed(
             convert_options=csv.ConvertOptions(decimal_point=decimal),
         )
     return [
-        np.asarray(each.to_numpy().astype(np.float64)) if is_number_type(each.type) else each
-        for each in table.columns
+        np.asarray(each.to_numpy()) if is_number_type(each.type) else each for each in table.columns
     ]
+
+
+def _bare(cell: str, group: str) -> str:
+    return cell.replace(group, "") if is_number(cell) else f'"{cell}"'
 
 
 def require_narrow(path: Path, number: int, line: str) -> None:
