@@ -20,7 +20,7 @@ EXACT = 1 << 53
 
 _EPOCHS = ("s", "ms", "us", "ns")
 _YEARS = (631_152_000.0, 4_102_444_800.0)  # 1990 and 2100 in s since 1970
-_DAYS = {"Excel": (32_874.0, 73_051.0), "MATLAB": (726_834.0, 767_011.0)}  # the same in their days
+_DAYS = ((32_874.0, 73_051.0), (726_834.0, 767_011.0))  # the same in days of Excel, of MATLAB
 _LONGEST = 60.0  # s between samples, above which an epoch by size is doubted
 _SHORTEST = 2e-5  # s between samples, below which a clock may be one of days
 _ENOUGH = 1000  # samples that show the step of a clock
@@ -42,7 +42,7 @@ def clock_of(columns: Mapping[str, Any], interval: float | None) -> Clock:
         return Clock(np.arange(*size) * (interval or np.nan))
     column = columns["time"]
     try:
-        values = column if isinstance(column, np.ma.MaskedArray) else np.asarray(column)
+        values = np.asanyarray(column)
     except (TypeError, ValueError):
         return Clock(column)
     if values.dtype.kind in "OUST" and (found := dates(column)) is not None:
@@ -97,12 +97,11 @@ def clock_reading(
         if step * factor_of(unit) > _LONGEST:
             raise InputError(source, where, found, f"{expected}: by its size an epoch in {unit}")
         reading = replace(reading, unit=f"epoch {unit}", said=BY_SIZE, factor=factor_of(unit))
-    for program in [p for p, days in _DAYS.items() if silent and _within(span, days)]:
-        if step < _SHORTEST:
-            expected += f": days, if these are {program}'s day numbers"
-            raise InputError(source, where, found, expected)
+    days = any(_within(span, each) for each in _DAYS)
+    if silent and days and step < _SHORTEST:
+        raise InputError(source, where, found, f"{expected}: days, if these are day numbers")
     absolute = reading.said != ASSUMED and _within(span, _YEARS, reading.factor)
-    absolute |= reading.unit == "days" and any(_within(span, days) for days in _DAYS.values())
+    absolute |= days and reading.unit == "days"
     return reading, first if absolute and not clock.first else 0.0
 
 

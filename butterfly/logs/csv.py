@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow
-from numpy.typing import NDArray
 from pyarrow import csv
 
 from butterfly.arrays import Samples
@@ -22,6 +20,7 @@ from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, chos
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import (
+    GROUPED,
     TextColumns,
     is_number,
     is_number_type,
@@ -33,7 +32,6 @@ from butterfly.logs.units import AS_IS, UNITS, Heading, Units, words_in
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
-_MARKED = re.compile(r"\d[.,'’ \xa0\u202f]\d{3}(?!\d)")  # of a number with grouped thousands
 _BY_NUMBER = (
     "a header line with the column names, delimited like the numbers, or columns by number "
     "(--columns time=0,input=1,angle=2; without time=0, --interval S)"
@@ -101,9 +99,7 @@ def write_csv(log: Log, path: Path) -> None:
 def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
     """Read (n,) numeric columns of a table by their names."""
     table = _table(path, lambda names: [place(path, names, name) for name in wanted])
-    places = [place(path, table.names, name) for name in wanted]
-    found = [_numeric(path, table, k, name) for k, name in zip(places, wanted, strict=True)]
-    return [each.astype(np.float64) for each in found]
+    return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
 def holds_table(path: Path) -> bool:
@@ -132,13 +128,10 @@ def _table(
             numbers = [*wanted(names)]
             whole = [k for k in numbers if pyarrow.types.is_integer(schema.types[k])]
             first = beginning.read_next_batch() if whole else ()
-        large = [k for k in whole if abs(first[k][0].as_py() or 0) >= EXACT]
         plain = all(is_number_type(schema.types[number]) for number in numbers)
+        plain &= all(abs(first[k][0].as_py() or 0) < EXACT for k in whole)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
-            kinds = {
-                names[k]: schema.types[k] if k in large else pyarrow.float64() for k in numbers
-            }
-            columns = _streamed(path, {number: names[number] for number in numbers}, kinds)
+            columns = _streamed(path, {number: names[number] for number in numbers})
             cut = int(not _is_ended(path))
             complete = {number: each[: each.size - cut] for number, each in columns.items()}
             return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
@@ -158,35 +151,32 @@ def _is_ended(path: Path) -> bool:
         return file.read() in {b"\n", b"\r"}
 
 
-def _streamed(
-    path: Path, wanted: Mapping[int, str], kinds: Mapping[str, pyarrow.DataType]
-) -> dict[int, NDArray[Any]]:
+def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
     """Read columns, by number, of a file of any length, without keeping the rest in memory."""
     options = csv.ConvertOptions(
         include_columns=list(wanted.values()),
-        column_types=kinds,
+        column_types=dict.fromkeys(wanted.values(), pyarrow.float64()),
     )
-    parts: dict[int, list[NDArray[Any]]] = {number: [] for number in wanted}
+    parts: dict[int, list[Samples]] = {number: [] for number in wanted}
     with csv.open_csv(path, convert_options=options) as batches:
         for batch in batches:
             for number, name in wanted.items():
                 values = batch.column(name).to_numpy(zero_copy_only=False)
-                parts[number].append(np.array(values))
+                parts[number].append(np.array(values, dtype=np.float64))
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
 def _numeric(path: Path, table: TextColumns, number: int, name: str, *, clock: bool = False) -> Any:  # noqa: ANN401 - numbers, or the dates of a clock
     column = table.columns[number]
     if isinstance(column, np.ndarray):
-        return column
+        return column if clock else column.astype(np.float64, copy=False)
     if clock and (found := dates(column)) is not None:
         return found
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
-    marked = next((k for k, text in enumerate(texts) if _MARKED.search(text)), None)
-    row = next((k for k, text in enumerate(texts) if not is_number(text)), marked)
+    grouped = next((k for k, text in enumerate(texts) if GROUPED.fullmatch(text)), None)
+    row = next((k for k, text in enumerate(texts) if not is_number(text)), grouped)
     if row is None:
         raise InputError(path, name, f"a column of type {column.type}", "numbers")
     expected = "a number, or a date as in ISO 8601 (2026-03-01T10:30:12.5)" if clock else "a number"
-    if marked is not None:
-        row, expected = marked, f"{expected}, without thousands separators"
+    expected += " (without thousands separators)" if row == grouped else ""
     raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", expected)

@@ -33,16 +33,13 @@ def read_log(
     path: Path,
     columns: ColumnMap | None = None,
     units: Units = AS_IS,
-    *,
-    at: str | None = None,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know, or its interval
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know, interval and at
 ) -> Log:
     """Read one file by its ending; InputError if it is unreadable or not one of `FORMATS`."""
     read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
     before = _state(path)
-    if at is not None and FORMATS[path.suffix.lower()] not in {"json", "mat"}:
-        raise InputError(path, "at", at, "a file of several logs: JSON, or a MATLAB file's struct")
-    properties |= {"at": at} if at is not None else {}
+    if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat"}:
+        raise InputError(path, "at", properties["at"], "a JSON or .mat file of several logs")
     log = read(path, columns, units, **{"name": path.name} | properties)
     if _state(path) != before:
         raise InputError(path, "content", "a file that changed while being read", "a complete one")

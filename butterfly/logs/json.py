@@ -39,24 +39,22 @@ def read_json(
     if at is not None:
         content = _below(path, content, at)
     elif columns is None and (places_in := _logs(content)):
-        expected = f"at: one of {', '.join(places_in)}, in a log of a manifest "
-        expected += f"(`butterfly manifest {path.name}` writes one with a log for each)"
-        raise InputError(path, "at", f"nothing, with {len(places_in)} logs in the file", expected)
+        expected = f"one of {', '.join(places_in)} (`butterfly manifest {path.name}` lists all)"
+        raise InputError(path, "at", "nothing", expected)
     ways = _ways(content)
     names = [*map(".".join, ways)]
     sayings = Sayings(path, names)
     if at is not None and above.get("sysid") is True:
         if len(names) != len(SAMPLED):
-            expected = "time, volts, position and velocity"
-            raise InputError(path, at, f"rows of {len(names)} numbers", expected)
+            raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
         columns = columns or {field: k for k, field in enumerate(SAMPLED)}
         unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
         for k, per in ((2, ""), (3, "/s")):  # the numbers are rotations
             sayings.metadata({"units": f"{unit}{per}", "scale_factor": factor}, way=(k,))
     else:
-        beside = {k: each for k, each in above.items() if at is not None and _ways(each) != ways}
-        for each in (beside, content):
-            sayings.metadata(each)
+        beside = {k: each for k, each in above.items() if at and _ways(each) != ways}
+        sayings.metadata(beside)
+        sayings.metadata(content)
     places, unasked = chosen_columns(path, names, columns, properties)
     arrays = {f: _column(path, content, names[k], ways[k], f) for f, k in places.items()}
     headings = sayings.headings(places)
@@ -94,7 +92,7 @@ def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON
             raise ValueError("an object with the same key twice")
         return found
 
-    def whole_number(text: str) -> float | int:
+    def whole_number(text: str) -> float:
         return int(text) if len(text) in _LARGE else float(text)
 
     return json.loads(text, parse_int=whole_number, object_pairs_hook=unique)

@@ -344,8 +344,7 @@ class Log:
             changed[name] = values if each.factor == 1.0 else values * each.factor
         log = replace(log, **changed, reading=reading)
         if interval is not None:
-            given = interval_reading(log.source, interval, found.get("time"), log.time)
-            found["time"] = given
+            found["time"] = interval_reading(log.source, interval, found.get("time"), log.time)
         return log
 
     def quantities(self, name: str) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
+    PositiveFloat,
     create_model,
     field_validator,
     model_validator,
@@ -75,10 +76,6 @@ Size = Annotated[float, Field(ge=0)] | _Known
 """The same, not negative."""
 
 
-Interval = Annotated[float, Field(gt=0)]
-"""Sampling interval in s."""
-
-
 class Recordings(StrEnum):
     """Where a file is split into several logs."""
 
@@ -100,7 +97,7 @@ class LogEntry(StrictModel):
     """Of this log, in place of those of the data set."""
     units: Annotated[dict[str, str | float] | None, BeforeValidator(_require_units)] = None
     """Of this log, where they differ from the data set's."""
-    interval: Interval | None = None
+    interval: PositiveFloat | None = None
     """Of this log, in place of that of the data set."""
     added_mass: Size = 0.0
     """In kg, with or without an uncertainty."""
@@ -212,7 +209,7 @@ class Manifest(StrictModel):
     """Units of the columns, ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`)."""
     columns: dict[str, str | int] | None = None
     """Columns or .mat variables of time, input and angle, by name or number."""
-    interval: Interval | None = None
+    interval: PositiveFloat | None = None
     """Sampling interval in s of logs without a column of time."""
     repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
     """Allowed repairs."""
@@ -322,8 +319,9 @@ class Manifest(StrictModel):
         )
 
     def properties(self, entry: LogEntry) -> dict[str, Any]:
-        """Return the fields of `Log` for a log that its file does not contain, and its interval."""
+        """Return the fields of `Log` that its file does not contain, its interval and place."""
         return {
+            **({} if entry.at is None else {"at": entry.at}),
             "interval": entry.interval or self.interval,
             "input_kind": entry.input or self.input,
             "intersample": self.intersample,

@@ -37,10 +37,7 @@ def read_mat(
     """
     at = properties.pop("at", None)
     if at is not None:
-        wanted = dict(columns or DEFAULT_COLUMNS)
-        if columns is None and properties.get("interval") is not None:
-            del wanted["time"]
-        columns = {field: f"{at}.{name}" for field, name in wanted.items()}
+        columns = {f: f"{at}.{name}" for f, name in (columns or DEFAULT_COLUMNS).items()}
     said: dict[str, Mapping[str, Any]] = {}
     if columns is None:
         variables, matrix = _matrix(path, said)

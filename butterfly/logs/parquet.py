@@ -12,7 +12,6 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
-from butterfly.logs.clock import dates
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.said import Sayings
@@ -66,14 +65,13 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
     arrays = {}
     for field, number in places.items():
         name, kind = names[number], file.schema_arrow.types[number]
-        text = field == "time" and (pa.types.is_string(kind) or pa.types.is_large_string(kind))
-        if not is_number_type(kind) and not (field == "time" and (text or _is_clock(kind))):
+        texts = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        if not is_number_type(kind) and not (field == "time" and (texts or _is_clock(kind))):
             raise InputError(path, name, f"a column of {kind}", "numbers")
         batches = file.iter_batches(_AT_A_TIME, columns=[name])
         which = names[:number].count(name)  # of the columns of this name
-        whole = pa.chunked_array([batch.column(which) for batch in batches], kind)
-        stamps = dates(whole) if text else None
-        arrays[field] = whole.to_numpy() if stamps is None else stamps
+        parts = [batch.column(which) for batch in batches]
+        arrays[field] = pa.chunked_array(parts, kind).to_numpy()
     return arrays
 
 

@@ -48,7 +48,6 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         Path(manifest.root) / entry.file,
         columns=entry.columns or manifest.columns,
         units=manifest.scale(entry),
-        at=entry.at,
         name=piece_name(LogEntry(file=entry.file, at=entry.at)),
         **manifest.properties(entry),
     )

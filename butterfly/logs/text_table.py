@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from csv import reader as csv_reader
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -30,7 +29,7 @@ _SAMPLE = 60  # lines from which the delimiter is found
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
 _GROUPS = re.compile(r"\d(?:[.,]\d{3}[.,]\d|['’ \xa0\u202f]\d{3})")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d\d:\d\d:\d\d.*")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
@@ -88,9 +87,7 @@ def read_text_table(path: Path) -> TextColumns:
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
-    group, decimal = _grouping(rows, delimiter)
-    if not decimal:
-        decimal = "," if _has_decimal_commas(rows, delimiter, group) else "."
+    group, decimal = _marks(rows, delimiter)
     texts = {
         f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
         "decimal commas": decimal == ",",
@@ -116,32 +113,27 @@ def read_text_table(path: Path) -> TextColumns:
 
 def is_number(text: str) -> bool:
     """Whether a cell holds a number, with a decimal point or comma."""
-    return _NUMBER.fullmatch(text) is not None or _GROUPED.fullmatch(text) is not None
+    return _NUMBER.fullmatch(text) is not None or GROUPED.fullmatch(text) is not None
 
 
-def _grouping(rows: list[_Line], delimiter: str) -> tuple[str, str]:
-    """Return thousands separator and decimal mark of a table, each "" if none is sure.
+def _marks(rows: list[_Line], delimiter: str) -> tuple[str, str]:
+    """Return thousands separator, "" unless it is sure, and decimal mark of a table.
 
-    They are sure if some numbers have no other reading, or both point and comma occur, and all
-    numbers fit.
+    It is sure if some numbers have no other reading, or both point and comma occur, and all fit.
     """
     texts = [line.text for line in rows]
-    both = all(any(mark in text for text in texts) for mark in ".,")
-    if not (both or any(map(_GROUPS.search, texts))):
-        return "", ""
-    if delimiter == "," and not any({*"\"'’"} & {*text} for text in texts):
-        return "", ""
-    cells = {cell for text in texts for cell in _cells(text, delimiter) if is_number(cell)}
-    both = all(any(mark in cell for cell in cells) for mark in ".,")
-    fits = [
-        (group, decimal)
-        for group, decimal in product(".,'’ \xa0\u202f", ".,")
-        if group != decimal
-        and any(group in cell for cell in cells)
-        and all(map(_of(group, decimal).fullmatch, cells))
-    ]
-    sure = both or not all(map(_NUMBER.fullmatch, cells))
-    return fits[0] if sure and len({group for group, _ in fits}) == 1 else ("", "")
+    odd = any(map(_GROUPS.search, texts)) or all(any(m in text for text in texts) for m in ".,")
+    if odd and (delimiter != "," or any({*"\"'’"} & {*text} for text in texts)):
+        cells = {cell for text in texts for cell in _cells(text, delimiter) if is_number(cell)}
+        there = [mark for mark in ".,'’ \xa0\u202f" if any(mark in cell for cell in cells)]
+        pairs = [(group, decimal) for group in there for decimal in ".,".replace(group, "")]
+        fits = [pair for pair in pairs if all(map(_of(*pair).fullmatch, cells))]
+        sure = {*".,"} <= {*there} or not all(map(_NUMBER.fullmatch, cells))
+        if sure and len({group for group, _ in fits}) == 1:
+            return fits[0]
+    marked = (text for text in texts if "," in text or "." in text)
+    numbers = (cell for text in marked for cell in _cells(text, delimiter) if is_number(cell))
+    return "", next((mark for cell in numbers for mark in cell if mark in ",."), ".")
 
 
 def _of(group: str, decimal: str) -> re.Pattern[str]:
@@ -186,13 +178,14 @@ def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
     for delimiter in _DELIMITERS:
         rows = [_cells(line.text, delimiter) for line in sample]
         filled = [[cell for cell in row if cell] for row in rows if len(row) > 1]
-        numbers = sum(sum(map(is_number, row)) for row in filled if sum(map(is_number, row)) > 1)
+        data = [sum(map(_is_datum, row)) for row in filled]
+        numbers = sum(count for count in data if count > 1)
         own = numbers / max(sum(map(len, filled)), 1)
         if own > share:
             best, share = delimiter, own
     for k, line in enumerate(body if share else []):
         cells = _cells(line.text, best)
-        if sum(map(is_number, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
+        if sum(map(_is_datum, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
             return best, k
     single = [is_number(line.text.strip("; \t")) for line in body]
     if 2 * sum(single) > len(body):
@@ -202,7 +195,11 @@ def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
 
 
 def _is_value(cell: str) -> bool:
-    return is_number(cell) or cell.lower() in _MISSING or _DATE.fullmatch(cell) is not None
+    return _is_datum(cell) or cell.lower() in _MISSING
+
+
+def _is_datum(cell: str) -> bool:
+    return is_number(cell) or _DATE.fullmatch(cell) is not None
 
 
 def _is_without_names(cells: list[str]) -> bool:
@@ -266,17 +263,6 @@ def _are_units(cells: list[str], *, most: bool = True) -> bool:
     return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 
 
-def _has_decimal_commas(rows: list[_Line], delimiter: str, group: str) -> bool:
-    """Whether the first number with decimals has a comma."""
-    for line in rows:
-        if "," not in line.text and "." not in line.text:
-            continue
-        for cell in _cells(line.text, delimiter):
-            if is_number(cell) and {*cell} - {group} & {",", "."}:
-                return "," in cell
-    return False
-
-
 def _parsed(
     path: Path, rows: list[_Line], delimiter: str, marks: tuple[str, str], width: int
 ) -> list[Column]:
@@ -294,7 +280,8 @@ def _parsed(
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
     if group:
         mark, split = "\t" if blanks else delimiter, [_cells(each.text, delimiter) for each in rows]
-        texts = (mark.join(_bare(cell, group) for cell in row) for row in split)
+        bare = ([x.replace(group, "") if is_number(x) else f'"{x}"' for x in row] for row in split)
+        texts = (mark.join(row) for row in bare)
     with whole(path, "a table"):
         table = csv.read_csv(
             io.BytesIO("\n".join(texts).encode()),
@@ -305,10 +292,6 @@ def _parsed(
     return [
         np.asarray(each.to_numpy()) if is_number_type(each.type) else each for each in table.columns
     ]
-
-
-def _bare(cell: str, group: str) -> str:
-    return cell.replace(group, "") if is_number(cell) else f'"{cell}"'
 
 
 def require_narrow(path: Path, number: int, line: str) -> None:
