@@ -101,8 +101,8 @@ def validate(
         named = cause.field
         if not location:  # of the whole file, by a rule that names the field
             where = place_of(documents, [named], source)
-        elif not named.startswith(f"{field}."):
-            named = f"{field}.{named}"
+        else:
+            named = f"{field}.{named.removeprefix(field.rpartition('.')[2] + '.')}"
         raise InputError(where, named, cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     value = repr(first["input"])

@@ -86,8 +86,7 @@ def read(
         - Override a manifest: ``columns`` of ``time``, ``input`` and ``angle``, by name or number;
           ``joint``, ``hinge`` or ``slide``; ``gravity`` normal to the joint axis in m/s^2;
           ``sign``, -1 if a positive command turns towards negative angles; ``zero``, the encoder
-          reading in rad of the joint hanging at rest; ``interval``, the sampling interval in s of
-          logs without a column of time.
+          reading in rad of the joint hanging at rest; ``interval`` in s, without a column of time.
         - Extend a manifest: ``units``, such as ``{"time": "ms", "angle": "deg"}``; ``known``
           values and standard errors, such as ``{"p4": (1.0, 0.02)}``; ``loop`` of a servo, such as
           ``{"law": "dynamixel-x", "kp": 400}``; ``repair``, of ``backward``, ``non_finite`` and

@@ -68,6 +68,9 @@ NO_REPORT = Report()
 Fault = Literal["duplicate", "backward", "non_finite", "unwrap"]
 Pairs = Annotated[str | None, Parameter(metavar="PAIRS")]
 _Detail = Parameter(group=DATA_IN_DETAIL)
+_FROM = "Use each log from this time, by its own clock."
+_TO = "Use each log up to this time."
+_Instant = Parameter(metavar="s", allow_leading_hyphen=True)
 
 
 @Parameter(name="*", group=THE_DATA)
@@ -134,29 +137,17 @@ class Facts:
         said["repair"] = said["repair"] or None
         said["split"] = "restarts" if said.pop("restarts") else None
         del said["root"]
-        renamed = {"begin": "from", "end": "to"}
-        return {renamed.get(name, name): each for name, each in said.items() if each is not None}
+        said |= {"from": said.pop("begin", None), "to": said.pop("end", None)}
+        return {name: value for name, value in said.items() if value is not None}
 
 
 @Parameter(name="*", group=THE_DATA)
 @dataclass(frozen=True, kw_only=True)
 class DataOptions(Facts):
-    """The same, and which piece of a log to use.
+    """The same, and which piece of a log to use."""
 
-    Parameters
-    ----------
-    begin
-        Use each log from this time, by its own clock.
-    end
-        Use each log up to this time.
-    """
-
-    begin: Annotated[
-        float | None, _Detail, Parameter(name="--from", metavar="s", allow_leading_hyphen=True)
-    ] = None
-    end: Annotated[
-        float | None, _Detail, Parameter(name="--to", metavar="s", allow_leading_hyphen=True)
-    ] = None
+    begin: Annotated[float | None, _Detail, _Instant, Parameter(name="--from", help=_FROM)] = None
+    end: Annotated[float | None, _Detail, _Instant, Parameter(name="--to", help=_TO)] = None
 
 
 SILENT = DataOptions()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.unit_words import factor_of
-from butterfly.logs.units import ASSUMED, BY_SIZE, GIVEN, ColumnReading, Words
+from butterfly.logs.units import ASSUMED, GIVEN, ColumnReading, Heading, Words
 
 EXACT = 1 << 53
 """Integers below this are exact as floats."""
 
+_BY_SIZE = "from its size"
 _EPOCHS = ("s", "ms", "us", "ns")
 _YEARS = (631_152_000.0, 4_102_444_800.0)  # 1990 and 2100 in s since 1970
 _DAYS = ((32_874.0, 73_051.0), (726_834.0, 767_011.0))  # the same in days of Excel, of MATLAB
@@ -27,39 +28,34 @@ _ENOUGH = 1000  # samples that show the step of a clock
 _AGREE = 0.01  # relative difference of a clock from the given interval
 
 
-class Clock(NamedTuple):
-    """A column of time as numbers."""
+def with_clock(
+    columns: Mapping[str, Any], headings: Mapping[str, Heading], interval: float | None
+) -> tuple[Mapping[str, Any], Mapping[str, Heading], float]:
+    """Return columns with a clock of numbers, headings with its unit, and what was subtracted.
 
-    values: Any
-    first: float = 0.0  # what was subtracted from integers that floats cannot hold
-    said: tuple[Words, ...] = ()  # the unit of its type, if it has one
-
-
-def clock_of(columns: Mapping[str, Any], interval: float | None) -> Clock:
-    """Return the clock of some columns: dates and large integers from the first one on."""
+    Dates, and integers that floats cannot hold, count from the first one.
+    """
     if "time" not in columns:
         size = max((np.shape(each)[:1] for each in columns.values()), default=(0,))
-        return Clock(np.arange(*size) * (interval or np.nan))
-    column = columns["time"]
+        return {**columns, "time": np.arange(*size) * (interval or np.nan)}, headings, 0.0
     try:
-        values = np.asanyarray(column)
-    except (TypeError, ValueError):
-        return Clock(column)
-    if values.dtype.kind in "OUST" and (found := dates(column)) is not None:
+        values = np.asanyarray(columns["time"])
+    except (TypeError, ValueError):  # told later
+        return columns, headings, 0.0
+    if values.dtype.kind in "OUST" and (found := dates(columns["time"])) is not None:
         values = found
-    kind = values.dtype.kind
-    said: tuple[Words, ...] = ()
+    kind, heading = values.dtype.kind, headings["time"]
     there = np.ones(values.shape, dtype=np.bool_)
     if kind in "mM":
-        own = np.datetime_data(values.dtype)[0]
-        unit = own if own in _EPOCHS else "ns"
-        values, said = values.astype(f"{kind}8[{unit}]"), (Words(unit, "dates"),)
+        unit = next((u for u in _EPOCHS if u == np.datetime_data(values.dtype)[0]), "ns")
+        heading = replace(heading, said=(*heading.said, Words(unit, "dates")))
+        values = values.astype(f"{kind}8[{unit}]")
         there, values = ~np.isnat(values), values.astype(np.int64)
     elif kind not in "iu" or values.ndim != 1 or not np.any(np.abs(values[:1]) >= EXACT):
-        return Clock(column)
+        return columns, headings, 0.0
     first = values[there][:1].sum(dtype=values.dtype)
     numbers = np.where(there, (values - first).astype(np.int64), np.nan)
-    return Clock(numbers, float(first), said)
+    return {**columns, "time": numbers}, {**headings, "time": heading}, float(first)
 
 
 def dates(column: Any) -> NDArray[np.datetime64] | None:  # noqa: ANN401 - texts of any library
@@ -80,29 +76,30 @@ def dates(column: Any) -> NDArray[np.datetime64] | None:  # noqa: ANN401 - texts
         return None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of absurd timestamps
 def clock_reading(
-    source: object, reading: ColumnReading, clock: Clock, time: Samples
+    source: object, reading: ColumnReading, first: float, time: Samples
 ) -> tuple[ColumnReading, float]:
     """Return how a clock is read, and what to subtract so that an absolute one begins at 0.
 
-    An epoch is known by its size if the file says no unit; day numbers never are.
+    An epoch is known by its size if the file says no unit; day numbers never are. ``first`` was
+    subtracted before.
     """
-    first = clock.first or next((each for each in map(float, time) if math.isfinite(each)), 0.0)
-    step = float(np.median(np.diff(time[:_ENOUGH])))
-    found = f"{first:.10g}, with {step:.4g} between samples"
+    begin = first or next((each for each in map(float, time) if math.isfinite(each)), 0.0)
+    step, span = float(np.median(np.diff(time[:_ENOUGH]))), (begin, first + float(time[-1]))
+    found = f"{begin:.10g}, with {step:.4g} between samples"
     expected = "the unit of time (--units time=... or units: in the manifest)"
-    where = reading.name or f"column {reading.number}"
-    silent, span = reading.said == ASSUMED and step > 0, (first, clock.first + float(time[-1]))
-    for unit in [u for u in _EPOCHS if silent and _within(span, _YEARS, factor_of(u))]:
-        if step * factor_of(unit) > _LONGEST:
-            raise InputError(source, where, found, f"{expected}: by its size an epoch in {unit}")
-        reading = replace(reading, unit=f"epoch {unit}", said=BY_SIZE, factor=factor_of(unit))
+    where, silent = reading.name or f"column {reading.number}", reading.said == ASSUMED and step > 0
     days = any(_within(span, each) for each in _DAYS)
     if silent and days and step < _SHORTEST:
         raise InputError(source, where, found, f"{expected}: days, if these are day numbers")
+    for unit in [each for each in _EPOCHS if silent and _within(span, _YEARS, factor_of(each))]:
+        if step * factor_of(unit) > _LONGEST:
+            raise InputError(source, where, found, f"{expected}: by its size an epoch in {unit}")
+        reading = replace(reading, unit=f"epoch {unit}", said=_BY_SIZE, factor=factor_of(unit))
     absolute = reading.said != ASSUMED and _within(span, _YEARS, reading.factor)
     absolute |= days and reading.unit == "days"
-    return reading, first if absolute and not clock.first else 0.0
+    return reading, begin if absolute and not first else 0.0
 
 
 def _within(span: Iterable[float], limits: tuple[float, float], factor: float = 1.0) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.clock import clock_of, clock_reading, interval_reading
+from butterfly.logs.clock import clock_reading, interval_reading, with_clock
 from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import (
     AS_IS,
@@ -317,11 +317,8 @@ class Log:
         property ``interval`` is the sampling interval in s.
         """
         interval = properties.pop("interval", None)
-        clock, start = clock_of(columns, interval), 0.0
-        log = cls(**{**columns, "time": clock.values}, **properties)
-        if "time" in headings:
-            said = (*headings["time"].said, *clock.said)
-            headings = {**headings, "time": replace(headings["time"], said=said)}
+        columns, headings, start = with_clock(columns, headings, interval)
+        log = cls(**columns, **properties)
         layout, found = list(log.reading.layout), {}
         own = {name: head for name, head in headings.items() if name != "enabled"}  # yes or no
         for name, heading in apportioned(own, {each: log.quantities(each) for each in own}).items():
@@ -334,7 +331,7 @@ class Log:
                     raise
                 layout.append(f"{name} ignored: {error.value} is unknown")
         if "time" in found:
-            found["time"], start = clock_reading(log.source, found["time"], clock, log.time)
+            found["time"], start = clock_reading(log.source, found["time"], start, log.time)
         reading = replace(log.reading, layout=tuple(layout), columns=found)
         changed: dict[str, Any] = dict.fromkeys(unasked)
         for name, each in found.items():

@@ -35,8 +35,7 @@ def read_mat(
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
     Without a map the columns are t, u, q[, dq] of ``D``; ``at`` is where else they are.
     """
-    at = properties.pop("at", None)
-    if at is not None:
+    if (at := properties.pop("at", None)) is not None:
         columns = {f: f"{at}.{name}" for f, name in (columns or DEFAULT_COLUMNS).items()}
     said: dict[str, Mapping[str, Any]] = {}
     if columns is None:

@@ -30,6 +30,8 @@ _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
+_FORM = r"[+-]?(?:\d*|[1-9]\d{{0,2}}(?:\{}\d{{3}})+)(?:\{}\d*)?(?:[eE][+-]?\d+)?"
+_CUT = re.compile(r"[+-]?\d+,0\d+")  # at its decimal comma: no number begins with 0
 _GROUPS = re.compile(r"\d(?:[.,]\d{3}[.,]\d|['’ \xa0\u202f]\d{3})")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d\d:\d\d:\d\d.*")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
@@ -87,6 +89,9 @@ def read_text_table(path: Path) -> TextColumns:
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
     others = first - (names is not None) - (units is not None) if first else 0
+    if delimiter == "," and (halves := [each for each in rows if _CUT.fullmatch(each.text)]):
+        expected = "numbers with decimal points (decimal commas need another delimiter)"
+        raise InputError(path, f"line {halves[0].number}", halves[0].text, expected)
     group, decimal = _marks(rows, delimiter)
     texts = {
         f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
@@ -127,19 +132,13 @@ def _marks(rows: list[_Line], delimiter: str) -> tuple[str, str]:
         cells = {cell for text in texts for cell in _cells(text, delimiter) if is_number(cell)}
         there = [mark for mark in ".,'’ \xa0\u202f" if any(mark in cell for cell in cells)]
         pairs = [(group, decimal) for group in there for decimal in ".,".replace(group, "")]
-        fits = [pair for pair in pairs if all(map(_of(*pair).fullmatch, cells))]
+        fits = [p for p in pairs if all(map(re.compile(_FORM.format(*p)).fullmatch, cells))]
         sure = {*".,"} <= {*there} or not all(map(_NUMBER.fullmatch, cells))
         if sure and len({group for group, _ in fits}) == 1:
             return fits[0]
     marked = (text for text in texts if "," in text or "." in text)
     numbers = (cell for text in marked for cell in _cells(text, delimiter) if is_number(cell))
     return "", next((mark for cell in numbers for mark in cell if mark in ",."), ".")
-
-
-def _of(group: str, decimal: str) -> re.Pattern[str]:
-    """Return what a number with this thousands separator and decimal mark looks like."""
-    whole = rf"(?:\d*|[1-9]\d{{0,2}}(?:{re.escape(group)}\d{{3}})+)"
-    return re.compile(rf"[+-]?{whole}(?:{re.escape(decimal)}\d*)?(?:[eE][+-]?\d+)?")
 
 
 def _decoded(path: Path) -> tuple[str, str]:

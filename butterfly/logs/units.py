@@ -49,9 +49,6 @@ UNITS = {
 ASSUMED, GIVEN = "assumed", "given"
 """Source of a unit that is not in the file: the default, or an option or the manifest."""
 
-BY_SIZE = "from its size"
-"""Source of a unit that the size of the numbers tells: that of an epoch."""
-
 _TURNABLE = ("input", "angle", "velocity", "setpoint")
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)(?:[\])}]|$)")
 _SILENT = re.compile(
@@ -148,8 +145,8 @@ class ColumnReading:
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
-        usual = self.said in {ASSUMED, GIVEN} or abs(self.factor) == 1.0
-        return not usual or self.said == BY_SIZE
+        usual = abs(self.factor) == 1.0 and not self.unit.startswith("epoch")
+        return self.said not in {ASSUMED, GIVEN} and not usual
 
     @property
     def text(self) -> str:
