@@ -94,7 +94,7 @@ def read_text_table(path: Path) -> TextColumns:
         raise InputError(path, f"line {halves[0].number}", halves[0].text, expected)
     group, decimal = _marks(rows, delimiter)
     texts = {
-        f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
+        f"{_DELIMITERS[delimiter]} between columns": delimiter != "," and width > 1,
         "decimal commas": decimal == ",",
         f"thousands separators {group!r}": bool(group),
         encoding: encoding != "UTF-8",

@@ -10,7 +10,6 @@ import yaml
 from scipy.io import savemat
 
 import butterfly as bf
-from butterfly.errors import InputError
 from butterfly.logs.formats import log_of_table, read_log
 from butterfly.logs.health import examine
 from butterfly.logs.units import Units
@@ -19,9 +18,8 @@ from tests.cli.one_line import done
 NANOS = 1_700_000_000_123_456_789 + 2_000_000 * np.arange(60)  # since 1970
 TIME = 1e-9 * (NANOS - NANOS[0])
 SIGNALS = {"input": np.sin(7 * TIME), "angle": np.cos(3 * TIME)}
-RECORDS = {"orient": "records"}
-JSON = {"log.json": {}, "records.json": RECORDS, "log.jsonl": RECORDS | {"lines": True}}
-FORMS = [*JSON, "log.csv", "semicolons.csv", "log.tsv", "log.parquet", "log.mat", "frame"]
+JSON = {"log.json": {}, "log.jsonl": {"orient": "records", "lines": True}}
+FORMS = [*JSON, "log.csv", "log.tsv", "log.txt", "log.parquet", "log.mat", "frame"]
 
 
 def _read(folder, form, time, named="time", **about):
@@ -77,25 +75,21 @@ def test_day_numbers_are_read_by_their_name_and_never_by_their_size(first, tmp_p
     for named in ("datenum", "Excel date", "serial_date", "time [days]", "time_days", "days"):
         log = _read(tmp_path, "log.csv", days, named)
         np.testing.assert_allclose(log.time, 50 * TIME, atol=2e-5)
-        assert log.reading.columns["time"].unit == "days"
-    with pytest.raises(InputError, match="days, if these are day numbers"):
+    with pytest.raises(bf.InputError, match="days, if these are day numbers"):
         _read(tmp_path, "log.tsv", days)
     assert _read(tmp_path, "log.tsv", days, units=Units.of({"time": "s"})).time[0] == first
 
 
 def test_what_is_no_clock_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"'01.03.2024 10:30' in line 2; .* ISO 8601"):
+    with pytest.raises(bf.InputError, match=r"'01.03.2024 10:30' in line 2; .* ISO 8601"):
         _read(tmp_path, "log.csv", ["01.03.2024 10:30"] * 60)
-    with pytest.raises(InputError, match="time: got 'soon' in record 0"):
-        _read(tmp_path, "log.json", ["soon"] * 60)
-    with pytest.raises(InputError, match="by its size an epoch in ms"):
+    with pytest.raises(bf.InputError, match="by its size an epoch in ms"):
         _read(tmp_path, "frame", 7e11 + 1e6 * np.arange(60))  # an uptime in ns
 
 
 GROUPED = {  # delimiter, form of the input, and what English marks become
     "German": (";", "{:,.1f}", (",.", ".,")),
     "German, whole": (";", "{:,.0f}", (",.", ".,")),
-    "English": ("\t", "{:,.1f}", ("", "")),
     "English, quoted": (",", '"{:,.1f}"', ("", "")),
     "blanks": (";", "{:,.1f}", (",.", " ,")),
     "Swiss": (",", "{:,.1f}", (",", "'")),
@@ -116,30 +110,26 @@ def test_grouped_thousands_are_read_where_they_are_sure(how, tmp_path):
 
 
 def test_marks_that_may_be_either_are_refused_as_likely_thousands(tmp_path):
-    path = tmp_path / "log.csv"
-    for cells in ("1.234;5,678", "1.234,5;0.5", "12,345.6;1,5"):
-        path.write_text("time;input;angle\n" + f"1;{cells}\n" * 20)
-        with pytest.raises(InputError, match=r"in line 2; expected a number \(without thousands"):
-            read_log(path)
-    path.write_text("57,30\n57,05\n" * 20)
-    with pytest.raises(InputError, match=r"line 2: got 57,05; .*decimal commas need another"):
-        read_log(path)
+    texts = [f"1;{cells}\n" for cells in ("1.234;5,678", "1.234,5;0.5", "12,345.6;1,5")]
+    for rows in (*texts, "57,30\n57,05\n"):
+        (tmp_path / "log.csv").write_text("time;input;angle\n" * (";" in rows) + rows * 20)
+        with pytest.raises(bf.InputError, match=r"line 2.*(without thousands|decimal commas need)"):
+            read_log(tmp_path / "log.csv")
 
 
 CASES = Path(__file__).parents[3] / "shared/data/cases/strangers"
-needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not there")
+of_cases = pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not there")
 
 
-@needs_cases
+@of_cases
 def test_a_known_interval_stands_for_a_clock(butterfly):
     motor, swing = (CASES / "no_sample_time" / name for name in ("motor.mat", "swing_1kHz_deg.txt"))
     for path in (swing, motor):
-        with pytest.raises(InputError, match=r"without time=.*--interval S"):
+        with pytest.raises(bf.InputError, match=r"without time=.*--interval S"):
             bf.read(path)
     log = bf.read(motor, interval=0.02, input="torque", columns={"input": "u", "angle": "y.0"})
     np.testing.assert_allclose(log.logs[0].time, 0.02 * np.arange(800))
     told = "--interval 0.001 --input none --columns angle=0 --units angle=deg --known p1=1"
-    assert "interval 0.001 s" in done(butterfly("inspect", swing, *told.split()))
     answer = json.loads(done(butterfly("identify", swing, *told.split(), "--json", "-")))
     assert answer["parameters"]["p3"]["value"] == pytest.approx(33.9, rel=0.02)
 
@@ -147,20 +137,21 @@ def test_a_known_interval_stands_for_a_clock(butterfly):
 def test_a_clock_and_an_interval_agree_or_are_refused():
     table = {"time": 1e3 * TIME} | SIGNALS
     assert bf.read(table, interval=2e-3, units={"time": "ms"}).logs[0].time[1] == 0.002
-    with pytest.raises(InputError, match=r"interval: got 0.002 s, and a column of time with 2 s"):
+    with pytest.raises(
+        bf.InputError, match=r"interval: got 0.002 s, and a column of time with 2 s"
+    ):
         bf.read(table, interval=2e-3)
-    array = np.column_stack([*SIGNALS.values()])  # u, q
-    np.testing.assert_allclose(bf.read(array, interval=2e-3).logs[0].time, TIME, atol=1e-12)
+    assert bf.read(np.array([*SIGNALS.values()]).T, interval=2e-3).logs[0].time[1] == 2e-3
 
 
-@needs_cases
+@of_cases
 def test_a_file_of_several_tests_is_a_log_for_each(butterfly, tmp_path):
     (path,) = (CASES / "frc_sysid_json").glob("*.json")
     made = tmp_path / "m.yaml"
     done(butterfly("manifest", path, "--gravity", 0, "--known", "p4=1", "--out", made))
     places = [each["at"] for each in yaml.safe_load(made.read_text())["logs"]]
     assert places == ["slow-forward", "slow-backward", "fast-forward", "fast-backward"]
-    with pytest.raises(InputError, match="at: got nothing; expected one of slow-forward, slow-"):
+    with pytest.raises(bf.InputError, match="at: got nothing; expected one of slow-forward, slow-"):
         read_log(path)
     data = bf.read(made)
     for place, log in zip(places, data.logs, strict=True):
@@ -186,5 +177,5 @@ def test_each_log_of_a_manifest_has_columns_units_interval_and_place_of_its_own(
         np.testing.assert_allclose([log.time, log.angle], [TIME, SIGNALS["angle"]], atol=1e-12)
     assert len(bf.read(tmp_path / "servo.json", **own).logs) == 2
     path.write_text(path.read_text().replace("rollouts.1", "rollouts.2"))
-    with pytest.raises(InputError, match=r"at: got rollouts\.2; expected one of '0', '1'"):
+    with pytest.raises(bf.InputError, match=r"at: got rollouts\.2; expected one of '0', '1'"):
         bf.read(path)
