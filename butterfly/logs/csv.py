@@ -15,10 +15,12 @@ from pyarrow import csv
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.files import require_file, write_file
+from butterfly.logs.clock import EXACT, dates
 from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, chosen_columns, place
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import (
+    GROUPED,
     TextColumns,
     is_number,
     is_number_type,
@@ -32,7 +34,7 @@ _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
 _BY_NUMBER = (
     "a header line with the column names, delimited like the numbers, or columns by number "
-    "(--columns time=0,input=1,angle=2)"
+    "(--columns time=0,input=1,angle=2; without time=0, --interval S)"
 )
 
 
@@ -48,7 +50,7 @@ def read_csv(
     counted. The row below the names may hold units. Without a map, a numeric column ``velocity`` is
     read too.
     """
-    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties.get("input_kind"))
+    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties)
     table = _table(
         path,
         lambda names: chosen_columns(path, names, columns, properties)[0].values(),
@@ -73,7 +75,9 @@ def log_of_text(
             layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
     arrays: dict[str, Any] = {
-        field: _numeric(path, table, k, str((columns or {}).get(field, field)))
+        field: _numeric(
+            path, table, k, str((columns or {}).get(field, field)), clock=field == "time"
+        )
         for field, k in places.items()
     }
     headings = _headings(path, table, places)
@@ -133,14 +137,17 @@ def _table(
     try:
         with csv.open_csv(path) as beginning:
             schema = beginning.schema
-        names: Sequence[str] = schema.names
-        numbers = [*wanted(names)]
+            names: Sequence[str] = schema.names
+            numbers = [*wanted(names)]
+            whole = [k for k in numbers if pyarrow.types.is_integer(schema.types[k])]
+            first = beginning.read_next_batch() if whole else ()
         plain = all(is_number_type(schema.types[number]) for number in numbers)
+        plain &= all(abs(first[k][0].as_py() or 0) < EXACT for k in whole)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
             cut = int(not _is_ended(path))
-            whole = {number: each[: each.size - cut] for number, each in columns.items()}
-            return TextColumns(names=names, columns=whole, reading=FileReading(cut_lines=cut))
+            complete = {number: each[: each.size - cut] for number, each in columns.items()}
+            return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
@@ -172,12 +179,17 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
-def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
+def _numeric(path: Path, table: TextColumns, number: int, name: str, *, clock: bool = False) -> Any:  # noqa: ANN401 - numbers, or the dates of a clock
     column = table.columns[number]
     if isinstance(column, np.ndarray):
-        return column
+        return column if clock else column.astype(np.float64, copy=False)
+    if clock and (found := dates(column)) is not None:
+        return found
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
-    row = next((k for k, text in enumerate(texts) if not is_number(text)), None)
+    grouped = next((k for k, text in enumerate(texts) if GROUPED.fullmatch(text)), None)
+    row = next((k for k, text in enumerate(texts) if not is_number(text)), grouped)
     if row is None:
         raise InputError(path, name, f"a column of type {column.type}", "numbers")
-    raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", "a number")
+    expected = "a number, or a date as in ISO 8601 (2026-03-01T10:30:12.5)" if clock else "a number"
+    expected += " (without thousands separators)" if row == grouped else ""
+    raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", expected)

@@ -35,11 +35,13 @@ def read_log(
     path: Path,
     columns: ColumnMap | None = None,
     units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know, interval and at
 ) -> Log:
     """Read one file by its ending; InputError if it is unreadable or not one of `FORMATS`."""
     read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
     before = _state(path)
+    if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat"}:
+        raise InputError(path, "at", properties["at"], "a JSON or .mat file of several logs")
     log = read(path, columns, units, **{"name": path.name} | properties)
     if _state(path) != before:
         raise InputError(path, "content", "a file that changed while being read", "a complete one")
@@ -86,15 +88,18 @@ VELOCITY = "velocity"
 
 _HINT = "choose columns by --columns time=T,input=U,angle=Q or the manifest's key columns"
 _HINTS = {
+    "time": ["--interval S, or interval: S in the manifest, if the file has no clock"],
     "input": ["--input none, or input: none in the manifest, if nothing drives the joint"],
     "angle": ["velocity=W instead of angle=Q if no gravity acts"],
 }
 
 
-def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict[str, str | int]:
+def checked_map(
+    source: object, columns: ColumnMap, about: Mapping[str, Any]
+) -> dict[str, str | int]:
     """Return a column map with columns for time, input and angle (or velocity).
 
-    No input is needed if its ``kind`` is none.
+    By what is known ``about`` the log, its kind may need no input, and its interval no time.
     """
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
@@ -102,7 +107,8 @@ def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict
         if field not in {*SAMPLED, *OF_SERVO}:
             expected = nearest(field, (*SAMPLED, *OF_SERVO))
             raise InputError(source, f"columns.{field}", "an unknown field", expected)
-    optional = {"angle": VELOCITY in columns, "input": kind == InputKind.NONE}
+    optional = {"angle": VELOCITY in columns, "time": about.get("interval") is not None}
+    optional["input"] = about.get("input_kind") == InputKind.NONE
     for field in DEFAULT_COLUMNS:
         if field not in columns and not optional.get(field):
             expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
@@ -137,10 +143,10 @@ def chosen_columns(
 ) -> tuple[dict[str, int], list[str]]:
     """Return the number of each column to read, by field, and the fields read by default.
 
-    The properties ``about`` the log decide whether it may have no input.
+    The properties ``about`` the log decide whether it may have no input, and no time.
     """
     kind = about.get("input_kind")
-    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, kind)
+    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, about)
     there, unasked = {*names, *map(without_unit, names)}, []
     if columns is None and VELOCITY in there:
         wanted |= {VELOCITY: VELOCITY}
@@ -151,6 +157,8 @@ def chosen_columns(
         wanted |= {field: field for field in OF_SERVO if field in there}
     if columns is None and kind == InputKind.NONE and "input" not in there:
         del wanted["input"]
+    if columns is None and about.get("interval") is not None and "time" not in there:
+        del wanted["time"]
     return {field: place(source, names, name) for field, name in wanted.items()}, unasked
 
 
@@ -191,7 +199,8 @@ def log_of_table(
     found = _columns(table)
     names = list(found)
     if columns is None and names == [*map(str, range(len(names)))]:
-        columns = dict(zip(SAMPLED, range(len(names)), strict=False))
+        timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
+        columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
     properties = {"source": "table"} | properties
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}

@@ -10,6 +10,7 @@ from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, holds_table
+from butterfly.logs.json import logs_in
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
@@ -45,9 +46,10 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
     if not path.is_dir():
         folder = path.parent
         entry = _entry_by_name(path, folder, units) or LogEntry(file=path.name)
-        entries = [entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})]
+        entry = entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})
+        entries = _each_log(entry, folder, given)
     elif not has_thesis_names(path) or (massless and "arm" not in given):
-        entries = _entries(path)
+        entries = _entries(path, given)
     elif "arm" in given:
         entries = _entries_by_name(path, units)
     else:
@@ -69,7 +71,7 @@ def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
     return sorted(entries, key=lambda each: (known_of(each.added_mass).value, each.omega or 0.0))
 
 
-def _entries(folder: Path) -> list[LogEntry]:
+def _entries(folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
     """Return an entry for each log; a file that is often no log must hold a table."""
     paths = [
         path
@@ -78,7 +80,17 @@ def _entries(folder: Path) -> list[LogEntry]:
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
-    return [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    return [each for entry in entries for each in _each_log(entry, folder, given)]
+
+
+def _each_log(entry: LogEntry, folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
+    """Return an entry for each log in a file, unless the given columns name one."""
+    path, names = folder / entry.file, [*map(str, given.get("columns", {}).values())]
+    places = logs_in(path) if FORMATS[path.suffix.lower()] == "json" else []
+    if {name.partition(".")[0] for name in names} & {each.partition(".")[0] for each in places}:
+        places = []
+    return [entry.model_copy(update={"at": place}) for place in places] or [entry]
 
 
 def of_logs(

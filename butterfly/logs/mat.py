@@ -35,8 +35,11 @@ def read_mat(
     A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
     Without a map the columns are t, u, q[, dq] of ``D``, or time, input, angle[, velocity] of the
-    only struct with these. Tables, timetables and timeseries need the extra ``matlab``.
+    only struct with these; ``at`` is where else they are. Tables, timetables and timeseries need
+    the extra ``matlab``.
     """
+    if (at := properties.pop("at", None)) is not None:
+        columns = {f: f"{at}.{name}" for f, name in (columns or DEFAULT_COLUMNS).items()}
     said: dict[str, Mapping[str, Any]] = {}
     if columns is None:
         variables, names = load_variables(path, {_MATRIX}, said)
@@ -47,7 +50,7 @@ def read_mat(
         arrays: dict[str, Any] = dict(zip(SAMPLED, matrix.T, strict=False))
         named = dict.fromkeys(arrays, _MATRIX)
     else:
-        wanted = checked_map(path, columns, properties.get("input_kind"))
+        wanted = checked_map(path, columns, properties)
         mapping = {field: _parts(name) for field, name in wanted.items()}
         variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
@@ -101,6 +104,7 @@ def _matrix(path: Path, variables: dict[str, Any], names: list[str]) -> Samples:
     if _MATRIX not in variables:
         found = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
+        expected += " (without time=T: --interval S)"
         raise InputError(path, _MATRIX, found, expected)
     matrix = _upright(variables[_MATRIX])
     if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
@@ -114,7 +118,7 @@ def _real(path: Path, name: str, values: NDArray[Any]) -> Samples:
     """Return a copy in column order: `values` may be mapped from the file."""
     if values.dtype.kind not in "fiu":
         raise InputError(path, name, f"type {values.dtype}", "real numbers")
-    return np.array(values, dtype=np.float64, order="F")
+    return np.array(values, dtype=None if values.dtype.kind in "iu" else np.float64, order="F")
 
 
 def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds

@@ -145,7 +145,8 @@ class ColumnReading:
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
-        return self.said not in {ASSUMED, GIVEN} and abs(self.factor) != 1.0
+        usual = abs(self.factor) == 1.0 and not self.unit.startswith("epoch")
+        return self.said not in {ASSUMED, GIVEN} and not usual
 
     @property
     def text(self) -> str:
