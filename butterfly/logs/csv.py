@@ -115,13 +115,13 @@ def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
-def holds_table(path: Path) -> bool:
-    """Whether a file holds enough numbers for a log."""
+def holds_table(path: Path, width: int) -> bool:
+    """Whether a file holds enough numbers for a log of so many columns."""
     try:
         table = read_text_table(path)
     except InputError:
         return False
-    return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= len(DEFAULT_COLUMNS)
+    return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= width
 
 
 def _table(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from contextlib import closing
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError, require_room
 from butterfly.files import unpacked
 from butterfly.logs.csv import log_of_text
-from butterfly.logs.formats import ColumnMap, chosen_columns
+from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import Log
 from butterfly.logs.text_table import table_of_text
 from butterfly.logs.units import AS_IS, Units
@@ -24,12 +25,14 @@ def read_excel(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log (see `read_log`) from the only sheet with a table, or with these columns.
+    """Read a log (see `read_log`) from a sheet: ``at``, or the only one with these columns.
 
     A line in an error is a row of the sheet. Formulas have the values that were saved.
     """
+    texts, at = _texts(path), properties.pop("at", None)
+    texts = texts if at is None else {at: part_at(path, texts, at, at)}
     tables, fitting, fault = {}, [], InputError(path, "content", "no sheet", "a table")
-    for name, text in _texts(path).items():
+    for name, text in texts.items():
         try:
             tables[name] = table_of_text(path, text, f"sheet {name}", "\t")
             chosen_columns(path, tables[name].names, columns, properties)
@@ -41,7 +44,8 @@ def read_excel(
     (chosen, *others) = fitting or tables
     if others:
         found = f"sheets {', '.join([chosen, *others])}"
-        raise InputError(path, "content", found, "one sheet with these columns, or it saved as CSV")
+        expected = f"one sheet with these columns, or at: {chosen} in a manifest"
+        raise InputError(path, "content", found, expected)
     return log_of_text(path, tables[chosen], columns, units, **properties)
 
 
@@ -66,6 +70,8 @@ def _texts(path: Path) -> dict[str, str]:
 
 
 def _cell(value: Any) -> str:  # noqa: ANN401 - whatever a cell holds
+    if isinstance(value, timedelta):
+        value = value.total_seconds()
     if isinstance(value, float | int):
         return repr(+value)
     text = value.isoformat() if hasattr(value, "isoformat") else str("" if value is None else value)

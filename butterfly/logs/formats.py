@@ -40,8 +40,8 @@ def read_log(
     """Read one file by its ending; InputError if it is unreadable or not one of `FORMATS`."""
     read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
     before = _state(path)
-    if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat"}:
-        raise InputError(path, "at", properties["at"], "a JSON or .mat file of several logs")
+    if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat", "npz", "excel"}:
+        raise InputError(path, "at", properties["at"], "JSON, .mat, .npz or .xlsx of several logs")
     log = read(path, columns, units, **{"name": path.name} | properties)
     if _state(path) != before:
         raise InputError(path, "content", "a file that changed while being read", "a complete one")
@@ -57,14 +57,18 @@ def _state(path: Path) -> tuple[int, ...]:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def holds_table(path: Path) -> bool:
-    """Whether a file, which may be of another kind, holds enough numbers for a log."""
+def holds_table(path: Path, width: int) -> bool:
+    """Whether a file, which may be of another kind, holds enough numbers for a log of this width.
+
+    One less than the three of a log are those at a known interval.
+    """
     module = _module(path)
     if hasattr(module, "holds_table"):
-        return bool(module.holds_table(path))
+        return bool(module.holds_table(path, width))
     try:
-        names = dict(zip(DEFAULT_COLUMNS, range(3), strict=True))
-        return bool(read_log(path, names, Units(factors=dict.fromkeys(names, 1.0))))
+        names = dict(zip([*DEFAULT_COLUMNS][-width:], range(width), strict=True))
+        units = Units(factors=dict.fromkeys(names, 1.0))
+        return bool(read_log(path, names, units, interval=None if "time" in names else 1.0))
     except InputError as error:
         return "the extra" in error.expected
 
@@ -114,6 +118,18 @@ def checked_map(
             expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
             raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
+
+
+def part_at(source: object, parts: Mapping[str, Any], name: str, at: str) -> Any:  # noqa: ANN401 - of a file
+    """Return one of the parts of a file by its name, on the way to a place."""
+    if name not in parts:
+        raise InputError(source, "at", at, nearest(name, parts) if parts else "a place in the file")
+    return parts[name]
+
+
+def numbered(count: int, about: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the fields of so many columns without names; two at a known interval have no time."""
+    return SAMPLED[count == 2 and about.get("interval") is not None :]  # noqa: PLR2004 - u, q
 
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
@@ -199,8 +215,7 @@ def log_of_table(
     found = _columns(table)
     names = list(found)
     if columns is None and names == [*map(str, range(len(names)))]:
-        timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
-        columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
+        columns = dict(zip(numbered(len(names), properties), range(len(names)), strict=False))
     properties = {"source": "table"} | properties
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}

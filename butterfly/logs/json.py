@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import InputError, nearest, require_room
+from butterfly.errors import InputError, require_room
 from butterfly.files import read_file, whole
 from butterfly.logs.clock import dates
-from butterfly.logs.formats import ColumnMap, chosen_columns
+from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units
@@ -62,14 +62,14 @@ def read_json(
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def holds_table(path: Path) -> bool:
-    """Whether a file holds enough numbers for a log."""
+def holds_table(path: Path, width: int) -> bool:
+    """Whether a file holds enough numbers for a log of so many columns."""
     try:
         content, _ = _content(path)
-        sizes = [_column(path, content, "", way, "time").size for way in _ways(content)[:3]]
+        sizes = [_column(path, content, "", way, "time").size for way in _ways(content)[:width]]
     except InputError:
         return False
-    return len(sizes) == 3 and min(sizes) >= MIN_SAMPLES  # noqa: PLR2004 - t, u, q
+    return len(sizes) == width and min(sizes) >= MIN_SAMPLES
 
 
 def _content(path: Path) -> tuple[Any, int]:
@@ -121,10 +121,10 @@ def _logs(content: Any) -> list[str]:  # noqa: ANN401 - any JSON
 
 def _below(path: Path, node: Any, at: str) -> Any:  # noqa: ANN401 - any JSON
     for part in at.split("."):
-        keys = [*node] if isinstance(node, dict) else [*map(str, range(len(node)))]
-        if part not in keys:
-            raise InputError(path, "at", at, nearest(part, keys) if keys else "a place in the file")
-        node = node[part] if isinstance(node, dict) else node[int(part)]
+        parts = (
+            node if isinstance(node, dict) else enumerate(node if isinstance(node, list) else ())
+        )
+        node = part_at(path, {str(key): each for key, each in dict(parts).items()}, part, at)
     return node
 
 

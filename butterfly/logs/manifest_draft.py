@@ -76,7 +76,8 @@ def _entries(folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
     paths = [
         path
         for path in log_files(folder)
-        if path.suffix.lower() not in OFTEN_OTHERS or holds_table(path)
+        if path.suffix.lower() not in OFTEN_OTHERS
+        or holds_table(path, 2 if "interval" in given else 3)
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")

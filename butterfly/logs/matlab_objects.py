@@ -74,16 +74,15 @@ def _holds_object(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
 
 
 def _filled(before: Any, after: Any) -> Any:  # noqa: ANN401 - whatever a file holds
-    """Return what was read, its objects as mat-io reads them, clocks in s."""
+    """Return what was read, its objects as mat-io reads them."""
     if isinstance(before, dict):
         (one,) = np.ravel(after)
         return {name: _filled(each, one[name]) for name, each in before.items()}
     if isinstance(before, list):
         return [_filled(*pair) for pair in zip(before, np.ravel(after, "F"), strict=True)]
     found = _plain(after) if isinstance(before, MatlabObject) else before
-    if isinstance(found, np.ndarray) and found is not before:
-        return _seconds(found) if found.dtype.kind in "mM" else before
-    return found
+    is_clock = isinstance(found, np.ndarray) and found.dtype.kind in "mM"
+    return found if is_clock or not isinstance(found, np.ndarray) else before
 
 
 def _plain(found: Any) -> Any:  # noqa: ANN401 - whatever a file holds
@@ -120,11 +119,5 @@ def _frame(frame: Any) -> dict[str, Any]:  # noqa: ANN401 - pandas'
         for (name, each), unit, text in rows
     ]
     frame = frame if frame.index.name is None else frame.reset_index()
-    columns = {str(name): _seconds(each.to_numpy()) for name, each in frame.items()}
+    columns = {str(name): each.to_numpy() for name, each in frame.items()}
     return columns | {"Properties": {"columns": said}}
-
-
-def _seconds(values: Any) -> Any:  # noqa: ANN401 - an array of any type
-    """Return durations in s, and instants in s from the first; other values as they are."""
-    values = values - values[:1] if values.dtype.kind == "M" else values
-    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values

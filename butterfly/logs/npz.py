@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.files import read_file, unpacked, whole
-from butterfly.logs.formats import ColumnMap, log_of_table
+from butterfly.logs.formats import ColumnMap, log_of_table, part_at
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.logs.units import AS_IS, Units
 
@@ -27,7 +27,8 @@ def read_npz(
 ) -> Log:
     """Read a log (see `read_log`) from vectors and columns of matrices (``M.0``).
 
-    Texts are remarks. An array alone is read as by `log_of_table`.
+    Short texts are remarks. An array alone, or the one ``at`` this name, is read as by
+    `log_of_table`.
     """
     if path.suffix.lower() == ".npy":
         contents = {"": read_file(path, "an existing file of NumPy's")}
@@ -36,7 +37,10 @@ def read_npz(
             contents = {name.removesuffix(".npy"): parts.read(name) for name in parts.namelist()}
     with whole(path, _WHOLE):
         arrays = {name: _array(path, name, each) for name, each in contents.items()}
-    texts = {name: arrays.pop(name) for name in [*arrays] if arrays[name].dtype.kind in "SU"}
+    short = [name for name, each in arrays.items() if each.dtype.kind in "SU"]
+    texts = {name: arrays.pop(name) for name in short if arrays[name].size < MIN_SAMPLES}
+    if (at := properties.pop("at", None)) is not None:
+        arrays = {at: part_at(path, arrays, at, at)}
     table: Any = {}
     for name, each in arrays.items():
         wide = each.ndim == 2 and 1 not in each.shape  # noqa: PLR2004 - a matrix

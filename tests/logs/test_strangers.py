@@ -118,9 +118,8 @@ def test_a_sheet_of_excels_is_read_as_a_text_is(tmp_path):
         read_log(path)
     write_sheets(path, {"a": TABLE, "b": [["time", "x", "y"], *TABLE[1:]]})
     _assert_read(path)
-    instant = datetime.datetime(2024, 5, 1, 10, 0, 0, 20_000)
     bad = {
-        "got '2024-05-01T10:00:00.020000' in line 62": [*TABLE, [instant, 1, 2]],
+        "got '2024-05-01T10:00:00' in line 62": [*TABLE, [datetime.datetime(2024, 5, 1, 10), 1, 2]],
         "got '#DIV/0!' in line 62": [*TABLE, [1.0, "#DIV/0!", 2]],
         "16384 cells; expected at most 10000": [*TABLE, [None] * 16_383 + [1.0]],
         "no row of numbers": [["hello"]],
@@ -129,6 +128,40 @@ def test_a_sheet_of_excels_is_read_as_a_text_is(tmp_path):
         write_sheets(path, {"a": rows})
         with pytest.raises(InputError, match=said):
             read_log(path)
+
+
+def test_dates_times_and_durations_of_excels_are_a_clock(tmp_path):
+    spans = [datetime.timedelta(seconds=each) for each in TIME]
+    instants = [datetime.datetime(2024, 5, 1, 10) + each for each in spans]
+    for clock in (instants, [each.time() for each in instants], spans):
+        rows = [[t, *row] for t, row in zip(clock, MATRIX[:, 1:].tolist(), strict=True)]
+        write_sheets(tmp_path / "log.xlsx", {"a": [NAMES, *rows]})
+        _assert_read(tmp_path / "log.xlsx")
+
+
+def _write(path, tables):
+    """Write tables by name: as sheets, matrices of NumPy's or MATLAB's, or MATLAB's structs."""
+    if path.suffix == ".xlsx":
+        write_sheets(path, {k: [[*each], *each.to_numpy().tolist()] for k, each in tables.items()})
+    elif path.suffix == ".npz":
+        np.savez(path, **{name: each.to_numpy() for name, each in tables.items()})
+    else:
+        own = path.name == "struct.mat"
+        each = {k: dict(v.items()) if own else v.to_numpy() for k, v in tables.items()}
+        savemat(path, each)
+
+
+@pytest.mark.parametrize("name", ["log.xlsx", "log.npz", "struct.mat", "log.mat"])
+def test_a_known_interval_is_a_clock_and_at_is_a_table_in_any_file(tmp_path, name):
+    path, frame = tmp_path / name, pd.DataFrame(COLUMNS)
+    _write(path, {"D": 1e6 * frame[["input", "angle"]]})
+    data = bf.read(tmp_path, interval=0.02)
+    np.testing.assert_allclose(data.logs[0].time, TIME)
+    assert data.health[0].contradiction[0].endswith("as no joint does")
+    _write(path, {"a": 2 * frame, "b": frame})
+    np.testing.assert_allclose(read_log(path, at="b").angle, COLUMNS["angle"], rtol=1e-12)
+    with pytest.raises(InputError, match=r"got c; expected|c: got no such"):
+        read_log(path, at="c")
 
 
 def test_a_folder_of_logs_may_hold_other_tables_and_arrays(tmp_path):
@@ -152,6 +185,7 @@ def test_objects_of_matlabs_are_read(tmp_path, version):
     write_objects(path, {"TT": timed, "s": {"T": frame}, **series}, version)
     _assert_read(path)
     _assert_read(path, ("s.T.time", "s.T.input", "TT.angle"))
+    np.testing.assert_allclose(read_log(path, at="TT").time, TIME)
     log = _assert_read(path, ("q.Time", "u.Data", "q.Data"), factors=(1, 1e-3, np.pi / 180))
     assert log.reading.columns["input"].unit == "mV"
     write_objects(path, {"T": frame}, version, units=["ms", "mV", "deg"])
