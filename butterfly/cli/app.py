@@ -76,9 +76,8 @@ COMMANDS = {
 }
 """All commands, by the words that call them, in the order of help."""
 
-_DATA = ("root", "arm", "input", "intersample", "columns", "units", "repair", "known", "zero")
-_MORE = ("joint", "gravity", "interval", "from", "to", "restarts")
-OF_DATA = {f"--{name}" for name in (*_DATA, *_MORE)}
+_DATA = "root arm input intersample columns units repair known zero joint gravity interval from to"
+OF_DATA = {f"--{name}" for name in (*_DATA.split(), "restarts")}
 """Options of the commands that read logs without a manifest."""
 
 _SEARCHING = {"Identify", "Check a result"}

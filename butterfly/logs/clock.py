@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -16,7 +15,7 @@ from butterfly.logs.unit_words import factor_of
 from butterfly.logs.units import ASSUMED, GIVEN, ColumnReading, Heading, Words
 
 EXACT = 1 << 53
-"""Integers below this are exact as floats."""
+"""Integers below this are exact as floats; a larger clock counts from its first."""
 
 _BY_SIZE = "from its size"
 _EPOCHS = ("s", "ms", "us", "ns")
@@ -31,10 +30,7 @@ _AGREE = 0.01  # relative difference of a clock from the given interval
 def with_clock(
     columns: Mapping[str, Any], headings: Mapping[str, Heading], interval: float | None
 ) -> tuple[Mapping[str, Any], Mapping[str, Heading], float]:
-    """Return columns with a clock of numbers, headings with its unit, and what was subtracted.
-
-    Dates, and integers that floats cannot hold, count from the first one.
-    """
+    """Return columns and headings with a clock of numbers, and the first if they count from it."""
     if "time" not in columns:
         size = max((np.shape(each)[:1] for each in columns.values()), default=(0,))
         return {**columns, "time": np.arange(*size) * (interval or np.nan)}, headings, 0.0
@@ -82,11 +78,13 @@ def clock_reading(
 ) -> tuple[ColumnReading, float]:
     """Return how a clock is read, and what to subtract so that an absolute one begins at 0.
 
-    An epoch is known by its size if the file says no unit; day numbers never are. ``first`` was
-    subtracted before.
+    An epoch is known by its size if no unit is said, days never are; ``first`` is subtracted.
     """
-    begin = first or next((each for each in map(float, time) if math.isfinite(each)), 0.0)
-    step, span = float(np.median(np.diff(time[:_ENOUGH]))), (begin, first + float(time[-1]))
+    finite = time if np.isfinite(time).all() else time[np.isfinite(time)]
+    if finite.size <= 1:
+        return reading, 0.0
+    begin, step = first or float(finite[0]), float(np.median(np.diff(finite[:_ENOUGH])))
+    span = begin, first + float(finite[-1])
     found = f"{begin:.10g}, with {step:.4g} between samples"
     expected = "the unit of time (--units time=... or units: in the manifest)"
     where, silent = reading.name or f"column {reading.number}", reading.said == ASSUMED and step > 0

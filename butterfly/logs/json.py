@@ -30,9 +30,9 @@ def read_json(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log (see `read_log`); nested columns have names such as ``joint.position.0``.
+    """Read a log (see `read_log`), or that ``at`` a place; of WPILib's SysId as it is.
 
-    ``at`` is the way down to one of several logs. Those of WPILib's SysId are read as they are.
+    Nested columns have names such as ``joint.position.0``.
     """
     (content, cut), at = _content(path), properties.pop("at", None)
     above = content if isinstance(content, dict) else {}
@@ -43,20 +43,21 @@ def read_json(
         raise InputError(path, "at", "nothing", expected)
     ways = _ways(content)
     names = [*map(".".join, ways)]
-    sayings = Sayings(path, names)
-    if at is not None and above.get("sysid") is True:
-        if len(names) != len(SAMPLED):
-            raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
-        columns = columns or {field: k for k, field in enumerate(SAMPLED)}
-        unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
-        for k, per in ((2, ""), (3, "/s")):  # the numbers are rotations
-            sayings.metadata({"units": f"{unit}{per}", "scale_factor": factor}, way=(k,))
-    else:
-        beside = {k: each for k, each in above.items() if at and _ways(each) != ways}
-        sayings.metadata(beside)
-        sayings.metadata(content)
+    of_sysid = at is not None and above.get("sysid") is True
+    if of_sysid and len(names) != len(SAMPLED):
+        raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
+    if of_sysid and columns is None:
+        columns = {field: k for k, field in enumerate(SAMPLED)}
     places, unasked = chosen_columns(path, names, columns, properties)
     arrays = {f: _column(path, content, names[k], ways[k], f) for f, k in places.items()}
+    sayings = Sayings(path, names)
+    if of_sysid:  # its numbers are rotations, of so many units each
+        unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
+        for k, per in ((2, ""), (3, "/s")):
+            sayings.metadata({"units": f"{unit}{per}", "scale_factor": factor}, way=(k,))
+    else:
+        sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
+        sayings.metadata(content)
     headings = sayings.headings(places)
     properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
@@ -121,10 +122,9 @@ def _logs(content: Any) -> list[str]:  # noqa: ANN401 - any JSON
 
 def _below(path: Path, node: Any, at: str) -> Any:  # noqa: ANN401 - any JSON
     for part in at.split("."):
-        parts = (
-            node if isinstance(node, dict) else enumerate(node if isinstance(node, list) else ())
-        )
-        node = part_at(path, {str(key): each for key, each in dict(parts).items()}, part, at)
+        rows = dict(enumerate(node)) if isinstance(node, list) else {}
+        below = node if isinstance(node, dict) else {str(k): each for k, each in rows.items()}
+        node = part_at(path, below, part, at)
     return node
 
 

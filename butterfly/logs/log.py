@@ -313,8 +313,7 @@ class Log:
     ) -> Log:
         """Make a log from columns in their units (see `read_unit`); all readers end here.
 
-        A column that is ``unasked`` for is ignored if its unit is unknown. Without one of time, the
-        property ``interval`` is the sampling interval in s.
+        A column ``unasked`` for is ignored if its unit is unknown. ``interval`` in s is a clock.
         """
         interval = properties.pop("interval", None)
         columns, headings, start = with_clock(columns, headings, interval)

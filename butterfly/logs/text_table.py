@@ -31,7 +31,7 @@ _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and withi
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
 _FORM = r"[+-]?(?:\d*|[1-9]\d{{0,2}}(?:\{}\d{{3}})+)(?:\{}\d*)?(?:[eE][+-]?\d+)?"
-_CUT = re.compile(r"[+-]?\d+,0\d+")  # at its decimal comma: no number begins with 0
+_CUT = re.compile(r"(?<![\d.])[+-]?\d{1,3},0\d+(?:\.\d+)?(?![\d.])")  # no number begins with 0
 _GROUPS = re.compile(r"\d(?:[.,]\d{3}[.,]\d|['’ \xa0\u202f]\d{3})")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d\d:\d\d:\d\d.*")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
@@ -95,8 +95,9 @@ def table_of_text(
     remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *body[:others])]
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
-    if delimiter == "," and (halves := [each for each in rows if _CUT.fullmatch(each.text)]):
-        expected = "numbers with decimal points (decimal commas need another delimiter)"
+    is_cut = _CUT.search if named else _CUT.fullmatch
+    if delimiter == "," and (halves := [each for each in rows if is_cut(each.text)]):
+        expected = "numbers without commas (decimal commas and thousands need another delimiter)"
         raise InputError(path, f"line {halves[0].number}", halves[0].text, expected)
     group, decimal = _marks(rows, delimiter)
     texts = {

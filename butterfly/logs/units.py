@@ -145,8 +145,8 @@ class ColumnReading:
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
-        usual = abs(self.factor) == 1.0 and not self.unit.startswith("epoch")
-        return self.said not in {ASSUMED, GIVEN} and not usual
+        unusual = abs(self.factor) != 1.0 or "epoch" in self.unit
+        return self.said not in {ASSUMED, GIVEN} and unusual
 
     @property
     def text(self) -> str:

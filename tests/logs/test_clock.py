@@ -111,9 +111,9 @@ def test_grouped_thousands_are_read_where_they_are_sure(how, tmp_path):
 
 def test_marks_that_may_be_either_are_refused_as_likely_thousands(tmp_path):
     texts = [f"1;{cells}\n" for cells in ("1.234;5,678", "1.234,5;0.5", "12,345.6;1,5")]
-    for rows in (*texts, "57,30\n57,05\n"):
-        (tmp_path / "log.csv").write_text("time;input;angle\n" * (";" in rows) + rows * 20)
-        with pytest.raises(bf.InputError, match=r"line 2.*(without thousands|decimal commas need)"):
+    for head, rows in (*(("time;input;angle\n", text) for text in texts), ("", "57,30\n57,05\n")):
+        (tmp_path / "log.csv").write_text(head + rows * 20)
+        with pytest.raises(bf.InputError, match=r"line 2.*(without thousands|decimal commas and)"):
             read_log(tmp_path / "log.csv")
 
 
