@@ -32,9 +32,7 @@ _LONGEST_PATH = 4096
 
 _PACKED = 64  # times its size that a file of logs may expand to
 _FREE = 256 << 20  # bytes that any file may
-_KINDS: dict[
-    bytes | tuple[bytes, ...], tuple[str, str]
-] = {  # how files begin, what they are, and what is read instead of them
+_KINDS: dict[Any, tuple[str, str]] = {  # how files begin, what they are, what to give instead
     b"PK\3\4": ("a zip file", "a name ending in .xlsx or .npz for Excel's or NumPy's, or CSV"),
     b"\x93NUMPY": ("an array of NumPy's", "a name ending in .npy"),
     b"PAR1\x15": ("a Parquet file", "a name ending in .parquet"),

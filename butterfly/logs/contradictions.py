@@ -109,8 +109,7 @@ def _law(inputs: Samples, angle: Samples, length: int) -> Samples:
     if length < _LEAST or 2 * angle.size < (_LEAST + 1) * length:
         return np.zeros((1, 5))
     bump = (1.0 - np.linspace(-1.0, 1.0, length) ** 2) ** 4
-    slope = np.gradient(bump)
-    bend = np.gradient(slope)
+    bend = np.gradient(slope := np.gradient(bump))
     level = _cut(angle, length)
     motion = level - level[:, :1]  # exactly 0 at rest
     speed, bent, drive = -(motion @ slope), motion @ bend, _cut(inputs, length) @ bump

@@ -56,33 +56,25 @@ def read_csv(
         lambda names: chosen_columns(path, names, columns, properties)[0].values(),
         by_number=all(str(each).isdecimal() for each in wanted.values()),
     )
-    return log_of_text(path, table, columns, units, **properties)
+    return log_of_text(path, table, columns, units, properties)
 
 
 def log_of_text(
-    path: Path,
-    table: TextColumns,
-    columns: ColumnMap | None,
-    units: Units,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+    path: Path, table: TextColumns, columns: ColumnMap | None, units: Units, about: dict[str, Any]
 ) -> Log:
-    """Return the log in a table of a file."""
-    places, unasked = chosen_columns(path, table.names, columns, properties)
+    """Return the log in a table of a file, of which this is known besides."""
+    places, unasked = chosen_columns(path, table.names, columns, about)
     reading = table.reading
     for field in unasked:
         if not isinstance(table.columns[places[field]], np.ndarray):
             del places[field]
             layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
-    arrays: dict[str, Any] = {
-        field: _numeric(
-            path, table, k, str((columns or {}).get(field, field)), clock=field == "time"
-        )
-        for field, k in places.items()
-    }
+    named = columns or {}
+    arrays = {f: _numeric(path, table, k, str(named.get(f, f)), f) for f, k in places.items()}
     headings = _headings(path, table, places)
-    properties |= {"source": str(path), "reading": reading}
-    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+    about |= {"source": str(path), "reading": reading}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
 def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict[str, Heading]:
@@ -115,7 +107,7 @@ def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
-def holds_table(path: Path, width: int) -> bool:
+def holds_table(path: Path, width: int = 3) -> bool:
     """Whether a file holds enough numbers for a log of so many columns."""
     try:
         table = read_text_table(path)
@@ -179,8 +171,8 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
-def _numeric(path: Path, table: TextColumns, number: int, name: str, *, clock: bool = False) -> Any:  # noqa: ANN401 - numbers, or the dates of a clock
-    column = table.columns[number]
+def _numeric(path: Path, table: TextColumns, number: int, name: str, field: str = "") -> Any:  # noqa: ANN401 - numbers, or the dates of a clock
+    column, clock = table.columns[number], field == "time"
     if isinstance(column, np.ndarray):
         return column if clock else column.astype(np.float64, copy=False)
     if clock and (found := dates(column)) is not None:

@@ -30,9 +30,8 @@ def read_excel(
     A line in an error is a row of the sheet. Formulas have the values that were saved.
     """
     texts, at = _texts(path), properties.pop("at", None)
-    texts = texts if at is None else {at: part_at(path, texts, at, at)}
     tables, fitting, fault = {}, [], InputError(path, "content", "no sheet", "a table")
-    for name, text in texts.items():
+    for name, text in {at: part_at(path, texts, at, at)}.items() if at else texts.items():
         try:
             tables[name] = table_of_text(path, text, f"sheet {name}", "\t")
             chosen_columns(path, tables[name].names, columns, properties)
@@ -46,7 +45,7 @@ def read_excel(
         found = f"sheets {', '.join([chosen, *others])}"
         expected = f"one sheet with these columns, or at: {chosen} in a manifest"
         raise InputError(path, "content", found, expected)
-    return log_of_text(path, tables[chosen], columns, units, **properties)
+    return log_of_text(path, tables[chosen], columns, units, properties)
 
 
 def _texts(path: Path) -> dict[str, str]:

@@ -57,11 +57,8 @@ def _state(path: Path) -> tuple[int, ...]:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def holds_table(path: Path, width: int) -> bool:
-    """Whether a file, which may be of another kind, holds enough numbers for a log of this width.
-
-    One less than the three of a log are those at a known interval.
-    """
+def holds_table(path: Path, width: int = 3) -> bool:
+    """Whether a file, which may be of another kind, holds a log's numbers (2: at an interval)."""
     module = _module(path)
     if hasattr(module, "holds_table"):
         return bool(module.holds_table(path, width))
@@ -125,11 +122,6 @@ def part_at(source: object, parts: Mapping[str, Any], name: str, at: str) -> Any
     if name not in parts:
         raise InputError(source, "at", at, nearest(name, parts) if parts else "a place in the file")
     return parts[name]
-
-
-def numbered(count: int, about: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the fields of so many columns without names; two at a known interval have no time."""
-    return SAMPLED[count == 2 and about.get("interval") is not None :]  # noqa: PLR2004 - u, q
 
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
@@ -208,14 +200,12 @@ def log_of_table(
     said: Mapping[str, Any] | None = None,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
 ) -> Log:
-    """Make a log of a table; numbered columns are those of `SAMPLED` unless others are given.
-
-    What is ``said`` beside the table are metadata.
-    """
+    """Make a log of a table and what is ``said`` beside it; numbered columns are `SAMPLED`."""
     found = _columns(table)
     names = list(found)
     if columns is None and names == [*map(str, range(len(names)))]:
-        columns = dict(zip(numbered(len(names), properties), range(len(names)), strict=False))
+        timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
+        columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
     properties = {"source": "table"} | properties
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}

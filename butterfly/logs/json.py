@@ -63,16 +63,6 @@ def read_json(
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def holds_table(path: Path, width: int) -> bool:
-    """Whether a file holds enough numbers for a log of so many columns."""
-    try:
-        content, _ = _content(path)
-        sizes = [_column(path, content, "", way, "time").size for way in _ways(content)[:width]]
-    except InputError:
-        return False
-    return len(sizes) == width and min(sizes) >= MIN_SAMPLES
-
-
 def _content(path: Path) -> tuple[Any, int]:
     """Return the content of a file, and how many incomplete last lines were dropped."""
     content = read_file(path, "an existing JSON file")

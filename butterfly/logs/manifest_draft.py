@@ -89,9 +89,8 @@ def _each_log(entry: LogEntry, folder: Path, given: Mapping[str, Any]) -> list[L
     """Return an entry for each log in a file, unless the given columns name one."""
     path, names = folder / entry.file, [*map(str, given.get("columns", {}).values())]
     places = logs_in(path) if FORMATS[path.suffix.lower()] == "json" else []
-    if {name.partition(".")[0] for name in names} & {each.partition(".")[0] for each in places}:
-        places = []
-    return [entry.model_copy(update={"at": place}) for place in places] or [entry]
+    named = {each.partition(".")[0] for each in names} & {each.partition(".")[0] for each in places}
+    return [entry.model_copy(update={"at": each}) for each in places if not named] or [entry]
 
 
 def of_logs(

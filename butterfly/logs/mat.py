@@ -15,8 +15,8 @@ from scipy.io import savemat
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
-from butterfly.logs.formats import ColumnMap, checked_map, chosen_columns, numbered
-from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.logs.formats import ColumnMap, checked_map, chosen_columns
+from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_objects import MatlabObject
 from butterfly.logs.matlab_variables import load_variables
 from butterfly.logs.said import Sayings
@@ -50,18 +50,16 @@ def read_mat(
     elif at is not None:
         columns = {field: f"{at}.{name}" for field, name in columns.items()}
     if columns is None:
-        matrix = _matrix(path, at or _MATRIX, found, names, properties)
-        fields = numbered(matrix.shape[1], properties)
-        arrays: dict[str, Any] = dict(zip(fields, matrix.T, strict=False))
+        least = 3 if properties.get("interval") is None else 2
+        matrix = _matrix(path, at or _MATRIX, found, names, least)
+        timed = matrix.shape[1] > 2  # noqa: PLR2004 - u, q
+        arrays: dict[str, Any] = dict(zip(SAMPLED[not timed :], matrix.T, strict=False))
         named = dict.fromkeys(arrays, at or _MATRIX)
     else:
         wanted = checked_map(path, columns, properties)
         mapping = {field: _parts(name) for field, name in wanted.items()}
         variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
-        arrays = {
-            field: _vector(path, variables, names, own, clock=field == "time")
-            for field, own in mapping.items()
-        }
+        arrays = {f: _vector(path, variables, names, own, f) for f, own in mapping.items()}
         named = {field: ".".join(own) for field, own in mapping.items()}
     sayings = Sayings(path, [*named.values()])
     sayings.metadata(variables)
@@ -116,20 +114,14 @@ def _columns_of_table(path: Path, names: list[str], about: Mapping[str, Any]) ->
     return next(iter(tables.values()), None)
 
 
-def _matrix(
-    path: Path,
-    name: str,
-    found: object,
-    names: list[str],
-    about: Mapping[str, Any],
-) -> Samples:
-    """Return the matrix of columns."""
+def _matrix(path: Path, name: str, found: object, names: list[str], least: int) -> Samples:
+    """Return the matrix of columns, of which there are ``least``."""
     if isinstance(found, dict) and not found:
         found = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
         expected += " (without time=T: --interval S)"
         raise InputError(path, name, found, expected)
-    matrix, least = _upright(found), 3 if about.get("interval") is None else 2
+    matrix = _upright(found)
     width = matrix.shape[-1] if isinstance(matrix, np.ndarray) and matrix.ndim == 2 else 0  # noqa: PLR2004
     if width not in range(least, 5):
         found = matrix if isinstance(matrix, str) else type(matrix).__name__
@@ -139,13 +131,11 @@ def _matrix(
     return _real(path, name, matrix)
 
 
-def _real(path: Path, name: str, values: NDArray[Any], *, clock: bool = False) -> NDArray[Any]:
+def _real(path: Path, name: str, values: NDArray[Any], kinds: str = "fiu") -> NDArray[Any]:
     """Return a copy in column order: `values` may be mapped from the file."""
-    if clock and values.dtype.kind in "mM":
-        return values
-    if values.dtype.kind not in "fiu":
+    if values.dtype.kind not in kinds:
         raise InputError(path, name, f"type {values.dtype}", "real numbers")
-    return np.array(values, dtype=None if values.dtype.kind in "iu" else np.float64, order="F")
+    return np.array(values, dtype=np.float64 if values.dtype.kind == "f" else None, order="F")
 
 
 def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -173,7 +163,7 @@ def _found(path: Path, variables: dict[str, Any], names: list[str], parts: list[
 
 
 def _vector(
-    path: Path, variables: dict[str, Any], names: list[str], parts: list[str], *, clock: bool
+    path: Path, variables: dict[str, Any], names: list[str], parts: list[str], field: str
 ) -> NDArray[Any]:
     """Return a vector by the parts of its name."""
     found, wanted = _found(path, variables, names, parts), ".".join(parts)
@@ -182,7 +172,7 @@ def _vector(
     if isinstance(found, dict | list):
         expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in _below(found))}"
         raise InputError(path, wanted, "a struct", expected)
-    values = _real(path, wanted, np.asarray(found), clock=clock)
+    values = _real(path, wanted, np.asarray(found), "fiumM" if field == "time" else "fiu")
     if values.size != max(values.shape, default=0):
         expected = f"a vector, or one of its columns: {wanted}.0, ..."
         raise InputError(path, wanted, f"shape {values.shape}", expected)

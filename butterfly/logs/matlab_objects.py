@@ -23,8 +23,6 @@ _CONVERSIONS = {
     "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
     "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
 }  # lines of MATLAB that convert an object x; all others are converted as timeseries
-
-
 _EXTRA = "needs the extra matlab (pip install 'butterfly-testbed[matlab]')"
 
 
@@ -45,10 +43,15 @@ class MatlabObject:
 
 def is_skipped(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
     """Whether anything in what was read was left out, so that it may be damaged."""
-    below = found.values() if isinstance(found, dict) else found if isinstance(found, list) else ()
-    whole_object = isinstance(found, MatlabObject) and found.kind
-    skipped = isinstance(found, str | MatlabObject) and not whole_object
-    return skipped or any(map(is_skipped, below))
+    left = [each for each in _leaves(found) if isinstance(each, str | MatlabObject)]
+    return not all(isinstance(each, MatlabObject) and each.kind for each in left)
+
+
+def _leaves(found: Any) -> list[Any]:  # noqa: ANN401 - whatever a file holds
+    below = [*found.values()] if isinstance(found, dict) else found
+    return (
+        [leaf for each in below for leaf in _leaves(each)] if isinstance(below, list) else [found]
+    )
 
 
 def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) -> dict[str, Any]:
@@ -57,7 +60,8 @@ def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) ->
     How the file was read before says that its parts are whole, which mat-io takes for granted.
     """
     known = [name for name in wanted if name in variables and not is_skipped(variables[name])]
-    names = [name for name in known if _holds_object(variables[name])]
+    leaves = {name: _leaves(variables[name]) for name in known}
+    names = [n for n in known if any(isinstance(each, MatlabObject) for each in leaves[n])]
     with warnings.catch_warnings(), suppress(Exception):  # an object that is not read is refused
         warnings.simplefilter("ignore")
         if names:
@@ -66,11 +70,6 @@ def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) ->
             found = load_from_mat(str(path), variable_names=[*names], add_table_attrs=True)
             return {name: _filled(variables[name], found[name]) for name in names}
     return {}
-
-
-def _holds_object(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
-    below = found.values() if isinstance(found, dict) else found if isinstance(found, list) else ()
-    return isinstance(found, MatlabObject) or any(map(_holds_object, below))
 
 
 def _filled(before: Any, after: Any) -> Any:  # noqa: ANN401 - whatever a file holds
@@ -113,10 +112,9 @@ def _frame(frame: Any) -> dict[str, Any]:  # noqa: ANN401 - pandas'
         frame.attrs.get(f"Variable{key}") or frame.attrs.get(f"var{key}") or [""] * frame.shape[1]
         for key in ("Units", "Descriptions")
     )
-    rows = zip(frame.items(), units, texts, strict=True)
     said = [
         {"name": name, "unit": "" if each.dtype.kind in "mM" else unit, "description": text}
-        for (name, each), unit, text in rows
+        for (name, each), unit, text in zip(frame.items(), units, texts, strict=True)
     ]
     frame = frame if frame.index.name is None else frame.reset_index()
     columns = {str(name): each.to_numpy() for name, each in frame.items()}

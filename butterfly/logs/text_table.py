@@ -70,9 +70,7 @@ def read_text_table(path: Path) -> TextColumns:
     return table_of_text(path, *_decoded(path))
 
 
-def table_of_text(
-    path: Path, text: str, encoding: str = "UTF-8", delimiters: str = ";\t, "
-) -> TextColumns:
+def table_of_text(path: Path, text: str, encoding: str, delimiters: str = ";\t, ") -> TextColumns:
     """Return the table in a text, whose cells one of the delimiters divides."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
@@ -130,10 +128,7 @@ def is_number(text: str) -> bool:
 
 
 def _marks(rows: list[_Line], delimiter: str) -> tuple[str, str]:
-    """Return thousands separator, "" unless it is sure, and decimal mark of a table.
-
-    It is sure if some numbers have no other reading, or both point and comma occur, and all fit.
-    """
+    """Return thousands separator, "" unless only it fits all numbers, and decimal mark."""
     texts = [line.text for line in rows]
     odd = any(map(_GROUPS.search, texts)) or all(any(m in text for text in texts) for m in ".,")
     if odd and (delimiter != "," or any({*"\"'’"} & {*text} for text in texts)):
@@ -280,9 +275,7 @@ def _parsed(
             found = f"{len(_cells(line.text, delimiter))} values"
             expected = f"{width}, as in the first row"
             if delimiter == ",":
-                expected += (
-                    " (numbers with decimal commas need another delimiter, as grouped ones do)"
-                )
+                expected += " (decimal commas need another delimiter, as thousands do)"
             raise InputError(path, f"line {line.number}", found, expected)
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
     if group:

@@ -145,8 +145,7 @@ class ColumnReading:
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
-        unusual = abs(self.factor) != 1.0 or "epoch" in self.unit
-        return self.said not in {ASSUMED, GIVEN} and unusual
+        return self.said not in {ASSUMED, GIVEN} and (abs(self.factor) != 1 or "epoch" in self.unit)
 
     @property
     def text(self) -> str:

@@ -282,11 +282,7 @@ CELLS = [(form, place) for form, (_, places) in WRITERS.items() for place in pla
 def ambiguous(form, place, spelling):
     """Whether nobody can tell, as inputs or inputmin, or the table cannot hold the spelling."""
     in_words = place in {"glued", "underscore", "blank"} and spelling in {"s", "min"}
-    return (
-        in_words
-        or (form == "blanks" and " " in spelling)
-        or (form in {"tsv", "xlsx"} and place == ROWS[1])
-    )
+    return in_words or (form == "blanks" and " " in spelling) or (form, place) == ("tsv", ROWS[1])
 
 
 def written(folder, where, field, spelling, factor):

@@ -139,21 +139,19 @@ def test_dates_times_and_durations_of_excels_are_a_clock(tmp_path):
         _assert_read(tmp_path / "log.xlsx")
 
 
-def _write(path, tables):
-    """Write tables by name: as sheets, matrices of NumPy's or MATLAB's, or MATLAB's structs."""
-    if path.suffix == ".xlsx":
-        write_sheets(path, {k: [[*each], *each.to_numpy().tolist()] for k, each in tables.items()})
-    elif path.suffix == ".npz":
-        np.savez(path, **{name: each.to_numpy() for name, each in tables.items()})
-    else:
-        own = path.name == "struct.mat"
-        each = {k: dict(v.items()) if own else v.to_numpy() for k, v in tables.items()}
-        savemat(path, each)
+WRITTEN = {  # frames by name
+    "log.npz": lambda path, told: np.savez(path, **told),
+    "log.xlsx": lambda path, told: write_sheets(
+        path, {k: [[*v], *v.to_numpy().tolist()] for k, v in told.items()}
+    ),
+    "log.mat": lambda path, told: savemat(path, {k: v.to_numpy() for k, v in told.items()}),
+    "struct.mat": savemat,
+}
 
 
-@pytest.mark.parametrize("name", ["log.xlsx", "log.npz", "struct.mat", "log.mat"])
+@pytest.mark.parametrize("name", WRITTEN)
 def test_a_known_interval_is_a_clock_and_at_is_a_table_in_any_file(tmp_path, name):
-    path, frame = tmp_path / name, pd.DataFrame(COLUMNS)
+    path, frame, _write = tmp_path / name, pd.DataFrame(COLUMNS), WRITTEN[name]
     _write(path, {"D": 1e6 * frame[["input", "angle"]]})
     data = bf.read(tmp_path, interval=0.02)
     np.testing.assert_allclose(data.logs[0].time, TIME)
