@@ -143,13 +143,15 @@ def write_xml(path: Path, content: str, kind: str) -> None:
 
 
 @contextmanager
-def whole(path: Path, expected: str) -> Iterator[None]:
-    """Turn whatever a reader raises on damaged content into InputError, but for lack of memory."""
+def whole(path: Path, expected: str, *, trusting: bool = False) -> Iterator[None]:
+    """Turn what a reader raises on damage into InputError; lack of memory only if ``trusting``."""
     try:
         yield
-    except (ButterflyError, MemoryError):
+    except ButterflyError:
         raise
     except Exception as error:
+        if isinstance(error, MemoryError) and not trusting:
+            raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", expected) from None
 

@@ -88,23 +88,18 @@ def bags() -> list[Sound]:
 def strangers() -> list[Sound]:
     """Return NumPy's and Excel's files, and MATLAB's objects, packed and not."""
     values = np.random.default_rng(15).standard_normal((40, 3))
-    names = ("time", "input", "angle")
-    columns = dict(zip(names, values.T, strict=True))
-    series = (values[:, 1], "V", values[:, 0])
-    told = {"T": pd.DataFrame(columns), "u": series}
+    columns = pd.DataFrame(values, columns=["time", "input", "angle"])
+    told = {"T": columns, "u": (values[:, 1], "V", values[:, 0])}
     mapped = {"time": "u.Time", "input": "u.Data", "angle": "T.angle"}
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / f"a.{each}" for each in ("npz", "npy", "xlsx", "mat", "73.mat")]
         np.savez_compressed(paths[0], **columns, units="s, V, rad")
         np.save(paths[1], values)
-        write_sheets(paths[2], {"a": [names, *values.tolist()]})
+        write_sheets(paths[2], {"a": [[*columns], *values.tolist()]})
         write_objects(paths[3], told, "v7", packed=False)
         write_objects(paths[4], told, "v7.3")
-        maps = [None, None, None, mapped, mapped]
-        return [
-            (path.read_bytes(), partial(log_escapes, path.suffix, each))
-            for path, each in zip(paths, maps, strict=True)
-        ]
+        pairs = zip(paths, [None, None, None, mapped, mapped], strict=True)
+        return [(p.read_bytes(), partial(log_escapes, p.suffix, each)) for p, each in pairs]
 
 
 def log_escapes(ending: str, columns: dict[str, Any] | None, content: bytes, path: Path) -> str:

@@ -245,9 +245,8 @@ def _npz(folder, cell):
 
 def _xlsx(folder, cell):
     lines = _text(".tsv", "\t")(folder, cell).read_text().splitlines()
-    rows = [line.split("\t") for line in lines]
-    numbers = [[float(each) if is_number(each) else each for each in row] for row in rows]
-    write_sheets(folder / "log.xlsx", {"Sheet1": numbers})
+    rows = [[float(x) if is_number(x) else x for x in line.split("\t")] for line in lines]
+    write_sheets(folder / "log.xlsx", {"Sheet1": rows})
     return folder / "log.xlsx"
 
 

@@ -78,9 +78,6 @@ def test_day_numbers_are_read_by_their_name_and_never_by_their_size(first, tmp_p
     with pytest.raises(bf.InputError, match="days, if these are day numbers"):
         _read(tmp_path, "log.tsv", days)
     assert _read(tmp_path, "log.tsv", days, units=Units.of({"time": "s"})).time[0] == first
-
-
-def test_what_is_no_clock_is_named(tmp_path):
     with pytest.raises(bf.InputError, match=r"'01.03.2024 10:30' in line 2; .* ISO 8601"):
         _read(tmp_path, "log.csv", ["01.03.2024 10:30"] * 60)
     with pytest.raises(bf.InputError, match="by its size an epoch in ms"):
@@ -137,11 +134,8 @@ def test_a_known_interval_stands_for_a_clock(butterfly):
 def test_a_clock_and_an_interval_agree_or_are_refused():
     table = {"time": 1e3 * TIME} | SIGNALS
     assert bf.read(table, interval=2e-3, units={"time": "ms"}).logs[0].time[1] == 0.002
-    with pytest.raises(
-        bf.InputError, match=r"interval: got 0.002 s, and a column of time with 2 s"
-    ):
+    with pytest.raises(bf.InputError, match=r"got 0.002 s, and a column of time with 2 s"):
         bf.read(table, interval=2e-3)
-    assert bf.read(np.array([*SIGNALS.values()]).T, interval=2e-3).logs[0].time[1] == 2e-3
 
 
 @of_cases
@@ -167,10 +161,8 @@ def test_a_file_of_several_tests_is_a_log_for_each(butterfly, tmp_path):
 def test_each_log_of_a_manifest_has_columns_units_interval_and_place_of_its_own(tmp_path):
     rollouts = [{"u": [*SIGNALS["input"]], "q": [*np.degrees(SIGNALS["angle"])]}] * 2
     (tmp_path / "servo.json").write_text(json.dumps({"robot": "b", "rollouts": rollouts}))
-    savemat(tmp_path / "a.mat", {"run": {"time": 1e3 * TIME, **SIGNALS}})
     own = {"interval": 0.002, "columns": {"input": "u", "angle": "q"}, "units": {"angle": "deg"}}
-    mat = {"file": "a.mat", "at": "run", "units": {"time": "ms"}}
-    logs = [{"file": "servo.json", "at": "rollouts.1", **own}, mat]
+    logs = [{"file": "servo.json", "at": f"rollouts.{k}", **own} for k in (0, 1)]
     path = tmp_path / "m.yaml"
     path.write_text(yaml.safe_dump({"name": "a", "input": "voltage", "logs": logs}))
     for log in bf.read(path).logs:

@@ -21,8 +21,6 @@ _COUNT = 2 * np.pi / 4096
 _RNG = np.random.default_rng(3)
 _WAVES = multisine(5.0, 0.03, _RNG)[0](_TIME)
 _SINE, _FAST = sine(0.03, 4.0)(_TIME), multisine(7.0, 0.05, _RNG)[0](_TIME)
-_STEPS = steps(2.0, 0.05, _RNG)[0](_TIME)
-_SWEEP = chirp(5.0, 0.03, _RNG)[0](_TIME)
 _NOISE = _RNG.standard_normal(_TIME.size)
 _LATE = _TIME > 10.0  # s
 
@@ -36,21 +34,20 @@ def _scaled(column, factor):
     return np.where(_LATE, factor * column, column)
 
 
-@pytest.mark.parametrize(
-    ("case", "words"),
-    [
-        ("frozen-half", "from 6 to 12 s the angle is constant while the input goes on"),
-        ("mid-input-mV", "from 6.004 s on the input is about 1000 times as large"),
-        ("angle-1e6", "from 0 s on the joint moves at up to 1.5e+06 rad/s"),
-    ],
-)
-def test_the_cases_are_to_check_from_where_they_begin(case, words):
-    if not _CASES.is_dir():
-        pytest.skip(f"the cases are not there: no folder {_CASES}")
+_FOUND = {
+    "frozen-half": "from 6 to 12 s the angle is constant while the input goes on",
+    "mid-input-mV": "from 6.004 s on the input is about 1000 times as large",
+    "angle-1e6": "from 0 s on the joint moves at up to 1.5e+06 rad/s",
+}
+
+
+@pytest.mark.skipif(not _CASES.is_dir(), reason="the shared cases are not there")
+@pytest.mark.parametrize("case", _FOUND)
+def test_the_cases_are_to_check_from_where_they_begin(case):
     time, inputs, angle = np.loadtxt(_CASES / f"{case}.csv", delimiter=",", skiprows=1).T
     _, health = examine(Log(time=time, input=inputs, angle=angle))
     assert health.condition is Level.CARE
-    assert health.findings[0].startswith(words)
+    assert health.findings[0].startswith(_FOUND[case])
     assert health.remarks[0].hint.startswith("Check the ")
 
 
@@ -69,17 +66,17 @@ def test_the_cases_are_to_check_from_where_they_begin(case, words):
 def test_a_planted_contradiction_is_found_where_it_begins(torque, change, begin, words):
     log = _log(torque)
     inputs, angle = change(log.input, log.angle)
-    text, hint = find_contradiction(replace(log, input=inputs, angle=angle))
+    text, _ = find_contradiction(replace(log, input=inputs, angle=angle))
     assert float(text.split()[1]) == pytest.approx(begin, abs=1.0 if begin else 3.0)
     assert re.search(words, text)
-    assert hint.startswith("Check ")
 
 
+_FREE = _log(np.zeros(_TIME.size), 1.0)
 _SOUND = {
-    "free": _log(np.zeros(_TIME.size), 1.0),
+    "free": _FREE,
     "waves": _log(_WAVES),
-    "steps": _log(_STEPS),
-    "sweep": _log(_SWEEP),
+    "steps": _log(steps(2.0, 0.05, _RNG)[0](_TIME)),
+    "sweep": _log(chirp(5.0, 0.03, _RNG)[0](_TIME)),
     "dead for good after its last move": _log(_scaled(_WAVES, 0.1), coulomb=0.01),
     "held by friction at two counts": _log(_WAVES, count=0.1, coulomb=0.02),
     "let go, and held by friction": _log(0.1 * _WAVES, 1.0, coulomb=0.01),
@@ -89,18 +86,14 @@ _SOUND = {
     "pauses": _log(np.where(np.sin(_TIME) > 0.0, _WAVES, 0.0)),
     "forty turns": _log(np.where(_LATE, 0.05, -0.05), gravity=0.0),
     "turns through the upright": _log(2.0 * np.sin(0.2 * _TIME)),
+    "noise of an input that does not act": replace(_FREE, input=_NOISE),
+    "no input": replace(_FREE, input_kind=InputKind.NONE),
 }
 
 
 @pytest.mark.parametrize("name", _SOUND)
 def test_a_sound_log_has_no_contradiction(name):
     assert find_contradiction(_SOUND[name]) is None
-
-
-def test_noise_of_an_input_that_does_not_act_is_no_input():
-    log = _log(np.zeros(_TIME.size), 1.0)
-    assert find_contradiction(replace(log, input=_NOISE)) is None
-    assert find_contradiction(replace(log, input_kind=InputKind.NONE)) is None
 
 
 def test_the_real_logs_have_none(real_data):

@@ -19,7 +19,6 @@ TIME = 0.02 * np.arange(60)
 MATRIX = np.column_stack([TIME, np.sin(TIME), np.cos(TIME)])
 NAMES = ("time", "input", "angle")
 COLUMNS = dict(zip(NAMES, MATRIX.T, strict=True))
-TWO = [MATRIX, np.repeat(TIME[:, None], 2, axis=1)]
 RECORDS = np.rec.fromarrays(MATRIX.T, names=",".join(NAMES))
 
 
@@ -30,9 +29,8 @@ def _assert_read(path, columns=None, *, factors=(1, 1, 1)):
     return log
 
 
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared cases are not there")
 def test_the_files_of_strangers_are_read_or_named():
-    if not SHARED.is_dir():
-        pytest.skip(f"the shared data are not there: no folder {SHARED}")
     columns = {"time": "time", "input": "des_dof_pos", "angle": "dof_pos"}
     assert bf.read(SHARED / "log.npz", columns=columns).logs[0].time.size == 800
     with pytest.raises(InputError, match=r"got a WPILib data log; expected CSV \(Advantage"):
@@ -78,7 +76,7 @@ def test_another_binary_file_is_named_by_how_it_begins_with_a_way_to_a_table(tmp
         ({"D": MATRIX}, None),
         ({"D": MATRIX.T}, ("0", 1, "2")),
         (COLUMNS | {"gains": 3.0, "note": "bench 2"}, None),
-        ({"time": TIME[:, None], "M": MATRIX.T, "k": TWO[1]}, ("time", "M.1", "M.2")),
+        ({"time": TIME[:, None], "M": MATRIX.T, "k": MATRIX[:, :2]}, ("time", "M.1", "M.2")),
         ({"log": RECORDS}, None),
         (MATRIX, None),
         (RECORDS, NAMES),
@@ -97,7 +95,7 @@ def test_what_is_no_plain_array_of_numpy_is_refused(tmp_path):
     (tmp_path / "c.npy").write_bytes(b"\x93NUMPY\1\0v\0" + head.ljust(117) + b"\n")
     (tmp_path / "d.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:-90])
     told = {"a.npz": "meta: got a pickle, .*dtype != object", "b.npz": "parts of 335"}
-    for name, said in (told | {"c.npy": "larger than its", "d.npz": "got unreadable"}).items():
+    for name, said in (told | {"c.npy": "Unable to allocate", "d.npz": "got unreadable"}).items():
         with pytest.raises(InputError, match=rf"{name}: .*{said}"):
             read_log(tmp_path / name)
 
@@ -134,29 +132,27 @@ def test_dates_times_and_durations_of_excels_are_a_clock(tmp_path):
     spans = [datetime.timedelta(seconds=each) for each in TIME]
     instants = [datetime.datetime(2024, 5, 1, 10) + each for each in spans]
     for clock in (instants, [each.time() for each in instants], spans):
-        rows = [[t, *row] for t, row in zip(clock, MATRIX[:, 1:].tolist(), strict=True)]
-        write_sheets(tmp_path / "log.xlsx", {"a": [NAMES, *rows]})
+        rows = [NAMES, *zip(clock, *MATRIX.T[1:].tolist(), strict=True)]
+        write_sheets(tmp_path / "log.xlsx", {"a": rows})
         _assert_read(tmp_path / "log.xlsx")
 
 
 WRITTEN = {  # frames by name
-    "log.npz": lambda path, told: np.savez(path, **told),
-    "log.xlsx": lambda path, told: write_sheets(
-        path, {k: [[*v], *v.to_numpy().tolist()] for k, v in told.items()}
-    ),
-    "log.mat": lambda path, told: savemat(path, {k: v.to_numpy() for k, v in told.items()}),
+    "log.npz": lambda p, told: np.savez(p, **told),
+    "log.xlsx": lambda p, x: write_sheets(p, {k: [[*x[k]], *x[k].to_numpy().tolist()] for k in x}),
+    "log.mat": lambda p, told: savemat(p, {k: v.to_numpy() for k, v in told.items()}),
     "struct.mat": savemat,
 }
 
 
 @pytest.mark.parametrize("name", WRITTEN)
 def test_a_known_interval_is_a_clock_and_at_is_a_table_in_any_file(tmp_path, name):
-    path, frame, _write = tmp_path / name, pd.DataFrame(COLUMNS), WRITTEN[name]
-    _write(path, {"D": 1e6 * frame[["input", "angle"]]})
+    path, frame, write = tmp_path / name, pd.DataFrame(COLUMNS), WRITTEN[name]
+    write(path, {"D": 1e6 * frame[["input", "angle"]]})
     data = bf.read(tmp_path, interval=0.02)
     np.testing.assert_allclose(data.logs[0].time, TIME)
     assert data.health[0].contradiction[0].endswith("as no joint does")
-    _write(path, {"a": 2 * frame, "b": frame})
+    write(path, {"a": 2 * frame, "b": frame})
     np.testing.assert_allclose(read_log(path, at="b").angle, COLUMNS["angle"], rtol=1e-12)
     with pytest.raises(InputError, match=r"got c; expected|c: got no such"):
         read_log(path, at="c")
@@ -173,8 +169,7 @@ def test_a_folder_of_logs_may_hold_other_tables_and_arrays(tmp_path):
 
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
 def test_objects_of_matlabs_are_read(tmp_path, version):
-    path = tmp_path / "log.mat"
-    frame = pd.DataFrame(COLUMNS)
+    path, frame = tmp_path / "log.mat", pd.DataFrame(COLUMNS)
     write_objects(path, {"T": frame}, version)
     _assert_read(path)
     stamps = pd.to_timedelta((1e9 * TIME).round().astype(np.int64), unit="ns").rename("Time")
@@ -197,13 +192,10 @@ def test_objects_of_matlabs_are_read(tmp_path, version):
 
 def test_without_an_extra_it_is_named(tmp_path, monkeypatch):
     write_objects(tmp_path / "b.mat", {"D": pd.DataFrame(COLUMNS)}, "v7")
-    folder = tmp_path / "logs"
-    folder.mkdir()
+    (folder := tmp_path / "logs").mkdir()
     write_sheets(folder / "a.xlsx", {"a": TABLE})
     for package in ("openpyxl", "matio"):
         monkeypatch.setitem(sys.modules, package, None)
     for path, extra in (("b.mat", "matlab"), ("logs/a.xlsx", "excel"), ("logs", "excel")):
-        with pytest.raises(
-            InputError, match=rf"extra {extra} .*install 'butterfly-testbed\[{extra}"
-        ):
+        with pytest.raises(InputError, match=rf"extra {extra} .*'butterfly-testbed\[{extra}"):
             bf.read(tmp_path / path)
