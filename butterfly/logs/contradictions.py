@@ -36,8 +36,9 @@ def find_contradiction(log: Log) -> tuple[str, str] | None:
     length = max(time.size // _LADDER[-1], 1)
     speed = np.abs(angle[length:] - angle[:-length]) / (time[length] - time[0])
     if speed.max() > _FASTEST:
-        text = f"from {time[np.argmax(speed > _FASTEST)]:.4g} s on the joint moves at up to "
-        text += f"{speed.max():.2g} {log.added_mass.joint.way}/s, as no joint does"
+        since, fast = time[np.argmax(speed > _FASTEST)], speed.max()
+        most = f"{fast:.2g} {log.added_mass.joint.way}/s"
+        text = f"from {since:.4g} s on the joint moves at up to {most}, as no joint does"
         return text, _UNIT.format("angle")
     found = _stuck(log, time, inputs, angle) or _rescaled(log, time, inputs, angle)
     return found or _unreached(log, inputs, angle)

@@ -92,7 +92,7 @@ class LogEntry(StrictModel):
     file: str
     """Path below the data set's root."""
     at: str | None = None
-    """Place within a file of several logs, by keys with dots: in JSON, or a MATLAB struct."""
+    """Place within a file of several logs: keys with dots (JSON, MATLAB), a sheet, an array."""
     columns: dict[str, str | int] | None = None
     """Of this log, in place of those of the data set."""
     units: Annotated[dict[str, str | float] | None, BeforeValidator(_require_units)] = None
