@@ -161,7 +161,7 @@ def unpacked(path: Path, expected: str) -> Iterator[ZipFile]:
     """Yield a zip file of parts of a sane size; damage is InputError, with ``expected``."""
     most = most_in(require_file(path, expected))
     with whole(path, expected), ZipFile(path) as parts:
-        size = sum(each.file_size for each in parts.infolist())
+        size = sum(max(each.file_size, each.compress_size) for each in parts.infolist())
         if size > most:
             raise InputError(path, "content", f"parts of {size_text(size)}", expected)
         yield parts
