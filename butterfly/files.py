@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 from butterfly import outputs
 from butterfly.errors import ButterflyError, InputError, size_text
@@ -31,6 +32,26 @@ _LONGEST_PATH = 4096
 
 _PACKED = 64  # times its size that a file of logs may expand to
 _FREE = 256 << 20  # bytes that any file may
+_KINDS: dict[Any, tuple[str, str]] = {  # how files begin, what they are, what to give instead
+    b"PK\3\4": ("a zip file", "a name ending in .xlsx or .npz for Excel's or NumPy's, or CSV"),
+    b"\x93NUMPY": ("an array of NumPy's", "a name ending in .npy"),
+    b"PAR1\x15": ("a Parquet file", "a name ending in .parquet"),
+    b"\x89MCAP": ("an MCAP file", "a name ending in .mcap"),
+    (b"MATLAB 5.0 MAT", b"MATLAB 7.3 MAT"): ("a MATLAB file", "a name ending in .mat"),
+    b"\xd0\xcf\x11\xe0": ("an Excel file of before 2007", "it saved as .xlsx or CSV"),
+    (b"\x1f\x8b", b"BZh9", b"\xfd7zXZ", b"(\xb5/\xfd"): ("a packed file", "it unpacked"),
+    b"\x89HDF": ("an HDF5 file", "CSV (Python: h5py.File, numpy.savetxt)"),
+    b"ARROW1\0": ("an Arrow or Feather file", "CSV (pandas.read_feather(...).to_csv)"),
+    b"WPILOG\0": ("a WPILib data log", "CSV (AdvantageScope: File, Export Data)"),
+    b"#ROSBAG V": ("a ROS 1 bag", "CSV (rostopic echo -b FILE -p TOPIC > log.csv)"),
+    b"SQLite format 3\0": ("an SQLite database, as of ROS 2", "MCAP (ros2 bag convert), or CSV"),
+    b"MDF     ": ("an MDF measurement", "CSV (asammdf: Export)"),
+    b"TDSm": ("a TDMS file", "CSV (nptdms.TdmsFile.read(...).as_dataframe().to_csv)"),
+    b"ULog\1": ("a ULog of PX4", "CSV (pyulog: ulog2csv)"),
+    b"\xa3\x95\x80": ("a log of ArduPilot", "CSV (pymavlink: mavlogdump.py --format csv)"),
+    b"\x80\4\x95": ("a Python pickle, which may run any code", "CSV, where it was made"),
+    (b"\x89PNG", b"\xff\xd8\xff", b"%PDF-"): ("a picture", "the numbers in it, as CSV"),
+}
 
 
 def is_name(text: str) -> bool:
@@ -122,15 +143,43 @@ def write_xml(path: Path, content: str, kind: str) -> None:
 
 
 @contextmanager
-def whole(path: Path, expected: str) -> Iterator[None]:
-    """Turn whatever a reader raises on damaged content into InputError, but for lack of memory."""
+def whole(path: Path, expected: str, *, trusting: bool = False) -> Iterator[None]:
+    """Turn what a reader raises on damage into InputError; lack of memory only if ``trusting``."""
     try:
         yield
-    except (ButterflyError, MemoryError):
+    except ButterflyError:
         raise
     except Exception as error:
+        if isinstance(error, MemoryError) and not trusting:
+            raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", expected) from None
+
+
+@contextmanager
+def unpacked(path: Path, expected: str) -> Iterator[ZipFile]:
+    """Yield a zip file of parts of a sane size; damage is InputError, with ``expected``."""
+    most = most_in(require_file(path, expected))
+    with whole(path, expected), ZipFile(path) as parts:
+        size = sum(max(each.file_size, each.compress_size) for each in parts.infolist())
+        if size > most:
+            raise InputError(path, "content", f"parts of {size_text(size)}", expected)
+        yield parts
+
+
+def refuse_binary(path: Path, *, any_kind: bool = True) -> None:
+    """Raise InputError for a file that begins as one of ``_KINDS``, or of ``any_kind`` of bytes."""
+    head = b""
+    with suppress(OSError, ValueError):  # whoever reads it says what is wrong
+        if path.is_file():
+            with path.open("rb") as file:
+                head = file.read(256)
+    for beginning, (kind, instead) in _KINDS.items():
+        if head.startswith(beginning):
+            raise InputError(path, "content", kind, instead)
+    if any_kind and b"\0" in head:
+        found = f"binary data that begin with {head[:8].hex(' ')}"
+        raise InputError(path, "content", found, "CSV, exported by what wrote them")
 
 
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON

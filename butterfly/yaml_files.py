@@ -22,7 +22,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.representer import SafeRepresenter
 
 from butterfly.errors import InputError, nearest, shown
-from butterfly.files import read_file
+from butterfly.files import read_file, refuse_binary
 
 _DEEPEST = 50  # nested mappings and lists: more would raise a RecursionError
 _MOST = 300_000  # values, aliases expanded
@@ -101,8 +101,8 @@ def validate(
         named = cause.field
         if not location:  # of the whole file, by a rule that names the field
             where = place_of(documents, [named], source)
-        elif not named.startswith(f"{field}."):
-            named = f"{field}.{named}"
+        else:
+            named = f"{field}.{named.removeprefix(field.rpartition('.')[2] + '.')}"
         raise InputError(where, named, cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     value = repr(first["input"])
@@ -162,7 +162,7 @@ def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:
 def _defaults(schema: type[object]) -> dict[str, Any]:
     """Return the fields of a model or dataclass, and their defaults."""
     if issubclass(schema, BaseModel):
-        return {name: field.default for name, field in schema.model_fields.items()}
+        return {each.alias or name: each.default for name, each in schema.model_fields.items()}
     return {field.name: field.default for field in fields(schema)} if is_dataclass(schema) else {}
 
 
@@ -218,6 +218,7 @@ def load_yaml(path: Path) -> Document:
 
 def _text(path: Path) -> str:
     """Return the text of a file, unless it is too large."""
+    refuse_binary(path)
     try:
         return read_file(path, "an existing YAML file", most=_LARGEST).decode()
     except UnicodeDecodeError:

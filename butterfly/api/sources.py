@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
 from butterfly.errors import InputError
-from butterfly.files import locate
+from butterfly.files import locate, refuse_binary
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
 from butterfly.logs.formats import ENDINGS, FORMATS, Table, is_table, log_of_table
@@ -86,7 +86,7 @@ def read(
         - Override a manifest: ``columns`` of ``time``, ``input`` and ``angle``, by name or number;
           ``joint``, ``hinge`` or ``slide``; ``gravity`` normal to the joint axis in m/s^2;
           ``sign``, -1 if a positive command turns towards negative angles; ``zero``, the encoder
-          reading in rad of the joint hanging at rest.
+          reading in rad of the joint hanging at rest; ``interval`` in s, without a column of time.
         - Extend a manifest: ``units``, such as ``{"time": "ms", "angle": "deg"}``; ``known``
           values and standard errors, such as ``{"p4": (1.0, 0.02)}``; ``loop`` of a servo, such as
           ``{"law": "dynamixel-x", "kp": 400}``; ``repair``, of ``backward``, ``non_finite`` and
@@ -139,7 +139,7 @@ def manifest_of(
 
 
 def _given(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keywords as fields of a manifest, and ``begin`` and ``end``."""
+    """Return keywords as fields of a manifest, and ``from`` and ``to``."""
     some = {name: value for name, value in description.items() if value is not None}
     if "input_kind" in some:
         some["input"] = some.pop("input_kind")
@@ -147,9 +147,9 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
         some["split"] = Recordings.RESTARTS
     if "piece" in some:
         piece = some.pop("piece")
-        if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
+        if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - from and to
             raise InputError("data", "piece", piece, "start and end time in s, such as (1.5, None)")
-        some["begin"], some["end"] = piece
+        some["from"], some["to"] = piece
     return checked_options(some)
 
 
@@ -179,9 +179,9 @@ def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> Data
             expected = "no such option with a table; use bf.Log and its added_mass"
             raise InputError("read", name, value, expected)
     manifest = of_logs("logs", Path(), [LogEntry(file="table")], given)
-    manifest = manifest.piece(given.get("begin"), given.get("end"))
+    manifest = manifest.piece(given.get("from"), given.get("to"))
     entry = manifest.logs[0]
-    log = log_of_table(table, manifest.columns, manifest.scale, **manifest.properties(entry))
+    log = log_of_table(table, manifest.columns, manifest.scale(entry), **manifest.properties(entry))
     return DataSet.of(
         [piece for _, piece in pieces_of(manifest, entry, log)],
         name=manifest.name,
@@ -270,7 +270,7 @@ def _manifests(
     except OSError as error:  # of a folder that may not be looked into
         found = error.strerror or str(error)
         raise InputError(error.filename, "path", found, "a readable file or folder") from None
-    return [each.piece(given.get("begin"), given.get("end")) for each in manifests]
+    return [each.piece(given.get("from"), given.get("to")) for each in manifests]
 
 
 def _described(
@@ -288,6 +288,7 @@ def _described(
         listed = _entry_of(path, beside, root, given) if beside.exists() else None
         return listed or draft(path, given)
     if suffix not in _YAML:
+        refuse_binary(path)
         expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT_ENDING})"
         raise InputError(path, "file name", path.suffix or "no ending", expected)
     try:

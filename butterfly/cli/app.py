@@ -76,8 +76,8 @@ COMMANDS = {
 }
 """All commands, by the words that call them, in the order of help."""
 
-_DATA = ("root", "arm", "input", "intersample", "columns", "units", "repair", "known", "zero")
-OF_DATA = {f"--{name}" for name in (*_DATA, "joint", "gravity", "from", "to", "restarts")}
+_DATA = "root arm input intersample columns units repair known zero joint gravity interval from to"
+OF_DATA = {f"--{name}" for name in (*_DATA.split(), "restarts")}
 """Options of the commands that read logs without a manifest."""
 
 _SEARCHING = {"Identify", "Check a result"}
@@ -260,6 +260,7 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
                 "a manifest or a saved result in place of the logs; give this option to "
                 "`butterfly manifest` or `butterfly identify --save`, which write them"
             )
+            expected = "from and to in the manifest's logs" if name == "manifest" else expected
             return str(InputError(f"butterfly {name}", option, "not an option here", expected))
     if isinstance(error, UnknownCommandError) and error.unused_tokens:
         # its own message lists all commands after the one that is meant

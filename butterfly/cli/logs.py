@@ -13,6 +13,7 @@ from butterfly.cli.options import (
     SILENT,
     Data,
     DataOptions,
+    Facts,
     LogNumbers,
     OutFolder,
     Page,
@@ -73,9 +74,9 @@ def manifest(
     /,
     *,
     out: Annotated[Path | None, OUT, OutputFile((".yaml", ".yml"))] = None,
-    options: DataOptions = SILENT,
+    options: Facts = SILENT,
 ) -> None:
-    """Write a draft manifest for the logs in a folder.
+    """Write a draft manifest for the logs in a folder, or in one file.
 
     Open questions are comments in the draft ("To settle"), each above its assumed value. Names like
     Data_52__8__002.mat give added mass, frequency and amplitude.
@@ -85,20 +86,19 @@ def manifest(
     Parameters
     ----------
     folder
-        Folder of logs.
+        Folder of logs, or a file; of several logs in one (as from SysId) each is listed.
     out
-        Manifest to write. Default: FOLDER/manifest.yaml.
+        Manifest to write. Default: manifest.yaml in the folder.
     """
     from butterfly.files import write_file  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.logs import manifest_draft as drafts  # noqa: PLC0415
     from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
 
-    path = out or folder / MANIFEST_NAME
-    named = drafts.has_thesis_names(folder)
+    path = out or (folder.parent if folder.is_file() else folder) / MANIFEST_NAME
+    named = not folder.is_file() and drafts.has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
     drafted = drafts.with_columns(drafts.draft(folder, checked_options(options.description())))
-    drafted = drafted.piece(options.begin, options.end)
     root = options.root or ("." if out is None else None)
     if root is not None:
         drafted = drafted.model_copy(update={"root": str(root)})

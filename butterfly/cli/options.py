@@ -68,11 +68,14 @@ NO_REPORT = Report()
 Fault = Literal["duplicate", "backward", "non_finite", "unwrap"]
 Pairs = Annotated[str | None, Parameter(metavar="PAIRS")]
 _Detail = Parameter(group=DATA_IN_DETAIL)
+_FROM = "Use each log from this time, by its own clock."
+_TO = "Use each log up to this time."
+_Instant = Parameter(metavar="s", allow_leading_hyphen=True)
 
 
 @Parameter(name="*", group=THE_DATA)
 @dataclass(frozen=True, kw_only=True)
-class DataOptions:
+class Facts:
     """Facts about the logs, in place of a manifest or overriding it.
 
     Parameters
@@ -102,10 +105,8 @@ class DataOptions:
         Joint type; a slide's angle is in m, its p1 in kg. Default: hinge.
     gravity
         Gravity normal to the joint axis; 0 for a vertical axis. Default: 9.81.
-    begin
-        Use each log from this time, by its own clock.
-    end
-        Use each log up to this time.
+    interval
+        Sampling interval of logs without a column of time.
     restarts
         Split a file where its clock restarts.
     """
@@ -122,12 +123,7 @@ class DataOptions:
     repair: Annotated[tuple[Fault, ...], _Detail] = ()
     joint: Annotated[Literal["hinge", "slide"] | None, _Detail] = None
     gravity: Annotated[float | None, _Detail, Parameter(metavar="m/s²")] = None
-    begin: Annotated[
-        float | None, _Detail, Parameter(name="--from", metavar="s", allow_leading_hyphen=True)
-    ] = None
-    end: Annotated[
-        float | None, _Detail, Parameter(name="--to", metavar="s", allow_leading_hyphen=True)
-    ] = None
+    interval: Annotated[float | None, _Detail, Parameter(metavar="s")] = None
     restarts: Annotated[bool, _Detail] = False
 
     def description(self) -> dict[str, Any]:
@@ -141,7 +137,17 @@ class DataOptions:
         said["repair"] = said["repair"] or None
         said["split"] = "restarts" if said.pop("restarts") else None
         del said["root"]
+        said |= {"from": said.pop("begin", None), "to": said.pop("end", None)}
         return {name: value for name, value in said.items() if value is not None}
+
+
+@Parameter(name="*", group=THE_DATA)
+@dataclass(frozen=True, kw_only=True)
+class DataOptions(Facts):
+    """The same, and which piece of a log to use."""
+
+    begin: Annotated[float | None, _Detail, _Instant, Parameter(name="--from", help=_FROM)] = None
+    end: Annotated[float | None, _Detail, _Instant, Parameter(name="--to", help=_TO)] = None
 
 
 SILENT = DataOptions()

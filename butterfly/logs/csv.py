@@ -15,10 +15,12 @@ from pyarrow import csv
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.files import require_file, write_file
+from butterfly.logs.clock import EXACT, dates
 from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, chosen_columns, place
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import (
+    GROUPED,
     TextColumns,
     is_number,
     is_number_type,
@@ -32,7 +34,7 @@ _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
 _BY_NUMBER = (
     "a header line with the column names, delimited like the numbers, or columns by number "
-    "(--columns time=0,input=1,angle=2)"
+    "(--columns time=0,input=1,angle=2; without time=0, --interval S)"
 )
 
 
@@ -48,26 +50,31 @@ def read_csv(
     counted. The row below the names may hold units. Without a map, a numeric column ``velocity`` is
     read too.
     """
-    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties.get("input_kind"))
+    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties)
     table = _table(
         path,
         lambda names: chosen_columns(path, names, columns, properties)[0].values(),
         by_number=all(str(each).isdecimal() for each in wanted.values()),
     )
-    places, unasked = chosen_columns(path, table.names, columns, properties)
+    return log_of_text(path, table, columns, units, properties)
+
+
+def log_of_text(
+    path: Path, table: TextColumns, columns: ColumnMap | None, units: Units, about: dict[str, Any]
+) -> Log:
+    """Return the log in a table of a file, of which this is known besides."""
+    places, unasked = chosen_columns(path, table.names, columns, about)
     reading = table.reading
     for field in unasked:
         if not isinstance(table.columns[places[field]], np.ndarray):
             del places[field]
             layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
-    arrays: dict[str, Any] = {
-        field: _numeric(path, table, k, str(wanted.get(field, field)))
-        for field, k in places.items()
-    }
+    named = columns or {}
+    arrays = {f: _numeric(path, table, k, str(named.get(f, f)), f) for f, k in places.items()}
     headings = _headings(path, table, places)
-    properties |= {"source": str(path), "reading": reading}
-    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+    about |= {"source": str(path), "reading": reading}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
 def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict[str, Heading]:
@@ -100,13 +107,13 @@ def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
-def holds_table(path: Path) -> bool:
-    """Whether a file holds enough numbers for a log."""
+def holds_table(path: Path, width: int = 3) -> bool:
+    """Whether a file holds enough numbers for a log of so many columns."""
     try:
         table = read_text_table(path)
     except InputError:
         return False
-    return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= len(DEFAULT_COLUMNS)
+    return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= width
 
 
 def _table(
@@ -122,14 +129,17 @@ def _table(
     try:
         with csv.open_csv(path) as beginning:
             schema = beginning.schema
-        names: Sequence[str] = schema.names
-        numbers = [*wanted(names)]
+            names: Sequence[str] = schema.names
+            numbers = [*wanted(names)]
+            whole = [k for k in numbers if pyarrow.types.is_integer(schema.types[k])]
+            first = beginning.read_next_batch() if whole else ()
         plain = all(is_number_type(schema.types[number]) for number in numbers)
+        plain &= all(abs(first[k][0].as_py() or 0) < EXACT for k in whole)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
             cut = int(not _is_ended(path))
-            whole = {number: each[: each.size - cut] for number, each in columns.items()}
-            return TextColumns(names=names, columns=whole, reading=FileReading(cut_lines=cut))
+            complete = {number: each[: each.size - cut] for number, each in columns.items()}
+            return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
@@ -161,12 +171,17 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
-def _numeric(path: Path, table: TextColumns, number: int, name: str) -> Samples:
-    column = table.columns[number]
+def _numeric(path: Path, table: TextColumns, number: int, name: str, field: str = "") -> Any:  # noqa: ANN401 - numbers, or the dates of a clock
+    column, clock = table.columns[number], field == "time"
     if isinstance(column, np.ndarray):
-        return column
+        return column if clock else column.astype(np.float64, copy=False)
+    if clock and (found := dates(column)) is not None:
+        return found
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
-    row = next((k for k, text in enumerate(texts) if not is_number(text)), None)
+    grouped = next((k for k, text in enumerate(texts) if GROUPED.fullmatch(text)), None)
+    row = next((k for k, text in enumerate(texts) if not is_number(text)), grouped)
     if row is None:
         raise InputError(path, name, f"a column of type {column.type}", "numbers")
-    raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", "a number")
+    expected = "a number, or a date as in ISO 8601 (2026-03-01T10:30:12.5)" if clock else "a number"
+    expected += " (without thousands separators)" if row == grouped else ""
+    raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", expected)

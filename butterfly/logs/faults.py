@@ -170,7 +170,7 @@ def saturated(values: Samples) -> int:
     A smooth, rounded signal rests on its top for at most 2/(sqrt 2 - 1) times as long as on the
     step below; a switched signal jumps there.
     """
-    resolution = _resolution(values)
+    resolution = resolution_of(values)
     lengths: list[int] = []
     rests = 0
     for level in (values.min(), values.max()):
@@ -208,14 +208,14 @@ def clipped(angle: Samples) -> int:
     Each side is checked: a joint that sticks at its turning point may leave it abruptly, but
     arrives at zero speed.
     """
-    resolution, count = _resolution(angle), 0
+    resolution, count = resolution_of(angle), 0
     for level in (angle.min(), angle.max()):
         drop = np.abs(angle - level)
         starts, ends = _flat_runs(drop == 0)
         if starts.size:
             span = float(drop.max())
             for length, sides in _flanked(drop, *_tops(drop, starts, ends, _NEAR_TOP * resolution)):
-                count += length * all(_at_speed(side, resolution, span) for side in sides)
+                count += length * all(at_speed(side, resolution, span) for side in sides)
     return count
 
 
@@ -235,7 +235,7 @@ def _flat_runs(on_top: Mask) -> tuple[Rows, Rows]:
     return starts, ends
 
 
-def _resolution(angle: Samples) -> float:
+def resolution_of(angle: Samples) -> float:
     """Return the resolution of an angle in rad: the encoder's step, or the noise."""
     sizes = np.abs(np.diff(angle))
     step = np.min(sizes, where=sizes > 0, initial=np.inf)
@@ -244,7 +244,7 @@ def _resolution(angle: Samples) -> float:
     return float(max(step, np.median(bends)))
 
 
-def _at_speed(drop: Samples, resolution: float, span: float) -> bool:
+def at_speed(drop: Samples, resolution: float, span: float) -> bool:
     """Whether a signal reaches its flat top at speed, rather than coming to rest on it.
 
     From its drop v n + a n^2/2 at two distances of n samples from the top, it would have risen by

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
+from butterfly.files import refuse_binary
 from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
@@ -20,10 +21,11 @@ from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")
 FORMATS |= dict.fromkeys((".json", ".jsonl", ".ndjson"), "json") | {".mcap": "mcap"}
+FORMATS |= {".npz": "npz", ".npy": "npz", ".xlsx": "excel", ".xlsm": "excel"}
 """The module that reads files of an ending; imported when it is used, as each is slow."""
 
-OFTEN_TEXTS = {".txt", ".dat", ".json"}
-"""Endings of files that are often texts of another kind."""
+OFTEN_OTHERS = {".txt", ".dat", ".json", ".npz", ".npy", ".xlsx", ".xlsm"}
+"""Endings of files that often are no log."""
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])
 """The endings, in words."""
@@ -33,11 +35,13 @@ def read_log(
     path: Path,
     columns: ColumnMap | None = None,
     units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know, interval and at
 ) -> Log:
     """Read one file by its ending; InputError if it is unreadable or not one of `FORMATS`."""
     read: Callable[..., Log] = getattr(_module(path), f"read_{FORMATS[path.suffix.lower()]}")
     before = _state(path)
+    if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat", "npz", "excel"}:
+        raise InputError(path, "at", properties["at"], "JSON, .mat, .npz or .xlsx of several logs")
     log = read(path, columns, units, **{"name": path.name} | properties)
     if _state(path) != before:
         raise InputError(path, "content", "a file that changed while being read", "a complete one")
@@ -53,14 +57,23 @@ def _state(path: Path) -> tuple[int, ...]:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def holds_table(path: Path) -> bool:
-    """Whether a file, which may be a text of another kind, holds enough numbers for a log."""
-    return bool(_module(path).holds_table(path))
+def holds_table(path: Path, width: int = 3) -> bool:
+    """Whether a file, which may be of another kind, holds a log's numbers (2: at an interval)."""
+    module = _module(path)
+    if hasattr(module, "holds_table"):
+        return bool(module.holds_table(path, width))
+    try:
+        names = dict(zip([*DEFAULT_COLUMNS][-width:], range(width), strict=True))
+        units = Units(factors=dict.fromkeys(names, 1.0))
+        return bool(read_log(path, names, units, interval=None if "time" in names else 1.0))
+    except InputError as error:
+        return "the extra" in error.expected
 
 
 def _module(path: Path) -> ModuleType:
     ending = path.suffix.lower()
     if ending not in FORMATS:
+        refuse_binary(path)
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
     return import_module(f"butterfly.logs.{FORMATS[ending]}")
 
@@ -76,15 +89,18 @@ VELOCITY = "velocity"
 
 _HINT = "choose columns by --columns time=T,input=U,angle=Q or the manifest's key columns"
 _HINTS = {
+    "time": ["--interval S, or interval: S in the manifest, if the file has no clock"],
     "input": ["--input none, or input: none in the manifest, if nothing drives the joint"],
     "angle": ["velocity=W instead of angle=Q if no gravity acts"],
 }
 
 
-def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict[str, str | int]:
+def checked_map(
+    source: object, columns: ColumnMap, about: Mapping[str, Any]
+) -> dict[str, str | int]:
     """Return a column map with columns for time, input and angle (or velocity).
 
-    No input is needed if its ``kind`` is none.
+    By what is known ``about`` the log, its kind may need no input, and its interval no time.
     """
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
@@ -92,12 +108,20 @@ def checked_map(source: object, columns: ColumnMap, kind: object = None) -> dict
         if field not in {*SAMPLED, *OF_SERVO}:
             expected = nearest(field, (*SAMPLED, *OF_SERVO))
             raise InputError(source, f"columns.{field}", "an unknown field", expected)
-    optional = {"angle": VELOCITY in columns, "input": kind == InputKind.NONE}
+    optional = {"angle": VELOCITY in columns, "time": about.get("interval") is not None}
+    optional["input"] = about.get("input_kind") == InputKind.NONE
     for field in DEFAULT_COLUMNS:
         if field not in columns and not optional.get(field):
             expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
             raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
+
+
+def part_at(source: object, parts: Mapping[str, Any], name: str, at: str) -> Any:  # noqa: ANN401 - of a file
+    """Return one of the parts of a file by its name, on the way to a place."""
+    if name not in parts:
+        raise InputError(source, "at", at, nearest(name, parts) if parts else "a place in the file")
+    return parts[name]
 
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
@@ -127,10 +151,10 @@ def chosen_columns(
 ) -> tuple[dict[str, int], list[str]]:
     """Return the number of each column to read, by field, and the fields read by default.
 
-    The properties ``about`` the log decide whether it may have no input.
+    The properties ``about`` the log decide whether it may have no input, and no time.
     """
     kind = about.get("input_kind")
-    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, kind)
+    wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, about)
     there, unasked = {*names, *map(without_unit, names)}, []
     if columns is None and VELOCITY in there:
         wanted |= {VELOCITY: VELOCITY}
@@ -141,6 +165,8 @@ def chosen_columns(
         wanted |= {field: field for field in OF_SERVO if field in there}
     if columns is None and kind == InputKind.NONE and "input" not in there:
         del wanted["input"]
+    if columns is None and about.get("interval") is not None and "time" not in there:
+        del wanted["time"]
     return {field: place(source, names, name) for field, name in wanted.items()}, unasked
 
 
@@ -170,24 +196,28 @@ def log_of_table(
     table: Table,
     columns: ColumnMap | None = None,
     units: Units = AS_IS,
+    *,
+    said: Mapping[str, Any] | None = None,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
 ) -> Log:
-    """Make a log of a table; a plain array has the columns of `SAMPLED` unless others are given."""
+    """Make a log of a table and what is ``said`` beside it; numbered columns are `SAMPLED`."""
     found = _columns(table)
     names = list(found)
-    if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
-        columns = dict(zip(SAMPLED, range(len(names)), strict=False))
-    places, unasked = chosen_columns("table", names, columns, properties)
+    if columns is None and names == [*map(str, range(len(names)))]:
+        timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
+        columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
+    properties = {"source": "table"} | properties
+    places, unasked = chosen_columns(properties["source"], names, columns, properties)
     arrays = {field: found[names[k]] for field, k in places.items()}
-    sayings = _said(table, found)
+    sayings = _said(properties["source"], table, found)
+    sayings.metadata(said or {})
     headings = sayings.headings(places)
-    properties |= {"source": "table"}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _said(table: Table, columns: Mapping[str, Any]) -> Sayings:
+def _said(source: object, table: Table, columns: Mapping[str, Any]) -> Sayings:
     """Return what a table says in its attributes, those of its columns, and their types."""
-    sayings = Sayings("table", [*columns])
+    sayings = Sayings(source, [*columns])
     for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
         for key in ("attrs", "meta", "info"):
             found = getattr(owner, key, None)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.logs.contradictions import find_contradiction
 from butterfly.logs.faults import (
     Wrapping,
     clipped,
@@ -99,6 +100,7 @@ class Health:
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # what was read as what
     integrated: bool = False  # whether the angle is the integral of the recorded velocity
     regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
+    contradiction: tuple[str, str] | None = None  # of physics, and what to check
 
     @property
     def remarks(self) -> list[Remark]:
@@ -122,6 +124,8 @@ class Health:
             for count, thing, what, care in counted
             if count
         ]
+        if self.contradiction:
+            found.append(Remark(Level.CARE, *self.contradiction))
         if self.integrated:
             found.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
         for before, (begin, interval) in pairwise(self.regimes):
@@ -208,6 +212,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         columns=log.reading.columns,
         integrated=log.integrated,
         regimes=clean.regimes,
+        contradiction=find_contradiction(clean),
     )
     return clean, health
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room
 from butterfly.files import read_file, whole
-from butterfly.logs.formats import ColumnMap, chosen_columns
-from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
+from butterfly.logs.clock import dates
+from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
+from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units
 
+_LARGE = range(16, 20)  # digits of integers that floats may not hold, but 64 bits do
 _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
 
 
@@ -27,27 +30,37 @@ def read_json(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log (see `read_log`); nested columns have names such as ``joint.position.0``."""
-    content, cut = _content(path)
+    """Read a log (see `read_log`), or that ``at`` a place; of WPILib's SysId as it is.
+
+    Nested columns have names such as ``joint.position.0``.
+    """
+    (content, cut), at = _content(path), properties.pop("at", None)
+    above = content if isinstance(content, dict) else {}
+    if at is not None:
+        content = _below(path, content, at)
+    elif columns is None and (places_in := _logs(content)):
+        expected = f"one of {', '.join(places_in)} (`butterfly manifest {path.name}` lists all)"
+        raise InputError(path, "at", "nothing", expected)
     ways = _ways(content)
     names = [*map(".".join, ways)]
+    of_sysid = at is not None and above.get("sysid") is True
+    if of_sysid and len(names) != len(SAMPLED):
+        raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
+    if of_sysid and columns is None:
+        columns = {field: k for k, field in enumerate(SAMPLED)}
     places, unasked = chosen_columns(path, names, columns, properties)
-    arrays = {field: _column(path, content, names[k], ways[k]) for field, k in places.items()}
+    arrays = {f: _column(path, content, names[k], ways[k], f) for f, k in places.items()}
     sayings = Sayings(path, names)
-    sayings.metadata(content)
+    if of_sysid:  # its numbers are rotations, of so many units each
+        unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
+        for k, per in ((2, ""), (3, "/s")):
+            sayings.metadata({"units": f"{unit}{per}", "scale_factor": factor}, way=(k,))
+    else:
+        sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
+        sayings.metadata(content)
     headings = sayings.headings(places)
     properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
-
-
-def holds_table(path: Path) -> bool:
-    """Whether a file holds enough numbers for a log."""
-    try:
-        content, _ = _content(path)
-        sizes = [_column(path, content, "", way).size for way in _ways(content)[:3]]
-    except InputError:
-        return False
-    return len(sizes) == 3 and min(sizes) >= MIN_SAMPLES  # noqa: PLR2004 - t, u, q
 
 
 def _content(path: Path) -> tuple[Any, int]:
@@ -70,7 +83,39 @@ def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON
             raise ValueError("an object with the same key twice")
         return found
 
-    return json.loads(text, parse_int=float, object_pairs_hook=unique)
+    def whole_number(text: str) -> float:
+        return int(text) if len(text) in _LARGE else float(text)
+
+    return json.loads(text, parse_int=whole_number, object_pairs_hook=unique)
+
+
+def logs_in(path: Path) -> list[str]:
+    """Return the places of several logs in a file; none if it is one log."""
+    with suppress(InputError):
+        return _logs(_content(path)[0])
+    return []
+
+
+def _logs(content: Any) -> list[str]:  # noqa: ANN401 - any JSON
+    """Return the places of tables if there are several, of the same columns, and nothing else."""
+    found: dict[str, tuple[tuple[str, ...], ...]] = {}
+    for key, each in content.items() if isinstance(content, dict) else ():
+        first = each[0] if isinstance(each, list) and each else None
+        inner = first.values() if isinstance(first, dict) else ()
+        long = any(isinstance(below, list) and len(below) >= MIN_SAMPLES for below in inner)
+        tables = {f"{key}.{k}": table for k, table in enumerate(each)} if long else {key: each}
+        ways = {place: _ways({place: table}) for place, table in tables.items()}
+        found |= {place: tuple(way[1:] for way in own) for place, own in ways.items() if own}
+    alike = len(found) > 1 == len({*found.values()}) and ((),) not in found.values()
+    return [*found] if alike else []
+
+
+def _below(path: Path, node: Any, at: str) -> Any:  # noqa: ANN401 - any JSON
+    for part in at.split("."):
+        rows = dict(enumerate(node)) if isinstance(node, list) else {}
+        below = node if isinstance(node, dict) else {str(k): each for k, each in rows.items()}
+        node = part_at(path, below, part, at)
+    return node
 
 
 def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tuple[str, ...]]:  # noqa: ANN401 - any JSON
@@ -101,11 +146,14 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
     return _at(below, way[1:], row=row)
 
 
-def _column(path: Path, content: Any, name: str, way: Sequence[str]) -> Samples:  # noqa: ANN401 - any JSON
+def _column(path: Path, content: Any, name: str, way: Sequence[str], field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
     found = _at(content, way)
     values = [found[key] for key in sorted(found, key=int)] if isinstance(found, dict) else found
+    dated = field == "time" and {*map(type, values)} <= {str, type(None)}
+    if dated and (stamps := dates(values)) is not None:
+        return stamps
     for k, each in enumerate(values):
-        if type(each) not in {float, type(None)}:
+        if type(each) not in {float, int, type(None)}:
             what = "nothing" if each is ... else repr(each)
             raise InputError(path, name, f"{what} in record {k}", "a number, or null")
-    return np.array(values, dtype=np.float64)
+    return np.array(values, dtype=None if {*map(type, values)} == {int} else np.float64)

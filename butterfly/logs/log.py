@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.logs.clock import clock_reading, interval_reading, with_clock
 from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import (
     AS_IS,
@@ -312,8 +313,10 @@ class Log:
     ) -> Log:
         """Make a log from columns in their units (see `read_unit`); all readers end here.
 
-        A column that is ``unasked`` for is ignored if its unit is unknown.
+        A column ``unasked`` for is ignored if its unit is unknown. ``interval`` in s is a clock.
         """
+        interval = properties.pop("interval", None)
+        columns, headings, start = with_clock(columns, headings, interval)
         log = cls(**columns, **properties)
         layout, found = list(log.reading.layout), {}
         own = {name: head for name, head in headings.items() if name != "enabled"}  # yes or no
@@ -326,13 +329,19 @@ class Log:
                 if name not in unasked:
                     raise
                 layout.append(f"{name} ignored: {error.value} is unknown")
+        if "time" in found:
+            found["time"], start = clock_reading(log.source, found["time"], start, log.time)
         reading = replace(log.reading, layout=tuple(layout), columns=found)
         changed: dict[str, Any] = dict.fromkeys(unasked)
         for name, each in found.items():
             values, (scale, offset) = getattr(log, name), headings[name].scale
+            values = values - start if name == "time" and start else values
             values = values if (scale, offset) == (1.0, 0.0) else values * scale + offset
             changed[name] = values if each.factor == 1.0 else values * each.factor
-        return replace(log, **changed, reading=reading)
+        log = replace(log, **changed, reading=reading)
+        if interval is not None:
+            found["time"] = interval_reading(log.source, interval, found.get("time"), log.time)
+        return log
 
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return the quantities that a sampled column may hold, the project's own unit first."""

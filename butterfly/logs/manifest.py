@@ -19,6 +19,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
+    PositiveFloat,
     create_model,
     field_validator,
     model_validator,
@@ -90,6 +91,14 @@ class LogEntry(StrictModel):
 
     file: str
     """Path below the data set's root."""
+    at: str | None = None
+    """Place within a file of several logs: keys with dots (JSON, MATLAB), a sheet, an array."""
+    columns: dict[str, str | int] | None = None
+    """Of this log, in place of those of the data set."""
+    units: Annotated[dict[str, str | float] | None, BeforeValidator(_require_units)] = None
+    """Of this log, where they differ from the data set's."""
+    interval: PositiveFloat | None = None
+    """Of this log, in place of that of the data set."""
     added_mass: Size = 0.0
     """In kg, with or without an uncertainty."""
     arm: Size | None = None
@@ -200,6 +209,8 @@ class Manifest(StrictModel):
     """Units of the columns, ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`)."""
     columns: dict[str, str | int] | None = None
     """Columns or .mat variables of time, input and angle, by name or number."""
+    interval: PositiveFloat | None = None
+    """Sampling interval in s of logs without a column of time."""
     repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
     """Allowed repairs."""
     split: Recordings | None = None
@@ -228,10 +239,9 @@ class Manifest(StrictModel):
                 raise ValueError(f"zeros of the logs' added masses: {masses} kg")
         return self
 
-    @property
-    def scale(self) -> Units:
-        """Factors from the units of the manifest and the columns to the project's own."""
-        return Units.of(self.units).with_sign(self.sign)
+    def scale(self, entry: LogEntry) -> Units:
+        """Return the factors from the units of a log's columns and numbers to the project's own."""
+        return Units.of({**self.units, **(entry.units or {})}).with_sign(self.sign)
 
     @property
     def turns(self) -> float:
@@ -269,7 +279,7 @@ class Manifest(StrictModel):
             expected = "a single, whole log (for several, set from and to of each in a manifest)"
             raise InputError("data", name, value, expected)
         if begin is not None and end is not None and not begin < end:
-            raise InputError("data", "from", begin, f"less than the end, {end:g} s")
+            raise InputError("data", "from", begin, f"less than to, {end:g} s")
         own = entry.model_copy(update={"begin": begin, "end": end, "split": None})
         return self.model_copy(update={"logs": [own]})
 
@@ -288,7 +298,7 @@ class Manifest(StrictModel):
         """Return the added mass of a log."""
         mass = known_of(entry.added_mass)
         arm = known_of((self.arm if entry.arm is None else entry.arm) or 0.0)
-        of_mass, of_arm = map(self.scale.factor, ("mass", "arm"))
+        of_mass, of_arm = map(self.scale(entry).factor, ("mass", "arm"))
         return AddedMass(
             mass=of_mass * mass.value,
             arm=of_arm * arm.value,
@@ -304,13 +314,15 @@ class Manifest(StrictModel):
         if entry.omega is None or entry.amplitude is None:
             return None
         return Sine(
-            omega=self.scale.factor("omega") * entry.omega,
-            amplitude=abs(self.scale.factor("input")) * entry.amplitude,
+            omega=self.scale(entry).factor("omega") * entry.omega,
+            amplitude=abs(self.scale(entry).factor("input")) * entry.amplitude,
         )
 
     def properties(self, entry: LogEntry) -> dict[str, Any]:
-        """Return the fields of `Log` for a log that its file does not contain."""
+        """Return the fields of `Log` that its file does not contain, its interval and place."""
         return {
+            **({} if entry.at is None else {"at": entry.at}),
+            "interval": entry.interval or self.interval,
             "input_kind": entry.input or self.input,
             "intersample": self.intersample,
             "added_mass": self.added_mass(entry),
@@ -337,17 +349,17 @@ _SELDOM = (
 
 @cache
 def _options() -> type[StrictModel]:
-    """Return the model of some fields of a manifest, and of ``begin`` and ``end``; slow to make."""
+    """Return the model of some fields of a manifest, and of ``from`` and ``to``; slow to make."""
     fields: dict[str, Any] = {
         name: (Annotated[field.annotation, Field(), *field.metadata], None)
         for name, field in Manifest.model_fields.items()
         if name not in {"logs", "root"}
-    } | dict.fromkeys(("begin", "end"), (float | None, None))
+    } | dict.fromkeys(("from", "to"), (float | None, None))
     return create_model("_Options", __base__=StrictModel, **fields)
 
 
 def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options or keywords that are not None, checked: fields, begin and end."""
+    """Return the options or keywords that are not None, checked: fields, from and to."""
     some = {name: value for name, value in given.items() if value is not None}
     found = validate([], some, _options(), source="data")
     return {name: getattr(found, name) for name in some}
@@ -362,10 +374,10 @@ def described(
     """Return the manifest of a file's content and of what `checked_options` returned.
 
     The options replace the content, except in fields marked with a `_Rule`. A zero applies to all
-    logs. ``begin`` and ``end`` are applied later, by `Manifest.piece`.
+    logs. ``from`` and ``to`` are applied later, by `Manifest.piece`.
     """
     both = dict(content)
-    for name in given.keys() - {"begin", "end", "zero"}:
+    for name in given.keys() - {"from", "to", "zero"}:
         field = Manifest.model_fields[name]
         if name not in content or not set(field.metadata) & set(_Rule):
             both[name] = given[name]

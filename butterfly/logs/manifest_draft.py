@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS, holds_table
+from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, holds_table
+from butterfly.logs.json import logs_in
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
@@ -45,9 +46,10 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
     if not path.is_dir():
         folder = path.parent
         entry = _entry_by_name(path, folder, units) or LogEntry(file=path.name)
-        entries = [entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})]
+        entry = entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})
+        entries = _each_log(entry, folder, given)
     elif not has_thesis_names(path) or (massless and "arm" not in given):
-        entries = _entries(path)
+        entries = _entries(path, given)
     elif "arm" in given:
         entries = _entries_by_name(path, units)
     else:
@@ -63,22 +65,32 @@ def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
         entry = _entry_by_name(path, folder, units)
         if entry is not None:
             entries.append(entry)
-        elif path.suffix.lower() not in OFTEN_TEXTS:
+        elif path.suffix.lower() not in OFTEN_OTHERS:
             expected = "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
             raise InputError(path, "file name", path.stem, expected)
     return sorted(entries, key=lambda each: (known_of(each.added_mass).value, each.omega or 0.0))
 
 
-def _entries(folder: Path) -> list[LogEntry]:
-    """Return an entry for each log; a file that is often another text must hold a table."""
+def _entries(folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
+    """Return an entry for each log; a file that is often no log must hold a table."""
     paths = [
         path
         for path in log_files(folder)
-        if path.suffix.lower() not in OFTEN_TEXTS or holds_table(path)
+        if path.suffix.lower() not in OFTEN_OTHERS
+        or holds_table(path, 2 if "interval" in given else 3)
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
-    return [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    return [each for entry in entries for each in _each_log(entry, folder, given)]
+
+
+def _each_log(entry: LogEntry, folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
+    """Return an entry for each log in a file, unless the given columns name one."""
+    path, names = folder / entry.file, [*map(str, given.get("columns", {}).values())]
+    places = logs_in(path) if FORMATS[path.suffix.lower()] == "json" else []
+    named = {each.partition(".")[0] for each in names} & {each.partition(".")[0] for each in places}
+    return [entry.model_copy(update={"at": each}) for each in places if not named] or [entry]
 
 
 def of_logs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from scipy.io import savemat
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
-from butterfly.logs.formats import ColumnMap, checked_map
+from butterfly.logs.formats import ColumnMap, checked_map, chosen_columns
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
-from butterfly.logs.matlab_variables import MatlabObject, load_variables
+from butterfly.logs.matlab_objects import MatlabObject
+from butterfly.logs.matlab_variables import load_variables
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units
 
@@ -33,18 +35,31 @@ def read_mat(
 
     A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
-    Without a map the columns are t, u, q[, dq] of ``D``.
+    Without a map the columns are t, u, q[, dq] of ``D``, or time, input, angle[, velocity] of the
+    only struct with these; ``at`` is where else they are. Tables, timetables and timeseries need
+    the extra ``matlab``.
     """
-    said: dict[str, Mapping[str, Any]] = {}
+    at, said = properties.pop("at", None), dict[str, Mapping[str, Any]]()
     if columns is None:
-        variables, matrix = _matrix(path, said)
-        arrays: dict[str, Any] = dict(zip(SAMPLED, matrix.T, strict=False))
-        named = dict.fromkeys(arrays, _MATRIX)
+        parts = _parts(at or _MATRIX)
+        variables, names = load_variables(path, {parts[0]}, said)
+        found = _found(path, variables, names, parts) if at or _MATRIX in variables else {}
+        if isinstance(found, dict | MatlabObject):
+            own = _columns_in(path, at, found, properties) if at else None
+            columns = own or _columns_of_table(path, names, properties)
+    elif at is not None:
+        columns = {field: f"{at}.{name}" for field, name in columns.items()}
+    if columns is None:
+        least = 3 if properties.get("interval") is None else 2
+        matrix = _matrix(path, at or _MATRIX, found, names, least)
+        timed = matrix.shape[1] > 2  # noqa: PLR2004 - u, q
+        arrays: dict[str, Any] = dict(zip(SAMPLED[not timed :], matrix.T, strict=False))
+        named = dict.fromkeys(arrays, at or _MATRIX)
     else:
-        wanted = checked_map(path, columns, properties.get("input_kind"))
+        wanted = checked_map(path, columns, properties)
         mapping = {field: _parts(name) for field, name in wanted.items()}
         variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
-        arrays = {field: _vector(path, variables, names, own) for field, own in mapping.items()}
+        arrays = {f: _vector(path, variables, names, own, f) for f, own in mapping.items()}
         named = {field: ".".join(own) for field, own in mapping.items()}
     sayings = Sayings(path, [*named.values()])
     sayings.metadata(variables)
@@ -74,27 +89,53 @@ def _parts(name: str | int) -> list[str]:
     return [_MATRIX, *parts] if parts[0].isdecimal() else parts
 
 
-def _matrix(path: Path, said: dict[str, Mapping[str, Any]]) -> tuple[dict[str, Any], Samples]:
-    """Return all variables, and the matrix of columns."""
-    variables, names = load_variables(path, {_MATRIX}, said)
-    if _MATRIX not in variables:
+def _columns_in(path: Path, name: str, table: Any, about: Mapping[str, Any]) -> ColumnMap:  # noqa: ANN401 - whatever the file holds
+    """Return the columns of a struct or table that are read by default."""
+    if isinstance(table, MatlabObject):
+        raise table.refused(path, name)
+    keys = [*_below(table)]
+    places, _ = chosen_columns(path, [key.lower() for key in keys], None, about)
+    return {field: f"{name}.{keys[k]}" for field, k in places.items()}
+
+
+def _columns_of_table(path: Path, names: list[str], about: Mapping[str, Any]) -> ColumnMap | None:
+    """Return the columns of the only struct or table that has them."""
+    variables, _ = load_variables(path, names)
+    tables: dict[str, ColumnMap] = {}
+    for name, each in variables.items():
+        with suppress(InputError):
+            tables[name] = _columns_in(path, name, each, about)
+    if len(tables) > 1:
+        first = next(iter(tables))
+        expected = f"columns of one of them: at: {first} in a manifest, or --columns time={first}.T"
+        raise InputError(path, "columns", f"tables {', '.join(tables)}", expected)
+    if not tables:
         _refuse_objects(path, _MATRIX, variables)
+    return next(iter(tables.values()), None)
+
+
+def _matrix(path: Path, name: str, found: object, names: list[str], least: int) -> Samples:
+    """Return the matrix of columns, of which there are ``least``."""
+    if isinstance(found, dict) and not found:
         found = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
-        raise InputError(path, _MATRIX, found, expected)
-    matrix = _upright(variables[_MATRIX])
-    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
+        expected += " (without time=T: --interval S)"
+        raise InputError(path, name, found, expected)
+    matrix = _upright(found)
+    width = matrix.shape[-1] if isinstance(matrix, np.ndarray) and matrix.ndim == 2 else 0  # noqa: PLR2004
+    if width not in range(least, 5):
         found = matrix if isinstance(matrix, str) else type(matrix).__name__
         found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
-        raise InputError(path, _MATRIX, found, "shape (n, 3) or (n, 4): t, u, q[, dq]")
-    return variables, _real(path, _MATRIX, matrix)
+        expected = "shape (n, 3) or (n, 4): t, u, q[, dq]; or (n, 2): u, q, and --interval S"
+        raise InputError(path, name, found, expected)
+    return _real(path, name, matrix)
 
 
-def _real(path: Path, name: str, values: NDArray[Any]) -> Samples:
+def _real(path: Path, name: str, values: NDArray[Any], kinds: str = "fiu") -> NDArray[Any]:
     """Return a copy in column order: `values` may be mapped from the file."""
-    if values.dtype.kind not in "fiu":
+    if values.dtype.kind not in kinds:
         raise InputError(path, name, f"type {values.dtype}", "real numbers")
-    return np.array(values, dtype=np.float64, order="F")
+    return np.array(values, dtype=np.float64 if values.dtype.kind == "f" else None, order="F")
 
 
 def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -103,8 +144,8 @@ def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     return found.T if matrix and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
 
 
-def _vector(path: Path, variables: dict[str, Any], names: list[str], parts: list[str]) -> Samples:
-    """Return a vector by the parts of its name."""
+def _found(path: Path, variables: dict[str, Any], names: list[str], parts: list[str]) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return what the parts of a name lead to."""
     wanted = ".".join(parts)
     if parts[0] not in variables:
         _refuse_objects(path, wanted, variables)
@@ -118,12 +159,20 @@ def _vector(path: Path, variables: dict[str, Any], names: list[str], parts: list
             where = ".".join(parts[:k])
             raise InputError(path, wanted, f"no {part} in {where}", _listing(part, [*below]))
         found = below[part]
+    return found
+
+
+def _vector(
+    path: Path, variables: dict[str, Any], names: list[str], parts: list[str], field: str
+) -> NDArray[Any]:
+    """Return a vector by the parts of its name."""
+    found, wanted = _found(path, variables, names, parts), ".".join(parts)
     if isinstance(found, MatlabObject):
         raise found.refused(path, wanted)
     if isinstance(found, dict | list):
         expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in _below(found))}"
         raise InputError(path, wanted, "a struct", expected)
-    values = _real(path, wanted, np.asarray(found))
+    values = _real(path, wanted, np.asarray(found), "fiumM" if field == "time" else "fiu")
     if values.size != max(values.shape, default=0):
         expected = f"a vector, or one of its columns: {wanted}.0, ..."
         raise InputError(path, wanted, f"shape {values.shape}", expected)

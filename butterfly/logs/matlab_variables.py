@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 import struct
 import zlib
 from collections.abc import Collection, Container, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,32 +15,9 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
+from butterfly.logs.matlab_objects import MatlabObject, is_skipped, opened
 
-_SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
-_CONVERSIONS = {
-    "table": "writetable(x, 'log.csv')",
-    "timetable": "T = timetable2table(x); T.(1) = seconds(T.(1)); writetable(T, 'log.csv')",
-    "Simulink.SimulationData.Dataset": _SIGNAL.format(x="x{1}.Values."),
-    "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
-    "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
-}  # lines of MATLAB that convert an object x; all others are converted as timeseries
-
-
-@dataclass(frozen=True)
-class MatlabObject:
-    """An object that only MATLAB can read."""
-
-    kind: str = ""
-
-    def refused(self, path: Path, wanted: str, name: str = "x") -> InputError:
-        """Return the error, with a line of MATLAB that converts the object."""
-        line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
-        kind = f" ({self.kind})" if self.kind else ""
-        found = f"a MATLAB object{kind}, which only MATLAB can read"
-        return InputError(path, wanted, found, f"plain vectors or a table; in MATLAB: {line}")
-
-
-_HEADER, _VERSION, _ORDER = 128, slice(124, 126), slice(126, 128)
+_HEADER, _SYSTEM, _VERSION, _ORDER = 128, slice(116, 124), slice(124, 126), slice(126, 128)
 _HDF5 = b"\x00\x02"
 
 
@@ -51,16 +27,20 @@ def load_variables(
     """Return variables, including the wanted ones if present, and the names of all.
 
     The attributes of variables, which only version 7.3 has, are added to ``said``. Variables named
-    like units are always wanted.
+    like units are always wanted. Objects in wanted ones are structs, if mat-io reads them.
     """
     require_file(path, "an existing .mat file")
     with whole(path, "a whole .mat file"), path.open("rb") as file:
         header = file.read(_HEADER)
         if header[_VERSION] == _HDF5:
-            return _load73(path, wanted, {} if said is None else said)
-        data = memoryview(header + file.read())  # mapped, a truncation now would crash us
-        found = _load4(data) if 0 in header[:4] else _load5(data)
-    return found, [*found]
+            found, names = _load73(path, wanted, {} if said is None else said)
+            openable = True
+        else:
+            data = memoryview(header + file.read())  # mapped, a truncation now would crash us
+            found = _load4(data) if 0 in header[:4] else _load5(data)
+            openable = not is_skipped(found.pop("", MatlabObject()))
+            names = [*found]
+    return found | (opened(path, found, wanted) if openable else {}), names
 
 
 # Level 4 (MATLAB, MAT-File Format, 2019, chapter 1, appendix): arrays one after the other, each
@@ -111,6 +91,7 @@ _NUMERIC, _STRUCT, _OPAQUE, _OBJECTS_OF = range(6, 16), 2, 17, {3, 16}  # classe
 _OTHERS, _CELL, _TEXT = {5: "a sparse matrix"}, 1, 4
 _TEXTS = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _COMPLEX = 0x0800
+_LONGEST_EMPTY = 1 << 20
 _DEEPEST = 32  # dimensions, and structs within structs
 
 Bytes = memoryview
@@ -153,12 +134,14 @@ class _Elements:
 
 
 def _load5(data: Bytes) -> dict[str, Any]:
-    """Return the variables of a file of level 5 by their names."""
+    """Return the variables of a file of level 5 by their names, the values of objects without."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[_ORDER]))
     if order is None:
         raise ValueError("no byte order in its header")
     elements, found, most = _Elements(data[_HEADER:], order), {}, most_in(len(data))
+    system: Any = None  # what objects and functions need, where the header says
     while elements.data:
+        at = struct.pack(f"{order}q", len(data) - len(elements.data))
         kind, variable = elements.next("a variable", {_ARRAY, _COMPRESSED})
         if kind == _COMPRESSED:
             unpacked = _inflated(variable, most)
@@ -166,7 +149,13 @@ def _load5(data: Bytes) -> dict[str, Any]:
             _, variable = _Elements(unpacked, order).next("a variable", {_ARRAY})
         name, value = _array(_Elements(variable, order), 0)
         found[name] = value
-    found.pop("", None)  # what functions need
+        system = value if at == data[_SYSTEM] and not name else system
+    found.pop("", None)
+    with suppress(ValueError):
+        content = memoryview(np.asarray(system).tobytes())
+        if content[2:4] == data[_ORDER]:
+            _, values = _Elements(content[8:], order).next("values of objects", {_ARRAY})
+            found[""] = _array(_Elements(values, order), 0)[1]
     return found
 
 
@@ -194,10 +183,13 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
     if kind == _OPAQUE:
         name = elements.text("the name of an object")
         elements.text("the system of an object")
-        return name, MatlabObject(elements.text("the class of an object"))
+        named = elements.text("the class of an object")
+        return name, MatlabObject("" if is_skipped(_within(elements, depth)) else named)
     shape = elements.numbers("a shape", _INT32)
     if not 2 <= len(shape) <= _DEEPEST or min(shape) < 0:  # noqa: PLR2004 - rows and columns
         raise ValueError(f"a shape of {len(shape)} numbers, the smallest {min(shape, default=0)}")
+    if 0 in shape and max(shape) > _LONGEST_EMPTY:  # over which mat-io counts
+        raise ValueError(f"an empty array of shape {shape}")
     name = elements.text("a name")
     if kind in _NUMERIC:
         values = [_numbers(elements, shape) for _ in range(parts)]
@@ -278,12 +270,15 @@ def _load73(
         nonlocal left
         said[node.name.strip("/").replace("/", ".")] = dict(node.attrs)
         kind = node.attrs.get("MATLAB_class", b"")
-        if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
+        is_object = "MATLAB_object_decode" in node.attrs or kind.decode() not in {*_PLAIN, ""}
+        sizes = [_OF_NODE + getattr(node, "nbytes", 0)]
+        if is_object:  # its values may be anywhere
+            file.visititems(lambda _, each: sizes.append(getattr(each, "nbytes", 0)))
+        left -= sum(sizes)
+        if min(sizes) < 0 or left < 0:  # a file may claim any size
+            raise ValueError(f"an array of {size_text(sum(sizes))}, more than the file can hold")
+        if is_object:
             return MatlabObject(kind.decode())
-        size = _OF_NODE + getattr(node, "nbytes", 0)
-        left -= size
-        if size < 0 or left < 0:  # a file may claim any size
-            raise ValueError(f"an array of {size_text(size)}, more than the file can hold")
         if hasattr(node, "items"):
             found = {key: value(_own_node(path, node, key)) for key in node}
             lists = [each for each in found.values() if isinstance(each, list)]

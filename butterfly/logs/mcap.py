@@ -72,7 +72,7 @@ def _table(path: Path) -> dict[str, Samples]:
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
     except ImportError:
         raise InputError(path, "content", "MCAP", _EXTRA) from None
-    with whole(path, _WHOLE), path.open("rb") as file:
+    with whole(path, _WHOLE, trusting=True), path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         if summary is None:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
@@ -66,18 +65,13 @@ def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -
     arrays = {}
     for field, number in places.items():
         name, kind = names[number], file.schema_arrow.types[number]
-        clock = field == "time" and _is_clock(kind)
-        if not is_number_type(kind) and not clock:
+        texts = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        if not is_number_type(kind) and not (field == "time" and (texts or _is_clock(kind))):
             raise InputError(path, name, f"a column of {kind}", "numbers")
         batches = file.iter_batches(_AT_A_TIME, columns=[name])
         which = names[:number].count(name)  # of the columns of this name
-        own = [each.column(which) for each in batches]
-        if clock:
-            own = [each.cast(pa.int64()) for each in own]
-        parts = [each.to_numpy(zero_copy_only=False) for each in own]
-        if clock and parts:  # a double cannot hold nanoseconds since 1970
-            parts = [each - parts[0][0] for each in parts]
-        arrays[field] = np.concatenate([np.empty(0), *parts])
+        parts = [batch.column(which) for batch in batches]
+        arrays[field] = pa.chunked_array(parts, kind).to_numpy()
     return arrays
 
 

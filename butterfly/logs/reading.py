@@ -46,9 +46,9 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
     """Read the whole file of a log."""
     log = read_log(
         Path(manifest.root) / entry.file,
-        columns=manifest.columns,
-        units=manifest.scale,
-        name=entry.file,
+        columns=entry.columns or manifest.columns,
+        units=manifest.scale(entry),
+        name=piece_name(LogEntry(file=entry.file, at=entry.at)),
         **manifest.properties(entry),
     )
     return log if manifest.encoder == "joint" else log.at_joint(manifest.turns)
@@ -73,7 +73,8 @@ def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[Log
 
 def piece_name(entry: LogEntry) -> str:
     """Return the name of an entry's log: its file, and the piece of it."""
-    which = [] if entry.part is None else [f"part {entry.part}"]
+    which = [entry.at] if entry.at else []
+    which += [] if entry.part is None else [f"part {entry.part}"]
     if entry.begin is not None or entry.end is not None:
         begin = "start" if entry.begin is None else f"{entry.begin:g} s"
         end = "end" if entry.end is None else f"{entry.end:g} s"

@@ -10,15 +10,15 @@ from csv import reader as csv_reader
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow
+from numpy.typing import NDArray
 from pyarrow import csv
 
-from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_room, size_text
-from butterfly.files import read_file, require_file, whole
+from butterfly.files import read_file, refuse_binary, require_file, whole
 from butterfly.logs.log import AS_WRITTEN, FileReading
 from butterfly.logs.units import is_unit, without_unit, words_in
 
@@ -29,13 +29,18 @@ _SAMPLE = 60  # lines from which the delimiter is found
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
+_FORM = r"[+-]?(?:\d*|[1-9]\d{{0,2}}(?:\{}\d{{3}})+)(?:\{}\d*)?(?:[eE][+-]?\d+)?"
+_CUT = re.compile(r"(?<![\d.])[+-]?\d{1,3},0\d+(?:\.\d+)?(?![\d.])")  # no number begins with 0
+_GROUPS = re.compile(r"\d(?:[.,]\d{3}[.,]\d|['’ \xa0\u202f]\d{3})")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d\d:\d\d:\d\d.*")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
 _MARKS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-Column: TypeAlias = Samples | pyarrow.ChunkedArray
+Column: TypeAlias = NDArray[Any] | pyarrow.ChunkedArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +65,13 @@ class _Line(NamedTuple):
 def read_text_table(path: Path) -> TextColumns:
     """Read a table of any delimiter, decimal mark and encoding, with or without a header."""
     size = require_file(path, "an existing file")
+    refuse_binary(path, any_kind=False)
     require_room(path, "content", f"{size_text(size)} of text", _PER_BYTE * size)
-    text, encoding = _decoded(path)
+    return table_of_text(path, *_decoded(path))
+
+
+def table_of_text(path: Path, text: str, encoding: str, delimiters: str = ";\t, ") -> TextColumns:
+    """Return the table in a text, whose cells one of the delimiters divides."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     comments = [line for line in filled if line.text.lstrip().startswith(_COMMENTS)]
@@ -69,7 +79,7 @@ def read_text_table(path: Path) -> TextColumns:
     for line in body:
         if len(line.text) > _WIDEST:
             require_narrow(path, line.number, line.text)
-    delimiter, first = _dialect(path, body)
+    delimiter, first = _dialect(path, body, delimiters)
     width = len(_cells(body[first].text, delimiter))
     while first and _is_without_names(_cells(body[first - 1].text, delimiter)):
         first -= 1
@@ -78,16 +88,21 @@ def read_text_table(path: Path) -> TextColumns:
     cut = len(rows) > 1 and (unended or len(_cells(rows[-1].text, delimiter)) < width)
     rows = rows[:-1] if cut else rows
     heads, named = _heads(body[:first], comments, rows, delimiter, width)
-    above = body[: first - len(heads)] if first else []
-    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *above)]
     names, units = _names_and_units(heads)
+    others = first - (names is not None) - (units is not None) if first else 0
+    remarks = [line.text.lstrip().lstrip("#%/") for line in (*comments, *body[:others])]
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
-    others = first - (names is not None) - (units is not None) if first else 0
-    decimal = "," if _has_decimal_commas(rows, delimiter) else "."
+    is_cut = _CUT.search if named else _CUT.fullmatch
+    if delimiter == "," and (halves := [each for each in rows if is_cut(each.text)]):
+        expected = "numbers without commas (decimal commas and thousands need another delimiter)"
+        raise InputError(path, f"line {halves[0].number}", halves[0].text, expected)
+    group, decimal = _marks(rows, delimiter)
     texts = {
-        f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
+        f"{_DELIMITERS[delimiter]} between columns": delimiter not in {",", delimiters}
+        and width > 1,
         "decimal commas": decimal == ",",
+        f"thousands separators {group!r}": bool(group),
         encoding: encoding != "UTF-8",
         f"comment lines: {len(comments)}": bool(comments),
         f"lines above the table: {others}": others > 0,
@@ -99,7 +114,7 @@ def read_text_table(path: Path) -> TextColumns:
         names=names or [""] * width,
         units=units,
         headless=headless if names is None else None,
-        columns=dict(enumerate(_parsed(path, rows, delimiter, decimal, width))),
+        columns=dict(enumerate(_parsed(path, rows, delimiter, (group, decimal), width))),
         lines=[line.number for line in rows],
         remarks=remarks,
         split=partial(_cells, delimiter=delimiter),
@@ -109,7 +124,24 @@ def read_text_table(path: Path) -> TextColumns:
 
 def is_number(text: str) -> bool:
     """Whether a cell holds a number, with a decimal point or comma."""
-    return _NUMBER.fullmatch(text) is not None
+    return _NUMBER.fullmatch(text) is not None or GROUPED.fullmatch(text) is not None
+
+
+def _marks(rows: list[_Line], delimiter: str) -> tuple[str, str]:
+    """Return thousands separator, "" unless only it fits all numbers, and decimal mark."""
+    texts = [line.text for line in rows]
+    odd = any(map(_GROUPS.search, texts)) or all(any(m in text for text in texts) for m in ".,")
+    if odd and (delimiter != "," or any({*"\"'’"} & {*text} for text in texts)):
+        cells = {cell for text in texts for cell in _cells(text, delimiter) if is_number(cell)}
+        there = [mark for mark in ".,'’ \xa0\u202f" if any(mark in cell for cell in cells)]
+        pairs = [(group, decimal) for group in there for decimal in ".,".replace(group, "")]
+        fits = [p for p in pairs if all(map(re.compile(_FORM.format(*p)).fullmatch, cells))]
+        sure = {*".,"} <= {*there} or not all(map(_NUMBER.fullmatch, cells))
+        if sure and len({group for group, _ in fits}) == 1:
+            return fits[0]
+    marked = (text for text in texts if "," in text or "." in text)
+    numbers = (cell for text in marked for cell in _cells(text, delimiter) if is_number(cell))
+    return "", next((mark for cell in numbers for mark in cell if mark in ",."), ".")
 
 
 def _decoded(path: Path) -> tuple[str, str]:
@@ -141,27 +173,35 @@ def _cells(text: str, delimiter: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
+def _dialect(path: Path, body: list[_Line], delimiters: str) -> tuple[str, int]:
     """Return the delimiter that makes most cells numbers, and the first row's line."""
     sample = body[:_SAMPLE]
     best, share = ",", 0.0
-    for delimiter in _DELIMITERS:
+    for delimiter in delimiters:
         rows = [_cells(line.text, delimiter) for line in sample]
         filled = [[cell for cell in row if cell] for row in rows if len(row) > 1]
-        numbers = sum(sum(map(is_number, row)) for row in filled if sum(map(is_number, row)) > 1)
+        data = [sum(map(_is_datum, row)) for row in filled]
+        numbers = sum(count for count in data if count > 1)
         own = numbers / max(sum(map(len, filled)), 1)
         if own > share:
             best, share = delimiter, own
     for k, line in enumerate(body if share else []):
         cells = _cells(line.text, best)
-        if sum(map(is_number, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
+        if sum(map(_is_datum, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
             return best, k
+    single = [is_number(line.text.strip("; \t")) for line in body]
+    if 2 * sum(single) > len(body):
+        return delimiters[0], single.index(True)
     expected = "a table of numbers, delimited by commas, semicolons, tabs or blanks"
     raise InputError(path, "content", "no row of numbers", expected)
 
 
 def _is_value(cell: str) -> bool:
-    return is_number(cell) or cell.lower() in _MISSING
+    return _is_datum(cell) or cell.lower() in _MISSING
+
+
+def _is_datum(cell: str) -> bool:
+    return is_number(cell) or _DATE.fullmatch(cell) is not None
 
 
 def _is_without_names(cells: list[str]) -> bool:
@@ -225,30 +265,23 @@ def _are_units(cells: list[str], *, most: bool = True) -> bool:
     return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 
 
-def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:
-    """Whether the first number with decimals has a comma."""
-    for line in rows:
-        if "," not in line.text and "." not in line.text:
-            continue
-        for cell in _cells(line.text, delimiter):
-            if is_number(cell) and ("," in cell or "." in cell):
-                return "," in cell
-    return False
-
-
 def _parsed(
-    path: Path, rows: list[_Line], delimiter: str, decimal: str, width: int
+    path: Path, rows: list[_Line], delimiter: str, marks: tuple[str, str], width: int
 ) -> list[Column]:
-    blanks = delimiter == " "
+    blanks, (group, decimal) = delimiter == " ", marks
     for line in rows:
         count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
         if count != width and len(_cells(line.text, delimiter)) != width:
             found = f"{len(_cells(line.text, delimiter))} values"
             expected = f"{width}, as in the first row"
             if delimiter == ",":
-                expected += " (numbers with decimal commas need another delimiter)"
+                expected += " (decimal commas need another delimiter, as thousands do)"
             raise InputError(path, f"line {line.number}", found, expected)
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
+    if group:
+        mark, split = "\t" if blanks else delimiter, [_cells(each.text, delimiter) for each in rows]
+        bare = ([x.replace(group, "") if is_number(x) else f'"{x}"' for x in row] for row in split)
+        texts = (mark.join(row) for row in bare)
     with whole(path, "a table"):
         table = csv.read_csv(
             io.BytesIO("\n".join(texts).encode()),
@@ -257,8 +290,7 @@ def _parsed(
             convert_options=csv.ConvertOptions(decimal_point=decimal),
         )
     return [
-        np.asarray(each.to_numpy().astype(np.float64)) if is_number_type(each.type) else each
-        for each in table.columns
+        np.asarray(each.to_numpy()) if is_number_type(each.type) else each for each in table.columns
     ]
 
 

@@ -62,6 +62,7 @@ _ALSO = {
     "mN": "mn",
     "mNm": "mnm Nmm",
     "kgf cm": "kgcm kgfcm",
+    "days": "datenum daynumber serialdate exceldate excelserialdate matlabdatenum",
     "%": "percent pct",
     "deg": "°",
     "deg/s": "dps",

@@ -145,7 +145,7 @@ class ColumnReading:
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
-        return self.said not in {ASSUMED, GIVEN} and abs(self.factor) != 1.0
+        return self.said not in {ASSUMED, GIVEN} and (abs(self.factor) != 1 or "epoch" in self.unit)
 
     @property
     def text(self) -> str:

@@ -95,6 +95,7 @@ def test_help_is_short_and_all_options_are_shown_on_request(answer):
 
 VAIN = {
     "design data --units 1": "butterfly manifest",
+    "manifest data --from 1": "from and to in the manifest's logs",
     "identify data --wnidow 1": "--window",
     "identify": "DATA",
     "identify data --window x": "--window",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
@@ -19,7 +20,7 @@ from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import AddedMass
 from tests.fuzz.escape import escape_of
 from tests.independent.readers import WRITERS
-from tests.logs.written import write_bag
+from tests.logs.written import write_bag, write_objects, write_sheets
 
 Sound = tuple[bytes, Callable[[bytes, Path], str]]
 """Content of a sound file, and what tells what escapes of a damaged one."""
@@ -82,6 +83,23 @@ def bags() -> list[Sound]:
     for file, packed in zip(files, CompressionType, strict=True):
         write_bag(file, range(0, 40 * 10**7, 10**7), parts, compression=packed)
     return [(file.getvalue(), partial(log_escapes, ".mcap", None)) for file in files]
+
+
+def strangers() -> list[Sound]:
+    """Return NumPy's and Excel's files, and MATLAB's objects, packed and not."""
+    values = np.random.default_rng(15).standard_normal((40, 3))
+    columns = pd.DataFrame(values, columns=["time", "input", "angle"])
+    told = {"T": columns, "u": (values[:, 1], "V", values[:, 0])}
+    mapped = {"time": "u.Time", "input": "u.Data", "angle": "T.angle"}
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"a.{each}" for each in ("npz", "npy", "xlsx", "mat", "73.mat")]
+        np.savez_compressed(paths[0], **columns, units="s, V, rad")
+        np.save(paths[1], values)
+        write_sheets(paths[2], {"a": [[*columns], *values.tolist()]})
+        write_objects(paths[3], told, "v7", packed=False)
+        write_objects(paths[4], told, "v7.3")
+        pairs = zip(paths, [None, None, None, mapped, mapped], strict=True)
+        return [(p.read_bytes(), partial(log_escapes, p.suffix, each)) for p, each in pairs]
 
 
 def log_escapes(ending: str, columns: dict[str, Any] | None, content: bytes, path: Path) -> str:

@@ -11,6 +11,7 @@ KINDS = (
     *("results", "saved", "values"),
 )
 KINDS += ("mcap",) if find_spec("mcap_ros2") else ()
+KINDS += ("strangers",) if find_spec("matio") else ()
 """Their names."""
 
 
@@ -19,6 +20,7 @@ def sounds_of(kind: str) -> list[files.Sound]:
     """Return sound contents of a kind, each with what tells what escapes of a damaged one."""
     made: dict[str, Callable[[], list[files.Sound]]] = {
         "mcap": files.bags,
+        "strangers": files.strangers,
         "experiment": lambda: [(each, files.experiment_escapes) for each in files.EXPERIMENTS],
         "manifest": lambda: [(each, files.manifest_escapes) for each in files.MANIFESTS],
         "results": results.sounds,

@@ -13,7 +13,8 @@ import pyarrow as pa
 from pyarrow import parquet
 from scipy.io import savemat
 
-from tests.logs.written import mat73
+from butterfly.logs.text_table import is_number
+from tests.logs.written import mat73, write_sheets
 
 DEGREE = math.pi / 180
 
@@ -234,12 +235,29 @@ def _hdf5(folder, cell):
     return path
 
 
+def _npz(folder, cell):
+    path = folder / "log.npz"
+    told = IN_KEYS[cell.place](cell.told) if cell.place in IN_KEYS else {}
+    texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in told.items()}
+    np.savez(path, **dict(zip(cell.names, cell.columns.values(), strict=True)), **texts)
+    return path
+
+
+def _xlsx(folder, cell):
+    lines = _text(".tsv", "\t")(folder, cell).read_text().splitlines()
+    rows = [[float(x) if is_number(x) else x for x in line.split("\t")] for line in lines]
+    write_sheets(folder / "log.xlsx", {"Sheet1": rows})
+    return folder / "log.xlsx"
+
+
 TEXTS = (*IN_NAMES, *GLUED, *COMMENTS, *ROWS)
 WRITERS = {
     "csv": (_text(".csv", ","), TEXTS),
     "semicolons": (_text(".csv", ";"), TEXTS),
     "tsv": (_text(".tsv", "\t"), TEXTS),
     "blanks": (_text(".txt", " "), ("tight", "underscore", "key: value", "units =", "glued")),
+    "xlsx": (_xlsx, TEXTS),
+    "npz": (_npz, (*IN_NAMES, *GLUED, *IN_KEYS)),
     "json": (_json, (*IN_NAMES, *GLUED, *IN_KEYS, "beside unit", "beside Units", "beside uom")),
     "records": (_records(".json"), (*IN_NAMES, *GLUED, "per row", "units per row")),
     "jsonl": (_records(".jsonl"), (*IN_NAMES, *GLUED, "per row", "units per row")),

@@ -147,7 +147,8 @@ def test_a_velocity_alone_is_not_written_where_it_would_be_read_as_an_angle(tmp_
 
 @pytest.mark.parametrize(("name", "value"), [("log.xls", ".xls"), ("log", "no ending")])
 def test_another_ending_is_refused_with_those_that_are_known(tmp_path, name, value):
-    assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt, .dat, .json, .jsonl, .ndjson or .mcap"
+    own = ".mat, .csv, .parquet, .tsv, .txt, .dat, .json, .jsonl, .ndjson, .mcap"
+    assert f"{own}, .npz, .npy, .xlsx or .xlsm" == ENDINGS
     with pytest.raises(InputError, match=f"got {value}; expected {ENDINGS}"):
         read_log(tmp_path / name, **KIND)
 

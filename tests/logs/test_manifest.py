@@ -193,6 +193,10 @@ logs:
         ("arm", "loop: {law: pid}\narm", "loop.law: got pid; expected"),
         ("arm", "loop: {law: pid-duty, gain: 2}\narm", "loop.gain: got an unknown name"),
         ("omega", "loop: 3, omega", "logs.0.loop: got 3; expected"),
+        ("omega", "frm: 1, omega", "logs.0.frm: got an unknown key; expected 'from'"),
+        ("omega", "from: x, omega", "logs.0.from: got 'x'; expected a valid number"),
+        ("omega", "units: {angle: dge}, omega", "logs.0.units.angle: got dge; expected one of rad"),
+        ("arm", "interval: 0\narm", "interval: got 0; expected greater than 0"),
         (VALID, "just text", "content: got str; expected a mapping"),
     ],
 )
@@ -222,6 +226,10 @@ ENTRIES = st.builds(
     end=st.none() | st.floats(6, 9),
     part=st.none() | st.integers(1, 9),
     loop=st.none() | st.just({"kp": 4.0}),
+    at=st.none() | TEXTS,
+    columns=st.none() | st.just({"time": 0, "angle": "q"}),
+    units=st.none() | st.just({"time": "ms"}),
+    interval=st.none() | st.floats(1e-6, 9),
 )
 MANIFESTS = st.builds(
     Manifest,

@@ -1,13 +1,16 @@
 """Files as MATLAB and ROS 2 write them."""
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import h5py
 import numpy as np
+import openpyxl
 from numpy.typing import NDArray
 
 JOINT_STATE = """\
@@ -78,3 +81,38 @@ def write_bag(
             writer.write_message(topic, schema, message, log_time=stamp + 5000 * (k % 3))
         writer.write_message("/bus", other, {"data": 24.0}, log_time=stamp)
     writer.finish()
+
+
+def write_sheets(path: Path, sheets: Mapping[str, Sequence[Sequence[Any]]]) -> None:
+    """Write rows of cells as Excel's sheets."""
+    book = openpyxl.Workbook(write_only=True)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    book.save(path)
+
+
+def write_objects(
+    path: Path, variables: Mapping[str, Any], version: str, units: Any = (), *, packed: bool = True
+) -> None:
+    """Write frames as tables with units, and (data, unit, times or (0, step)) as timeseries."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from matio import save_to_mat  # noqa: PLC0415 - an extra
+        from matio.utils import MatlabOpaque  # noqa: PLC0415
+        from matio.utils.converters import mattables  # noqa: PLC0415
+
+        def series(data: Any, unit: str, times: Any) -> Any:
+            own = {"Start_": 0.0, "Increment_": times[1], "Length": float(len(data))}
+            own |= {"Time_": times[:, None] if len(times) > 2 else np.empty((0, 0))}
+            about = MatlabOpaque(own | {"Units": "seconds"}, "tsdata.timemetadata")
+            info = MatlabOpaque({"Units": unit}, "tsdata.datametadata")
+            parts = {"Data_": data[:, None], "TimeInfo": about, "DataInfo": info}
+            return MatlabOpaque(parts, "timeseries")
+
+        props = mattables.make_table_props()
+        props["VariableUnits"][0, 0] = np.array([[*units]], dtype=object)
+        told = {k: series(*v) if isinstance(v, tuple) else v for k, v in variables.items()}
+        with mock.patch.object(mattables, "make_table_props", return_value=props):
+            save_to_mat(str(path), told, version=version, do_compression=packed)

@@ -1,0 +1,118 @@
+"""Clocks of files: dates, epochs, day numbers, or a known sampling interval in place of a clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.arrays import Samples
+from butterfly.errors import InputError
+from butterfly.logs.unit_words import factor_of
+from butterfly.logs.units import ASSUMED, GIVEN, ColumnReading, Heading, Words
+
+EXACT = 1 << 53
+"""Integers below this are exact as floats; a larger clock counts from its first."""
+
+_BY_SIZE = "from its size"
+_EPOCHS = ("s", "ms", "us", "ns")
+_YEARS = (631_152_000.0, 4_102_444_800.0)  # 1990 and 2100 in s since 1970
+_DAYS = ((32_874.0, 73_051.0), (726_834.0, 767_011.0))  # the same in days of Excel, of MATLAB
+_LONGEST = 60.0  # s between samples, above which an epoch by size is doubted
+_SHORTEST = 2e-5  # s between samples, below which a clock may be one of days
+_ENOUGH = 1000  # samples that show the step of a clock
+_AGREE = 0.01  # relative difference of a clock from the given interval
+
+
+def with_clock(
+    columns: Mapping[str, Any], headings: Mapping[str, Heading], interval: float | None
+) -> tuple[Mapping[str, Any], Mapping[str, Heading], float]:
+    """Return columns and headings with a clock of numbers, and the first if they count from it."""
+    if "time" not in columns:
+        size = max((np.shape(each)[:1] for each in columns.values()), default=(0,))
+        return {**columns, "time": np.arange(*size) * (interval or np.nan)}, headings, 0.0
+    try:
+        values = np.asanyarray(columns["time"])
+    except (TypeError, ValueError):  # told later
+        return columns, headings, 0.0
+    if values.dtype.kind in "OUST" and (found := dates(columns["time"])) is not None:
+        values = found
+    kind, heading = values.dtype.kind, headings["time"]
+    there = np.ones(values.shape, dtype=np.bool_)
+    if kind in "mM":
+        unit = next((u for u in _EPOCHS if u == np.datetime_data(values.dtype)[0]), "ns")
+        heading = replace(heading, said=(*heading.said, Words(unit, "dates")))
+        values = values.astype(f"{kind}8[{unit}]")
+        there, values = ~np.isnat(values), values.astype(np.int64)
+    elif kind not in "iu" or values.ndim != 1 or not np.any(np.abs(values[:1]) >= EXACT):
+        return columns, headings, 0.0
+    first = values[there][:1].sum(dtype=values.dtype)
+    numbers = np.where(there, (values - first).astype(np.int64), np.nan)
+    return {**columns, "time": numbers}, {**headings, "time": heading}, float(first)
+
+
+def dates(column: Any) -> NDArray[np.datetime64] | None:  # noqa: ANN401 - texts of any library
+    """Return (n,) dates as in ISO 8601, or times of day; None if one is neither."""
+    import pyarrow as pa  # noqa: PLC0415 - slow to import
+    from pyarrow import compute  # noqa: PLC0415
+
+    try:
+        texts = column if isinstance(column, pa.ChunkedArray) else pa.array(column)
+        texts = compute.utf8_trim(texts.cast(pa.string()), characters=' \t"')
+        texts = compute.replace_substring(texts, pattern=",", replacement=".")
+        texts = compute.replace_substring_regex(texts, r"^\d\d:\d\d:", r"1970-01-01 \0")
+        texts = compute.if_else(compute.equal(texts, ""), None, texts)
+        zone = compute.match_substring_regex(texts, r":\d\d(\.\d+)?(Z|[+-]\d\d(:?\d\d)?)$")
+        kind = pa.timestamp("ns", "UTC" if compute.any(zone).as_py() else None)
+        return np.asarray(texts.cast(kind).to_numpy(zero_copy_only=False))
+    except (pa.ArrowException, OverflowError):
+        return None
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of absurd timestamps
+def clock_reading(
+    source: object, reading: ColumnReading, first: float, time: Samples
+) -> tuple[ColumnReading, float]:
+    """Return how a clock is read, and what to subtract so that an absolute one begins at 0.
+
+    An epoch is known by its size if no unit is said, days never are; ``first`` is subtracted.
+    """
+    finite = time if np.isfinite(time).all() else time[np.isfinite(time)]
+    if finite.size <= 1:
+        return reading, 0.0
+    begin, step = first or float(finite[0]), float(np.median(np.diff(finite[:_ENOUGH])))
+    span = begin, first + float(finite[-1])
+    found = f"{begin:.10g}, with {step:.4g} between samples"
+    expected = "the unit of time (--units time=... or units: in the manifest)"
+    where, silent = reading.name or f"column {reading.number}", reading.said == ASSUMED and step > 0
+    days = any(_within(span, each) for each in _DAYS)
+    if silent and days and step < _SHORTEST:
+        raise InputError(source, where, found, f"{expected}: days, if these are day numbers")
+    for unit in [each for each in _EPOCHS if silent and _within(span, _YEARS, factor_of(each))]:
+        if step * factor_of(unit) > _LONGEST:
+            raise InputError(source, where, found, f"{expected}: by its size an epoch in {unit}")
+        reading = replace(reading, unit=f"epoch {unit}", said=_BY_SIZE, factor=factor_of(unit))
+    absolute = reading.said != ASSUMED and _within(span, _YEARS, reading.factor)
+    absolute |= days and reading.unit == "days"
+    return reading, begin if absolute and not first else 0.0
+
+
+def _within(span: Iterable[float], limits: tuple[float, float], factor: float = 1.0) -> bool:
+    return all(limits[0] <= each * factor < limits[1] for each in span)
+
+
+def interval_reading(
+    source: object, interval: float, reading: ColumnReading | None, time: Samples
+) -> ColumnReading:
+    """Return how the clock of a given interval in s is read; refuse a column that differs."""
+    if reading is None:
+        name = f"interval {interval:g} s"
+        return ColumnReading(name=name, number=None, unit="s", said=GIVEN, factor=1.0)
+    step = float(np.median(np.diff(time)))
+    if not abs(step - interval) <= _AGREE * interval:
+        found = f"{interval:g} s, and a column of time with {step:.4g} s between samples"
+        raise InputError(source, "interval", found, "one of the two, or two that agree")
+    return reading

@@ -1,0 +1,121 @@
+"""MATLAB's tables, timetables and timeseries, as structs, by the package mat-io."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from butterfly.errors import InputError
+
+_SIGNAL = "t = {x}Time; u = squeeze({x}Data); save('log.mat', 't', 'u')"
+_CONVERSIONS = {
+    "table": "writetable(x, 'log.csv')",
+    "timetable": "T = timetable2table(x); T.(1) = seconds(T.(1)); writetable(T, 'log.csv')",
+    "Simulink.SimulationData.Dataset": _SIGNAL.format(x="x{1}.Values."),
+    "Simulink.SimulationOutput": _SIGNAL.format(x="x.logsout{1}.Values."),
+    "Simulink.SimulationData.Signal": _SIGNAL.format(x="x.Values."),
+}  # lines of MATLAB that convert an object x; all others are converted as timeseries
+_EXTRA = "needs the extra matlab (pip install 'butterfly-testbed[matlab]')"
+
+
+@dataclass(frozen=True)
+class MatlabObject:
+    """An object that was not read."""
+
+    kind: str = ""
+
+    def refused(self, path: Path, wanted: str, name: str = "x") -> InputError:
+        """Return the error, with a line of MATLAB that converts the object."""
+        line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
+        kind = f" ({self.kind})" if self.kind else ""
+        why = "mat-io does not read" if find_spec("matio") else _EXTRA
+        found = f"a MATLAB object{kind}, which {why}"
+        return InputError(path, wanted, found, f"plain vectors or a table; in MATLAB: {line}")
+
+
+def is_skipped(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
+    """Whether anything in what was read was left out, so that it may be damaged."""
+    left = [each for each in _leaves(found) if isinstance(each, str | MatlabObject)]
+    return not all(isinstance(each, MatlabObject) and each.kind for each in left)
+
+
+def _leaves(found: Any) -> list[Any]:  # noqa: ANN401 - whatever a file holds
+    below = [*found.values()] if isinstance(found, dict) else found
+    return (
+        [leaf for each in below for leaf in _leaves(each)] if isinstance(below, list) else [found]
+    )
+
+
+def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+    """Return the wanted variables that hold objects, with these as structs, unless it fails.
+
+    How the file was read before says that its parts are whole, which mat-io takes for granted.
+    """
+    known = [name for name in wanted if name in variables and not is_skipped(variables[name])]
+    leaves = {name: _leaves(variables[name]) for name in known}
+    names = [n for n in known if any(isinstance(each, MatlabObject) for each in leaves[n])]
+    with warnings.catch_warnings(), suppress(Exception):  # an object that is not read is refused
+        warnings.simplefilter("ignore")
+        if names:
+            from matio import load_from_mat  # noqa: PLC0415 - an extra
+
+            found = load_from_mat(str(path), variable_names=[*names], add_table_attrs=True)
+            return {name: _filled(variables[name], found[name]) for name in names}
+    return {}
+
+
+def _filled(before: Any, after: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+    """Return what was read, its objects as mat-io reads them."""
+    if isinstance(before, dict):
+        (one,) = np.ravel(after)
+        return {name: _filled(each, one[name]) for name, each in before.items()}
+    if isinstance(before, list):
+        return [_filled(*pair) for pair in zip(before, np.ravel(after, "F"), strict=True)]
+    found = _plain(after) if isinstance(before, MatlabObject) else before
+    is_clock = isinstance(found, np.ndarray) and found.dtype.kind in "mM"
+    return found if is_clock or not isinstance(found, np.ndarray) else before
+
+
+def _plain(found: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+    """Return an object as a struct, if it is of a known kind."""
+    if hasattr(found, "attrs"):
+        return _frame(found)
+    if not isinstance(getattr(found, "properties", None), dict):
+        return found
+    own = {name.rstrip("_"): _plain(each) for name, each in found.properties.items()}
+    known = _series(own) if found.classname == "timeseries" else MatlabObject(found.classname)
+    return own if found.classname.startswith("tsdata.") else known
+
+
+def _series(own: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of a timeseries, whose times may be a start and an increment."""
+    about = own["TimeInfo"]
+    time = np.ravel(own.get("Time", about.get("Time", ())))
+    if not time.size:
+        start, step, count = (np.ravel(about[key])[0] for key in ("Start", "Increment", "Length"))
+        time = start + step * np.arange(min(int(count), np.size(own["Data"])))
+    said = {"Time": about.get("Units"), "Data": own.get("DataInfo", {}).get("Units")}
+    return {"Time": time, "Data": np.squeeze(own["Data"]), "Properties": {"units": said}}
+
+
+def _frame(frame: Any) -> dict[str, Any]:  # noqa: ANN401 - pandas'
+    """Return the columns of a table, or of a timetable with its row times first."""
+    units, texts = (
+        frame.attrs.get(f"Variable{key}") or frame.attrs.get(f"var{key}") or [""] * frame.shape[1]
+        for key in ("Units", "Descriptions")
+    )
+    said = [
+        {"name": name, "unit": "" if each.dtype.kind in "mM" else unit, "description": text}
+        for (name, each), unit, text in zip(frame.items(), units, texts, strict=True)
+    ]
+    frame = frame if frame.index.name is None else frame.reset_index()
+    columns = {str(name): each.to_numpy() for name, each in frame.items()}
+    return columns | {"Properties": {"columns": said}}

@@ -1,0 +1,58 @@
+"""Logs in NumPy's files: arrays by name (.npz), or one array (.npy)."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError
+from butterfly.files import read_file, unpacked, whole
+from butterfly.logs.formats import ColumnMap, log_of_table, part_at
+from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.logs.units import AS_IS, Units
+
+_WHOLE = "a whole file of NumPy's"
+_PLAIN = "numbers and texts: np.savez(FILE, **{k: v for k, v in d.items() if v.dtype != object})"
+
+
+def read_npz(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Read a log (see `read_log`) from vectors and columns of matrices (``M.0``).
+
+    Short texts are remarks. An array alone, or the one ``at`` this name, is read as by
+    `log_of_table`.
+    """
+    if path.suffix.lower() == ".npy":
+        contents = {"": read_file(path, "an existing file of NumPy's")}
+    else:
+        with unpacked(path, _WHOLE) as parts:
+            contents = {name.removesuffix(".npy"): parts.read(name) for name in parts.namelist()}
+    with whole(path, _WHOLE, trusting=True):
+        arrays = {name: _array(path, name, each) for name, each in contents.items()}
+    short = [name for name, each in arrays.items() if each.dtype.kind in "SU"]
+    texts = {name: arrays.pop(name) for name in short if arrays[name].size < MIN_SAMPLES}
+    if (at := properties.pop("at", None)) is not None:
+        arrays = {at: part_at(path, arrays, at, at)}
+    table: Any = {}
+    for name, each in arrays.items():
+        wide = each.ndim == 2 and 1 not in each.shape  # noqa: PLR2004 - a matrix
+        numbered = enumerate(each.T) if wide else ()
+        own = {f"{name}.{k}": part for k, part in numbered} or {name: each.ravel()}
+        table = each if len(arrays) == 1 and (wide or each.dtype.names) else table | own
+    return log_of_table(table, columns, units, said=texts, **properties | {"source": str(path)})
+
+
+def _array(path: Path, name: str, content: bytes) -> NDArray[Any]:
+    """Return an array, with samples along its first dimension."""
+    if b"'|O'" in content[:1000]:
+        raise InputError(path, name or "content", "a pickle, which may run any code", _PLAIN)
+    found = np.asarray(np.lib.format.read_array(io.BytesIO(content), allow_pickle=False))
+    return found.T if found.ndim > 1 and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
