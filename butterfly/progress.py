@@ -55,10 +55,10 @@ class Search:
 
 def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     """Say that a search was stopped, by a budget in s or else by its work, and what it skipped."""
-    skipped = f"Skipped: {', '.join(left_out)}."
+    skipped = ", ".join(left_out)
     if math.isfinite(seconds):
-        return f"Search stopped after {seconds:g} s. {skipped} Without --budget it goes on."
-    return f"Search stopped at its most, {SIMULATIONS} simulations. {skipped} Fewer --terms help."
+        return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
+    return f"Search stopped after {SIMULATIONS} simulations. Skipped: {skipped}. Use fewer --terms."
 
 
 _NO_SEARCH = Search()
@@ -85,7 +85,7 @@ def counted() -> Iterator[Search]:
     """Limit the work of one identification too; what it skips, the present search skips."""
     outer = _SEARCH.get()
     begun = outer.begun if outer is not _NO_SEARCH else time.monotonic()
-    search = Search(outer.seconds, begun, counted=True)
+    search = Search(outer.seconds, begun, counted=True, left_out=[*outer.left_out])
     token = _SEARCH.set(search)
     try:
         yield search

@@ -143,7 +143,7 @@ print(rehearsed["differentiate"] - before["differentiate"])
 def test_what_is_rehearsed_is_all_that_an_identification_calls(quick):
     assert (
         _start(Path(__file__).parent, REHEARSED.replace("PATH", str(quick)), cache=None)
-        == "[]\n1\n"
+        == "[]\n2\n"
     )
 
 

@@ -38,7 +38,7 @@ from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
-from butterfly.progress import Track, budget, counted, untracked
+from butterfly.progress import Track, budget, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
@@ -152,10 +152,12 @@ class RunResult:
     @contextmanager
     def _searching(self) -> Iterator[None]:
         """Limit the search of a part to its budget, and record whether it was stopped."""
-        with counted() as search:
+        whole = current_search()
+        with budget(whole.seconds) as search:
             yield
         if search.left_out:
             self._stopped_after = search.seconds
+            whole.left_out.extend(each for each in search.left_out if each not in whole.left_out)
 
     def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
         """Hold an orbit with the believed parameters, or the first estimate from ``data``."""

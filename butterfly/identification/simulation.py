@@ -216,7 +216,9 @@ def rehearse() -> None:
     robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
     log = Log(time, time, time)
     simulation = Simulation(log, robot)
-    simulation.linearised(("p1",), robot, 0.0)
+    for each in (robot, replace(robot, base_compliance=1e-3)):
+        simulation.linearised(("p1",), each, 0.0)
     hold.mean(time, time, time, log.intersample)
+    hold.for_sums(time, time, time, log.intersample)
     polynomials.slope(time, 2, 2, 0.01)
     simulation.run(robot, 0.0).at(time)

@@ -65,7 +65,7 @@ def _help(name, kind=Fit):
 def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
     assert _help("half_width").endswith("Only for weak-form. Default: 0.25.")
     assert _help("loss").endswith("Only for output-error. Default: linear.")
-    assert "spring, stribeck" in _help("terms")
+    assert "mass_inertia, stribeck" in _help("terms")
     assert "cogging" not in _help("terms")
     assert _help("terms").endswith("more, see docs/methods.md.")
     for name, kind in ESTIMATORS.items():

@@ -51,7 +51,7 @@ def words(quick_data, few_data, saved, unfit):
 def impossible(quick_data, tmp_path_factory):
     """A saved identification with values that no joint has."""
     folder = tmp_path_factory.mktemp("impossible")
-    found = bf.identify(impossible_data(quick_data, folder / "data"), terms=())
+    found = bf.identify(impossible_data(quick_data, folder / "data"), "weak-form", terms=())
     found.save(folder / "saved.json")
     return folder / "saved.json"
 
@@ -222,13 +222,13 @@ def test_two_lines_three_sentences_and_a_hint_are_printed_and_all_with_verbose(
 def test_of_several_estimators_the_verdict_is_two_lines_and_sentences_name_theirs(
     butterfly, quick, tmp_path
 ):
-    methods = ("weak-form", "harmonic-balance")
+    methods = ("weak-form", "output-error")
     fewer(quick, estimators=[{"method": method} for method in methods])
     words = ("run", quick, "--out", tmp_path / "out")
     values, model, other, *others, hint = _sentences(done(butterfly(*words)))
     assert values.startswith("Good: weak-form: p1 ±")
     assert model.startswith("Model: error ")
-    assert other.startswith("harmonic-balance: Good: p1 ±")
+    assert other.startswith("output-error: Good: p1 ±")
     assert ". Model: error " in other
     assert len(others) == 2
     assert re.fullmatch(r"--verbose adds \d+ more sentences\.", hint)

@@ -11,7 +11,7 @@ can = pytest.importorskip("can", reason="python-can is not installed (extra 'can
 
 from butterfly.errors import InputError
 from butterfly.identification.data import read_data_set
-from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.identify import identify
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import read_manifest
@@ -250,7 +250,7 @@ def test_its_logs_tell_the_parameters_of_one_mass(bus, tmp_path):
     motor = ODrive(bus, limit=0.3, node=NODE, period=PERIOD)
     sines = [Sine(omega=omega, amplitude=0.12) for omega in (3.5, 5.0, 7.0)]
     manifest = record(motor, sines, tmp_path, seconds=10.0, period=PERIOD, gain=Known(value=1.0))
-    found = identify(read_data_set(read_manifest(manifest)), HarmonicBalance(terms=()))
+    found = identify(read_data_set(read_manifest(manifest)), OutputError(terms=()))
     truth = {
         "p1": JOINT.inertia,
         "p2": JOINT.viscous,

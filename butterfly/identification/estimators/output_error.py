@@ -43,7 +43,6 @@ from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import (
     RARER,
     candidates,
-    requested_terms,
 )
 from butterfly.identification.levels import FEW, MATTERS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
@@ -276,7 +275,7 @@ class OutputError(Estimator):
             if not slow_interval(logs):
                 terms = tuple(name for name in terms if name != "slow_delay")
         else:
-            terms = requested_terms(terms, known.uncertain)
+            terms = tuple(name for name in terms if name not in known.uncertain)
         brought = companions({*terms, *known.uncertain}) - {*terms, *self.fixed, *known.parameters}
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 

@@ -8,7 +8,7 @@ section 3.4.3).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -100,11 +100,6 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     if known.weightless(carried) or ("p3" in known.parameters and len(effects) < FEW):
         lost.add("p3_offset")
     return tuple(name for name in names if name not in lost)
-
-
-def requested_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
-    """Return terms that were asked for, but those that are found, or known, by themselves."""
-    return tuple(name for name in terms if name not in others)
 
 
 def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
@@ -296,7 +291,7 @@ def scanned_terms(
     ``with_terms`` gives the equations with further terms, and a Stribeck velocity in rad/s, None
     where none needs it; ``fastest``: the largest speed of the logs in rad/s.
     """
-    wanted = None if terms is None else requested_terms(terms, known.parameters)
+    wanted = None if terms is None else tuple(n for n in terms if n not in known.parameters)
     names = candidates(offers, masses, known) if wanted is None else wanted
     names = tuple(name for name in names if name != SCANNED)
     fits = [] if wanted is not None and SCANNED in wanted else [with_terms(names, None)]
