@@ -19,13 +19,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.identification.chosen_terms import (
-    Fitted,
-    chosen,
-    separable,
-    tried,
-    untold_shape,
-)
+from butterfly.identification.chosen_terms import Fitted, chosen, separable, tried, untold_shape
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
@@ -40,10 +34,7 @@ from butterfly.identification.inference.identifiability import (
 )
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
-from butterfly.identification.inference.term_choice import (
-    RARER,
-    candidates,
-)
+from butterfly.identification.inference.term_choice import RARER, candidates
 from butterfly.identification.levels import FEW, MATTERS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.segments import horizon_of
