@@ -50,7 +50,8 @@ class Search:
     @property
     def sentence(self) -> str:
         """A sentence on what was skipped; empty if nothing."""
-        return stopped_text(self.seconds, self.left_out) if self.left_out else ""
+        seconds = math.inf if self.exhausted else self.seconds
+        return stopped_text(seconds, self.left_out) if self.left_out else ""
 
 
 def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
@@ -58,7 +59,7 @@ def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     skipped = ", ".join(left_out)
     if math.isfinite(seconds):
         return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
-    return f"Search stopped after {SIMULATIONS} simulations. Skipped: {skipped}. Use fewer --terms."
+    return f"Search stopped at its most work. Skipped: {skipped}. Use fewer --terms."
 
 
 _NO_SEARCH = Search()
@@ -85,7 +86,7 @@ def counted() -> Iterator[Search]:
     """Limit the work of one identification too; what it skips, the present search skips."""
     outer = _SEARCH.get()
     begun = outer.begun if outer is not _NO_SEARCH else time.monotonic()
-    search = Search(outer.seconds, begun, counted=True, left_out=[*outer.left_out])
+    search = Search(outer.seconds, begun, counted=True)
     token = _SEARCH.set(search)
     try:
         yield search
@@ -94,6 +95,7 @@ def counted() -> Iterator[Search]:
         if outer is not _NO_SEARCH:
             outer.excuse(search.begun - begun)
             outer.simulations += search.simulations
+            outer.samples += search.samples
             outer.left_out += [each for each in search.left_out if each not in outer.left_out]
 
 

@@ -12,14 +12,14 @@ import pytest
 import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
-from butterfly.identification.diagnostics.findings import Ending, FindingKind
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.identify import judged
 from butterfly.identification.predict import LEAST, draw_parameters, predict_logs
 from butterfly.identification.problem import Problem
 from butterfly.identification.validate import bootstrap, cross_validate, select_terms
-from butterfly.progress import budget, current_search, in_threads, out_of_time, untracked
+from butterfly.progress import budget, current_search, in_threads, untracked
 from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, steady
@@ -63,7 +63,7 @@ def test_the_work_of_an_identification_is_counted_and_ends_at_its_most(data, mon
     monkeypatch.setattr("butterfly.progress.SIMULATIONS", 6)
     few, again = (bf.identify(data, "output-error", workers=count) for count in (1, 4))
     assert few.standing == "use with care"
-    assert "Search stopped after 6 simulations" in few.notes[0]
+    assert "Search stopped at its most work" in few.notes[0]
     assert few.estimate.to_dict() == again.estimate.to_dict()
     assert not current_search().left_out
     monkeypatch.setattr("butterfly.progress.SAMPLES", 1)
@@ -90,11 +90,11 @@ def test_an_answer_is_the_same_beside_busy_processes_and_with_any_number_of_thre
 
 
 def test_a_settled_estimate_whose_search_was_stopped_is_to_be_used_with_care(data):
-    weak = WeakForm(terms=())
-    assert judged(data, weak).level is Level.GOOD
-    with budget(0.0):
-        assert out_of_time("something else")
-        assert judged(data, weak).level is Level.CARE
+    with budget(0.0) as search:
+        search.left_out.append("something of another estimate")
+        found = judged(data, WeakForm(terms=()))
+    assert found.level is Level.GOOD
+    assert found.with_findings(Finding(FindingKind.SEARCH_STOPPED, ("terms",))).level is Level.CARE
 
 
 def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):

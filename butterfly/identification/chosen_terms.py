@@ -13,7 +13,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.agreement import contrasts_of, lacking_term
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.term_choice import (
     BASE,
     CANDIDATES,
@@ -117,17 +117,13 @@ def chosen(wide: Problem, rarer: set[str], fitted: Fitted, always: tuple[str, ..
         there = wide.without(not_tried(fitted.problem))
         name = None if worse else lacking(there, fitted.problem, fitted.end.values)
         if name is None or out_of_time("the selection of terms"):
-            if common and _contradicted(fitted):
+            own = fitted.problem
+            if common and contrasts_of(own.solved(fitted.end), own.conditions):
                 return common  # it is no such term
             return fitted
         if name != "slow_delay":  # which stamps tell from all else
             common = common or fitted
         rarer, always = rarer - {name}, (*always, name)
-
-
-def _contradicted(fitted: Fitted) -> bool:
-    problem = fitted.problem
-    return bool(contrasts_of(problem.solved(fitted.end), problem.conditions))
 
 
 def _without_nothing(fitted: Fitted) -> Fitted:
@@ -140,12 +136,17 @@ def _without_nothing(fitted: Fitted) -> Fitted:
     return Fitted(problem=fewer, end=fewer.descend())
 
 
-def inseparable(problem: Problem, at: Equations) -> tuple[str, ...]:
-    """Return a term, and what comes with it, that the equations cannot tell from the others."""
+def conditioning_of(problem: Problem, at: Equations) -> Conditioning:
+    """Return how well equations tell the unknowns apart."""
     told = None if at.prior is None else at.prior.active
-    conditioning = Conditioning.of(np.concatenate(at.compressed(1)[0]), problem.names, told)
+    return Conditioning.of(np.concatenate(at.compressed(1)[0]), problem.names, told)
+
+
+def _inseparable(problem: Problem, at: Equations) -> tuple[str, ...]:
+    """Return a term, and what comes with it, that the equations cannot tell from the others."""
+    conditioning = conditioning_of(problem, at)
     doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
-    if conditioning.number <= SINGULAR_CONDITION or not doubtful:
+    if not conditioning.singular or not doubtful:
         return ()
     together = {doubtful[-1], *TERMS[doubtful[-1]].follows}
     together |= companions(together)
@@ -154,7 +155,7 @@ def inseparable(problem: Problem, at: Equations) -> tuple[str, ...]:
 
 def separable(fitted: Fitted) -> Fitted:
     """Fit again without what the equations cannot tell from the rest, and say so."""
-    while lost := inseparable(fitted.problem, fitted.end.at):
+    while lost := _inseparable(fitted.problem, fitted.end.at):
         kept = np.flatnonzero([name not in lost for name in fitted.problem.names])
         fewer = fitted.problem.keeping(kept, fitted.end.values[kept])
         said = Finding(FindingKind.INSEPARABLE, parameters=lost)

@@ -1,11 +1,10 @@
 """Nonlinear least squares over many logs, within bounds and a trust region.
 
-Where residuals are many, parameters few and derivatives come with the residuals, the sums J^T J and
-J^T r are all that a step needs. Values are in their own units: a step is measured by what it does
-to the residuals. Each is the least-squares step within the bounds of the parameters and a box about
-the point, whose size follows how well the last step was predicted (Nocedal & Wright, Numerical
-Optimization, 2nd ed. 2006, chapters 4 and 10). SciPy's `least_squares` expands the cost two to ten
-times as often: it takes no last step on trust.
+The sums J^T J and J^T r are all that a step needs. Values are in their own units: a step is
+measured by what it does to the residuals. Each is the least-squares step within bounds and a box
+whose size follows how well the last step was predicted (Nocedal & Wright, Numerical Optimization,
+2nd ed. 2006, chapters 4 and 10). SciPy's `least_squares` expands the cost two to ten times as
+often: it takes no last step on trust.
 """
 
 from __future__ import annotations
@@ -158,7 +157,8 @@ class Equations:
     def is_finite(self) -> bool:
         """Whether no simulation diverged, nor what it changes by."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return bool(np.isfinite(self.cost) and np.isfinite(self.gradient).all())
+            every = np.append(self.curvature, [*self.gradient, self.cost])
+            return bool(np.isfinite(every).all())
 
     @cached_property
     def gradient(self) -> Samples:
@@ -249,8 +249,7 @@ def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) ->
     Where the cost bends more along a step than its derivatives say, the next one is shorter by as
     much. Once steps do what they promise, and promise far less each time, the last is taken on
     trust. Where its box has shrunk, it has converged only if no step out of that promises anything.
-    ``expand`` may give an infinite or NaN cost; ``lower``: (n,) bounds; ``most``: how often the
-    cost may be expanded. IdentifiabilityError if the first cost is not finite.
+    ``lower``: (n,) bounds; ``most``: expansions. IdentifiabilityError if the first is not finite.
     """
     if not at.is_finite:
         raise IdentifiabilityError(
@@ -274,7 +273,7 @@ def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) ->
             sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
             trusted = _GOOD < kept < _BETTER and small and sure
             if trusted or promised <= ROUNDING * at.cost or longest < ROUNDING:
-                end = at.moved(there - at.values)
+                end = replace(at.moved(there - at.values), values=there)
                 return Minimum(at=end, converged=True, evaluations=evaluations)
         elif reach < ROUNDING:
             break

@@ -109,7 +109,7 @@ def judge(
     search = current_search()
     if not search.left_out:
         return sure
-    seconds = search.seconds if math.isfinite(search.seconds) else None
+    seconds = None if search.exhausted or math.isinf(search.seconds) else search.seconds
     return sure.with_findings(
         Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=seconds)
     )

@@ -188,6 +188,7 @@ class Problem:
         if len(found) < len(own):  # whichever were simulated, they begin where they did
             for each, before in zip(segmented, begins, strict=True):
                 each.begins = before
+                each.spend()  # by whichever
             found.append(_IMPOSSIBLE)
         return Equations(values=own[0], logs=tuple(found))
 

@@ -1,4 +1,4 @@
-"""One log simulated with the recorded input, many times over: run, linearise, steady response."""
+"""One log simulated with the recorded input, many times over: run and linearise."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """Logs weighed by how much friction and gain differ among them: where a fit ends, what it lacks.
 
 From the least squares a step leads to where logs that differ (see `scatter`) are best. There every
-log is simulated with friction and gain of its own, the likeliest, which tells the scatter better,
-and so on until a step promises nothing; the equations about that, whitened, are those of a plain
-regression (Lindstrom & Bates, Biometrics 46, 1990).
+log is simulated with its likeliest friction and gain, which tells the scatter better, and so on;
+the equations about the end, whitened, are plain ones (Lindstrom & Bates, Biometrics 46, 1990).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import Conditions
-from butterfly.identification.chosen_terms import inseparable, not_tried
+from butterfly.identification.chosen_terms import conditioning_of, not_tried
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.agreement import lacking_term
@@ -149,7 +148,7 @@ def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
 
 def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
     """Return the end of a descent with logs weighed; None where they cannot be followed there."""
-    if found is None or inseparable(found.problem, found.at):
+    if found is None or conditioning_of(found.problem, found.at).singular:
         return None
     weighed = replace(found.weighed_end, converged=end.converged)
     told = end.at.moved(weighed.values - end.values).cost
@@ -175,7 +174,7 @@ def chosen_by_weight(wide: Problem, found: WeighedLogs | None, end: Minimum) -> 
         found = there.taking(every.without({*offers} - {lacking})).settled_within(MOST)
         if not found or not found.settled or LOST * found.end.at.cost > end.at.cost:
             break
-        if inseparable(found.problem, found.end.at):
+        if conditioning_of(found.problem, found.end.at).singular:
             break
         chosen = found
     return chosen

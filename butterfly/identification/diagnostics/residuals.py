@@ -306,7 +306,8 @@ def _contrasts(
         log=np.repeat(np.arange(len(logs)), cells),
     )
     found = contrasts_of(equations, Conditions.of([each.run.log for each in logs], cells))
-    found = tuple(sorted((*found, *from_log_to_log(equations)), key=lambda each: -each.share))
+    both = (*found, *from_log_to_log(equations.of_logs))
+    found = tuple(sorted(both, key=lambda each: -each.share))
     if not found or found[0].condition is not Condition.LOG:
         return found, None
     return found, differing_values(equations, found[0].parameter)[: len(names)]

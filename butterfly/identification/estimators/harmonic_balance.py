@@ -323,7 +323,7 @@ class HarmonicBalanceFit:
                 raise IdentifiabilityError(
                     "no joint fits the steady responses of these logs: check their units"
                 )
-            left = float(errors @ errors) / (2 * swing.size - count)
+            left = float(errors @ errors) / max(2 * swing.size - count, 1)
             spread = max(left - float(np.mean(phasors.variance / swing**2)), 0.0)
             weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
             change = np.linalg.norm(regression.rows @ (unknowns - before))

@@ -3,8 +3,7 @@
 Every log is simulated from its first sample with the recorded input alone; the difference to the
 measured angle is averaged over each step of the simulation, divided by the log's own rms motion,
 and its sum of squares minimised over the parameters that all logs share, and over those of one
-added mass or of one log (Ljung, System Identification, 2nd ed. 1999, section 7.2; Schittkowski,
-Numerical Data Fitting in Dynamical Systems, 2002).
+added mass or of one log (Ljung, System Identification, 2nd ed. 1999, section 7.2).
 """
 
 from __future__ import annotations
@@ -177,7 +176,9 @@ class OutputError(Estimator):
         if hidden:
             weighed = hidden
             fitted = replace(fitted, problem=hidden.problem, end=hidden.end, rivals=())
-        fitted, weighed = _with_held_shape(fitted, weighed, hidden)
+        held, weighed = _with_held_shape(fitted, weighed, hidden)
+        fitted = separable(held)
+        weighed = weighed if fitted.problem is held.problem else None
         problem, end = fitted.problem, fitted.end
         said = (*said, *fitted.findings)
 
@@ -328,9 +329,10 @@ def _with_held_shape(
         said = Finding(FindingKind.HELD, (held,), number=float(values[at]))
         problem = fitted.problem.holding(held, values)
         weighed = weighed and weighed.taking(problem).settled_within(FEW)
+        kept = hidden and weighed and weighed.end.at.is_finite
         fitted = Fitted(
             problem=problem,
-            end=weighed.end if hidden and weighed else problem.descend(),
+            end=weighed.end if kept and weighed else problem.descend(),
             rivals=tuple(np.delete(each, at) for each in fitted.rivals),
             findings=(*fitted.findings, said),
         )

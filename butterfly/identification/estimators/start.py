@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -129,9 +130,7 @@ def _of_ratios(data: DataSet) -> Start | None:
 
 def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:
     """Return the terms that a method offers."""
-    if terms is None:
-        return None
-    return tuple(name for name in terms if name in offered(method.method))
+    return None if terms is None else tuple(n for n in terms if n in offered(method.method))
 
 
 def lowest_end(problems: Sequence[Problem]) -> tuple[Problem, Minimum, tuple[Finding, ...]]:
@@ -146,12 +145,13 @@ def lowest_end(problems: Sequence[Problem]) -> tuple[Problem, Minimum, tuple[Fin
     for other, at in [] if end.converged and _leaves_noise(end.at) else begun[1:]:
         if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
-        tried = other.descend(at, _PASSES)
-        if not tried.converged and tried.at.cost < end.at.cost:
-            tried = other.descend(tried.at)
-        costs += [tried.at.cost] if tried.converged else []
-        if tried.at.cost < end.at.cost:
-            problem, end = other, tried
+        with suppress(IdentifiabilityError):
+            tried = other.descend(at, _PASSES)
+            if not tried.converged and tried.at.cost < end.at.cost:
+                tried = other.descend(tried.at)
+            costs += [tried.at.cost] if tried.converged else []
+            if tried.at.cost < end.at.cost:
+                problem, end = other, tried
     elsewhere = [ratio for ratio in (cost / end.at.cost for cost in costs) if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
     return problem, end, findings

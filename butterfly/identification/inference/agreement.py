@@ -249,12 +249,8 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
     return np.asarray(half_widths(covariance, freedom)[:-1])
 
 
-def from_log_to_log(equations: CellEquations) -> tuple[Contrast, ...]:
-    """Return friction or gain that differs from log to log (adjusted F test), the best first."""
-    return tuple(sorted(_from_log_to_log(equations.of_logs), key=lambda each: -each.share))
-
-
-def _from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
+def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
+    """Yield friction or gain that differs from log to log (adjusted F test); each log is a cell."""
     (curvature, _), cost = equations.total, float(equations.cost.sum())
     rows = equations.count - len(equations.names)
     more = equations.log.size - 1

@@ -72,8 +72,13 @@ class Conditioning:
 
     def refuse_singular(self) -> None:
         """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
-        if self.number > SINGULAR_CONDITION:
+        if self.singular:
             raise self.refusal
+
+    @property
+    def singular(self) -> bool:
+        """Whether it is singular for every practical purpose."""
+        return self.number > SINGULAR_CONDITION
 
     @property
     def refusal(self) -> IdentifiabilityError:
