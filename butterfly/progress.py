@@ -37,6 +37,10 @@ class Search:
         """Let some of the time that has passed not count."""
         self.begun += seconds
 
+    def skip(self, parts: Iterable[str]) -> None:
+        """Say that some parts were skipped, each once."""
+        self.left_out += [each for each in parts if each not in self.left_out]
+
     @property
     def exhausted(self) -> bool:
         """Whether the work is done that one identification may take, on whatever machine."""
@@ -96,14 +100,14 @@ def counted() -> Iterator[Search]:
             outer.excuse(search.begun - begun)
             outer.simulations += search.simulations
             outer.samples += search.samples
-            outer.left_out += [each for each in search.left_out if each not in outer.left_out]
+            outer.skip(search.left_out)
 
 
 def out_of_time(left_out: str) -> bool:
     """Whether the search is to stop; then the result says what was skipped."""
     search = _SEARCH.get()
-    if search.over and left_out not in search.left_out:
-        search.left_out.append(left_out)
+    if search.over:
+        search.skip([left_out])
     return search.over
 
 

@@ -157,7 +157,7 @@ class RunResult:
             yield
         if search.left_out:
             self._stopped_after = search.seconds
-            whole.left_out.extend(each for each in search.left_out if each not in whole.left_out)
+            whole.skip(search.left_out)
 
     def _hold_orbit(self, control: ControlSpec, data: DataSet | None) -> OrbitStudy:
         """Hold an orbit with the believed parameters, or the first estimate from ``data``."""

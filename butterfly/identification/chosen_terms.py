@@ -75,7 +75,7 @@ def helping(problem: Problem, at: Equations, always: Sequence[str] = ()) -> Term
     return choose_terms([nested], always=tuple(n for n in problem.labels if n not in optional))
 
 
-def fit_of(problem: Problem, choice: TermChoice) -> Fitted:
+def fitted_with(problem: Problem, choice: TermChoice) -> Fitted:
     """Fit what was chosen, from the values that the nested fit has."""
     wanted, labels = {*choice.names, *companions(choice.names)}, problem.labels
     kept = np.flatnonzero([label in wanted for label in labels])
@@ -108,7 +108,7 @@ def chosen(wide: Problem, rarer: set[str], fitted: Fitted, always: tuple[str, ..
             at = here.about(fitted.problem, fitted.end.values)
         if not name and here.keys != fitted.problem.keys:  # at 0 some look like nothing
             at = here.descend(at).at
-        fitted = fit_of(here, helping(here, at, always))
+        fitted = fitted_with(here, helping(here, at, always))
         worse = name is not None and fitted.end.at.cost > before.end.at.cost
         if worse:
             fitted = before

@@ -110,9 +110,8 @@ def judge(
     if not search.left_out:
         return sure
     seconds = None if search.exhausted or math.isinf(search.seconds) else search.seconds
-    return sure.with_findings(
-        Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=seconds)
-    )
+    stopped = Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=seconds)
+    return sure.with_findings(stopped)
 
 
 def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:

@@ -156,8 +156,7 @@ class OutputError(Estimator):
         refuse_without_scale(masses, known, driven=driven)
         step = float(np.median([log.mean_step for log in logs]))
         reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
-        rarer = self._unseen(first) - {*tried(logs)}
-        absent = rarer
+        rarer = absent = self._unseen(first) - {*tried(logs)}
         if any(log.closed for log in logs):
             asked = (self.terms, self.fixed)
             start, terms = servo_start(self._over, asked, logs, first[0], reference.fixed)
@@ -191,8 +190,8 @@ class OutputError(Estimator):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
         whole, unweighted = reference.whole(solved), reference.whole(cells)
-        stopped = [] if end.converged else [solved.values + solved.next_step]
-        rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in stopped))
+        beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
+        rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
         estimate = infer(
             whole,
             unweighted=unweighted,
@@ -255,9 +254,8 @@ class OutputError(Estimator):
             loss=self.loss,
         )
         names = [name for name in every if name not in owned]
-        return Problem.of(
-            logs, Start(replace(start, **settings), first.zeros), names, options, known
-        )
+        begun = Start(replace(start, **settings), first.zeros)
+        return Problem.of(logs, begun, names, options, known)
 
     def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.chosen_terms import OF_SERVO, fit_of, helping, tried
+from butterfly.identification.chosen_terms import OF_SERVO, fitted_with, helping, tried
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import roughness
@@ -225,7 +225,7 @@ def servo_start(
     terms = told
     if terms is None:
         choice = helping(problem, end.at, tuple(known.uncertain))
-        fitted = fit_of(problem, choice)
+        fitted = fitted_with(problem, choice)
         problem, end, terms = fitted.problem, fitted.end, (*choice.terms, "latency")
     found = zip(problem.keys, end.values.tolist(), strict=True)
     own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
