@@ -21,13 +21,12 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
-from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
 from butterfly.identification.validate import cross_validate, cross_validate_choice, select_terms
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import OF_ANGLE, offered
+from butterfly.model.terms import COMMON, OF_ANGLE, offered
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
@@ -79,7 +78,7 @@ def select(
     data: Data,
     method: Method = "output-error",
     *,
-    candidates: Collection[str] = CANDIDATES,
+    candidates: Collection[str] = COMMON,
     holdout: Sequence[str] = (),
     nested: bool = False,
     track: Track = untracked,
@@ -107,11 +106,11 @@ def select(
         If the parameters are not identifiable, or nothing can be held out.
     """
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
-        raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
+        raise InputError("select", "candidates", candidates, f"names, such as {COMMON}")
     logs = read(data).holding_out(holdout)
     estimator = make_estimator(method, options)
     wanted = tuple(candidates)
-    if wanted == CANDIDATES:
+    if wanted == COMMON:
         able = offered(estimator.method)
         unable = OF_ANGLE if any(log.integrated for log in logs.logs) else ()
         wanted = tuple(name for name in wanted if name in able and name not in unable)

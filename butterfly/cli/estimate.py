@@ -31,7 +31,7 @@ from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.cli.written import SAVED
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
-from butterfly.identification.inference.term_choice import CANDIDATES
+from butterfly.model.terms import COMMON
 
 
 def identify(
@@ -78,7 +78,7 @@ def select(
     /,
     *,
     fit: SelectFit = SelectFit(),  # noqa: B008
-    candidates: Annotated[str, Parameter(metavar="NAMES")] = ",".join(CANDIDATES),
+    candidates: Annotated[str, Parameter(metavar="NAMES")] = ",".join(COMMON),
     nested: bool = False,
     holdout: Holdout = None,
     page: Report = NO_REPORT,

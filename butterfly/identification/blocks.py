@@ -18,7 +18,6 @@ from butterfly.arrays import Samples
 from butterfly.identification.levels import FEW
 from butterfly.logs.log import MIN_SAMPLES, Log, slow_interval
 from butterfly.model.parameters import AddedMass
-from butterfly.signals.frequency_response import STEADY_SECONDS, first_counted
 
 CELLS = 10
 """Blocks into which a log is cut: as many as tell their scatter within a quarter."""
@@ -89,10 +88,9 @@ class Conditions:
     # which the clock is slow
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
-    steady: bool = False  # whether residuals are those of steady responses, whose errors are known
 
     @classmethod
-    def of(cls, logs: Sequence[Log], cells: int, *, steady: bool = False) -> Conditions:
+    def of(cls, logs: Sequence[Log], cells: int) -> Conditions:
         """Read them off logs, each of which was cut into some cells."""
         angles = (part for log in logs for part in np.array_split(log.angle, cells))
         times = (part - log.time[0] for log in logs for part in np.array_split(log.time, cells))
@@ -103,10 +101,7 @@ class Conditions:
             Condition.TIME: np.array([part.mean() for part in times]),
         }
         if limit := slow_interval(logs):
-            window = STEADY_SECONDS if steady else np.inf
-            slow = (
-                log.is_slow(limit)[-log.time.size :][first_counted(log, window) :] for log in logs
-            )
+            slow = (log.is_slow(limit)[-log.time.size :] for log in logs)
             parts = (part.mean() for each in slow for part in np.array_split(each, cells))
             values[Condition.REGIME] = np.fromiter(parts, np.float64)
         if cells == 1:
@@ -115,7 +110,7 @@ class Conditions:
         signs = values[Condition.DIRECTION][::cells]
         if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
             del values[Condition.DIRECTION]
-        return cls(values=values, masses=tuple(log.added_mass for log in logs), steady=steady)
+        return cls(values=values, masses=tuple(log.added_mass for log in logs))
 
 
 def _of_log(log: Log) -> dict[Condition, float]:

@@ -1,57 +1,65 @@
-"""Which terms a fit of free runs has: those that predict logs left out, and rarer ones it lacks."""
+"""Which terms a fit of free runs has: the stagewise rule, each row fitted to the logs anew."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
-from butterfly.identification.inference.agreement import contrasts_of, lacking_term
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import Conditioning
-from butterfly.identification.inference.term_choice import (
-    BASE,
-    CANDIDATES,
-    RARER,
-    SCANNED,
-    TermChoice,
-    choose_terms,
-    submodels_of,
+from butterfly.identification.inference.linear_terms import STRIBECK, LinearModel, candidates
+from butterfly.identification.inference.stagewise import (
+    Offer,
+    gains_in,
+    is_possible,
+    offers_in,
+    said_of,
+    stagewise,
 )
-from butterfly.identification.levels import LOST, SPREADS
+from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
+from butterfly.identification.levels import FEW, LOST, SHOWS, SPREADS
 from butterfly.identification.problem import Problem
-from butterfly.logs.log import InputKind, Log
-from butterfly.model.terms import GEAR, TERMS, companions, offered
-from butterfly.progress import out_of_time
+from butterfly.logs.log import InputKind, Log, slow_interval
+from butterfly.model.prior import Prior
+from butterfly.model.terms import (
+    BASE_TERMS,
+    COMMON,
+    GEAR,
+    OF_SERVO,
+    RARE,
+    TERMS,
+    companions,
+    offered,
+)
 
-TRIED = (*CANDIDATES, *companions({SCANNED}))
-"""Terms that are tried where none are told."""
-
-OF_SERVO = ("motor_friction", "load_friction", "back_emf", "compression", "latency")
-"""Terms that are tried besides of a servo, which has a gear and can be switched off."""
-
-
-def tried(logs: Iterable[Log]) -> tuple[str, ...]:
-    """Return the terms that are tried where none are told; no back EMF of a torque drive."""
-    kinds = {log.input_kind for log in logs if log.setpoint is not None}
-    if not kinds:
-        return TRIED
-    against = {"back_emf"} if kinds <= {InputKind.CURRENT, InputKind.TORQUE} else set()
-    return (*TRIED, *(name for name in OF_SERVO if name not in against))
+_SPEEDS = (
+    0.03,
+    0.1,
+    0.35,
+)  # Stribeck velocities over the largest speed, at which its friction is tested
+_INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
+_BASE = BASE_TERMS[0]
 
 
-def not_tried(problem: Problem) -> set[str]:
-    """Return the terms that nobody looks for beside those that are fitted."""
-    fitted = {*problem.names}
-    idle = {*tried(problem.logs)} - fitted
-    if BASE in fitted:  # on which friction of gears is not simulated
-        return idle | {*GEAR}
-    return idle | {BASE} if fitted & {*GEAR} else idle
+def offered_rows(logs: Sequence[Log], known: Prior) -> tuple[tuple[str, ...], set[str]]:
+    """Return the terms that are tried where none are given, and which of them are rare."""
+    driven = {log.input_kind for log in logs if log.setpoint is not None}
+    common = {*COMMON, *(OF_SERVO if driven else ())}
+    if driven <= {InputKind.CURRENT, InputKind.TORQUE}:  # which have no back EMF
+        common -= {"back_emf"}
+    rare = {*RARE} - common if len(logs) >= _INDEPENDENT else set()
+    if not slow_interval(logs):
+        rare -= {"slow_delay"}
+    names = [name for name in TERMS if name in common | rare]
+    return candidates(names, [log.added_mass for log in logs], known), rare
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,78 +70,161 @@ class Fitted:
     end: Minimum
     rivals: tuple[Samples, ...] = ()  # (s,) shared values of fits that predict as well
     findings: tuple[Finding, ...] = ()
+    path: tuple[tuple[str, ...], ...] = ()  # terms after each round of their choice
 
 
-def helping(problem: Problem, at: Equations, always: Sequence[str] = ()) -> TermChoice:
-    """Choose the terms that help to predict the free runs of logs left out."""
-    every = {*tried(problem.logs), *RARER}
-    optional = every.difference(always) | companions(every)
-    cells = independent_cells_of(len(at.logs), len(problem.keys))
-    conditions = Conditions.of(problem.logs, cells)
-    masses = [log.added_mass for log in problem.logs]
-    nested = submodels_of(problem.cells(at, cells), masses, conditions=conditions)
-    return choose_terms([nested], always=tuple(n for n in problem.labels if n not in optional))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRunModel:
+    """The end of a fit of free runs in some of the rows of a problem (see `stagewise.Model`)."""
+
+    every: Problem  # with all rows
+    problem: Problem
+    end: Minimum
+    rows: tuple[str, ...]  # that may be absent
+    negligible: float = NEGLIGIBLE
+
+    @property
+    def terms(self) -> frozenset[str]:
+        """The optional terms that it has."""
+        return frozenset(self.problem.names).intersection(self.rows)
+
+    @cached_property
+    def nested(self) -> Submodels:
+        """Its equations, and those of fits with fewer terms."""
+        return _nested(self.problem, self.end.at)
+
+    @property
+    def errors(self) -> Samples:
+        """(k,) root of the squared errors of each cell."""
+        return np.sqrt(self.nested.equations.cost)
+
+    def offers(self, rows: Collection[str]) -> list[Offer]:
+        """Test rows that it does not have, on simulations that are differentiated by them."""
+        fitted = {*self.terms}
+        able = [name for name in rows if not _excluded(name, fitted)]
+        found = self._offers([name for name in able if name != STRIBECK], {})
+        if STRIBECK in able:
+            fastest = 2**0.5 * max(log.rms_speed for log in self.problem.logs)
+            tried = [
+                offer
+                for share in _SPEEDS
+                for offer in self._offers([STRIBECK], {"stribeck_velocity": share * fastest})
+            ]
+            found += [max(tried, key=lambda each: each.share)] if tried else []
+        return found
+
+    def _offers(self, rows: Sequence[str], settings: Mapping[str, float]) -> list[Offer]:
+        if not rows:
+            return []
+        there = self._with(rows, settings)
+        at = there.about(self.problem, self.end.values)
+        if not at.is_finite:
+            return []
+        kept = np.isin(there.labels, self.problem.labels)
+        return offers_in(_nested(there, at), kept, rows, settings=settings)
+
+    def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
+        """Return the problem with more rows, first guesses by label being as given."""
+        wanted = {*self.problem.labels, *rows, *companions(rows)}
+        kept = np.flatnonzero([label in wanted for label in self.every.labels])
+        first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
+        initial = [{**first, **values}[self.every.labels[k]] for k in kept]
+        there = self.every.keeping(kept, np.array(initial))
+        return replace(there, initial=np.maximum(there.initial, there.lower))
+
+    def adding(self, offer: Offer) -> FreeRunModel | None:
+        """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
+        here = dict(zip(self.problem.labels, self.end.values.tolist(), strict=True))
+        moved = {label: offer.values[label] for label in (*here, offer.name)}
+        problem = self._with([offer.name], {**offer.settings, **moved})
+        try:
+            end = problem.descend(enough=SHOWS)
+        except IdentifiabilityError:
+            return None
+        found = replace(self, problem=problem, end=end)
+        promised = offer.share * float(self.nested.equations.cost.sum()) / 2
+        kept = self.end.at.cost - end.at.cost >= LOST * promised
+        values = dict(zip(problem.labels, end.values.tolist(), strict=True))
+        least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
+        free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
+        possible = is_possible(values, [log.added_mass for log in problem.logs])
+        if not (end.converged and kept and free and possible):
+            return None
+        return None if conditioning_of(problem, end.at).singular else found
+
+    def without(self, name: str) -> FreeRunModel:
+        """Fit without a term."""
+        problem = self.problem.without({name})
+        kept = np.isin(self.problem.labels, problem.labels)
+        values = self.nested.fitted(kept[np.newaxis])[0][kept]
+        begun = np.where(np.isfinite(values), values, problem.initial)
+        problem = replace(problem, initial=begun)
+        return replace(self, problem=problem, end=problem.descend(enough=SHOWS))
+
+    def gains(self) -> dict[str, Samples]:
+        """Return by how much each of the terms predicts cells better."""
+        every = np.ones(len(self.problem.labels), dtype=bool)
+        return gains_in(self.nested, every, self.terms)
+
+    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
+        """Return the values with one row in place of another; None if that does not fit as well."""
+        there = self._with([row], {})
+        nested = _nested(there, there.about(self.problem, self.end.values))
+        own, names = np.isin(there.labels, self.problem.labels), np.array(there.labels)
+        other = ~np.isin(names, [taken, *companions({taken})])
+        values = nested.fitted(np.array([own, other]))
+        mine, its = np.sqrt(nested.costs(values))
+        worse = its - mine
+        error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
+        if not worse.mean() <= error:
+            return None
+        return dict(zip(there.labels, np.where(other, values[1], 0.0).tolist(), strict=True))
 
 
-def fitted_with(problem: Problem, choice: TermChoice) -> Fitted:
-    """Fit what was chosen, from the values that the nested fit has."""
-    wanted, labels = {*choice.names, *companions(choice.names)}, problem.labels
-    kept = np.flatnonzero([label in wanted for label in labels])
-    here = dict(zip(labels, problem.initial.tolist(), strict=True))
-    first, *others = (
-        np.array([values.get(labels[k], here[labels[k]]) for k in kept])
-        for values in (choice.values, *choice.rivals)
+def _nested(problem: Problem, at: Equations) -> Submodels:
+    """Return fits with fewer terms, about equations of a problem."""
+    cells = problem.cells(at, independent_cells_of(len(at.logs), len(problem.keys)))
+    return submodels_of(cells, [log.added_mass for log in problem.logs], NEGLIGIBLE)
+
+
+def _excluded(name: str, fitted: Collection[str]) -> bool:
+    """Whether a term is not simulated beside others: friction of gears on a base that moves."""
+    return (name in GEAR and _BASE in fitted) or (name == _BASE and bool({*GEAR} & {*fitted}))
+
+
+def stagewise_fit(
+    every: Problem, fitted: Fitted, rows: Sequence[str], rare: Collection[str]
+) -> Fitted:
+    """Choose from the rows of a problem, beginning with a fit in some of them."""
+    model = FreeRunModel(every=every, problem=fitted.problem, end=fitted.end, rows=tuple(rows))
+    found = stagewise(model, rows, rare)
+    problem, end = found.model.problem, found.model.end
+    there = replace(problem, initial=end.values)
+    swapped = (found.model.swapped(*pair) for pair in found.ties)
+    rivals = [*(each for each in swapped if each), *(each.values for each in found.significant)]
+    return Fitted(
+        problem=problem,
+        end=there.descend(),
+        rivals=tuple(
+            np.array([each.get(label, 0.0) for label in problem.labels[: problem.shared]])
+            for each in rivals
+        ),
+        findings=(*fitted.findings, *said_of(found, rows)),
+        path=found.path,
     )
-    fewer = problem.keeping(kept, first)
-    rivals = tuple(each[: fewer.shared] for each in others)
-    return Fitted(problem=fewer, end=fewer.descend(), rivals=rivals, findings=choice.findings)
 
 
-def lacking(wide: Problem, problem: Problem, values: Samples) -> str | None:
-    """Return the rarer term, of those of a wide problem, that one in fewer unknowns lacks."""
-    absent = [n for n, _ in wide.keys if n in RARER and (n, None) not in problem.keys]
-    if not absent:
-        return None
-    cells = cells_of(len(wide.motion), len(wide.keys))
-    return lacking_term(wide.cells(wide.about(problem, values), cells), absent, wide.conditions)
-
-
-def chosen(wide: Problem, rarer: set[str], fitted: Fitted, always: tuple[str, ...]) -> Fitted:
-    """Choose terms of a wide problem; of the rarer ones, one by one, those that the fit lacks."""
-    (begun, name), common = (fitted, None), None
-    while True:
-        here, before = wide.without(rarer), fitted
-        at = fitted.end.at
-        if name or here.keys != fitted.problem.keys:
-            at = here.about(fitted.problem, fitted.end.values)
-        if not name and here.keys != fitted.problem.keys:  # at 0 some look like nothing
-            at = here.descend(at).at
-        fitted = fitted_with(here, helping(here, at, always))
-        worse = name is not None and fitted.end.at.cost > before.end.at.cost
-        if worse:
-            fitted = before
-        elif LOST * fitted.end.at.cost > before.end.at.cost:  # not what the derivatives said
-            fitted = _without_nothing(begun)
-        there = wide.without(not_tried(fitted.problem))
-        name = None if worse else lacking(there, fitted.problem, fitted.end.values)
-        if name is None or out_of_time("the selection of terms"):
-            own = fitted.problem
-            if common and contrasts_of(own.solved(fitted.end), own.conditions):
-                return common  # it is no such term
-            return fitted
-        if name != "slow_delay":  # which stamps tell from all else
-            common = common or fitted
-        rarer, always = rarer - {name}, (*always, name)
-
-
-def _without_nothing(fitted: Fitted) -> Fitted:
-    """Fit again without the terms that are 0."""
-    problem, optional = fitted.problem, {*tried(fitted.problem.logs), *RARER}
-    pairs = zip(problem.names, fitted.end.values.tolist(), strict=True)
-    keys = problem.without({name for name, value in pairs if not value} & optional).keys
-    kept = np.flatnonzero([key in keys for key in problem.keys])
-    fewer = problem.keeping(kept, fitted.end.values[kept])
-    return Fitted(problem=fewer, end=fewer.descend())
+def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple[Problem, Minimum]:
+    """Take away terms of a fit that do not help, on its equations alone; fit the others."""
+    model = LinearModel(
+        models=(_nested(problem, end.at),),
+        optional=tuple(rows),
+        terms=frozenset(rows),
+        masses=[log.added_mass for log in problem.logs],
+    )
+    found = stagewise(model, rows, ()).model
+    fewer = problem.keeping(np.flatnonzero(found.kept), found.values[found.kept])
+    return fewer, fewer.descend()
 
 
 def conditioning_of(problem: Problem, at: Equations) -> Conditioning:
@@ -145,7 +236,7 @@ def conditioning_of(problem: Problem, at: Equations) -> Conditioning:
 def _inseparable(problem: Problem, at: Equations) -> tuple[str, ...]:
     """Return a term, and what comes with it, that the equations cannot tell from the others."""
     conditioning = conditioning_of(problem, at)
-    doubtful = [n for n in conditioning.weakest if n in {*TRIED, *offered("output-error")}]
+    doubtful = [n for n in conditioning.weakest if n in {*COMMON, *offered("output-error")}]
     if not conditioning.singular or not doubtful:
         return ()
     together = {doubtful[-1], *TERMS[doubtful[-1]].follows}
@@ -171,7 +262,7 @@ def separable(fitted: Fitted) -> Fitted:
 def untold_shape(problem: Problem, end: Minimum) -> str | None:
     """Return what of the shape of a base's motion could as well be 0, or twice as large."""
     names = problem.names
-    shape = [names.index(name) for name in sorted(companions({BASE})) if name in names]
+    shape = [names.index(name) for name in sorted(companions({_BASE})) if name in names]
     if not shape:
         return None
     found = problem.solved(end, cells=1)

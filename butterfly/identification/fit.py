@@ -243,13 +243,16 @@ Expand = Callable[[Samples, float], Equations]
 """From (n,) values, and the largest cost that is of use, to the equations about them."""
 
 
-def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) -> Minimum:
+def minimise(
+    expand: Expand, at: Equations, lower: Samples, most: int = MOST, enough: float = ROUNDING
+) -> Minimum:
     """Descend from equations about the (n,) first values to a minimum.
 
     Where the cost bends more along a step than its derivatives say, the next one is shorter by as
     much. Once steps do what they promise, and promise far less each time, the last is taken on
     trust. Where its box has shrunk, it has converged only if no step out of that promises anything.
-    ``lower``: (n,) bounds; ``most``: expansions. IdentifiabilityError if the first is not finite.
+    ``lower``: (n,) bounds; ``most``: expansions; ``enough``: share of the cost that is left to
+    a last step on trust. IdentifiabilityError if the first is not finite.
     """
     if not at.is_finite:
         raise IdentifiabilityError(
@@ -272,7 +275,7 @@ def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) ->
             # a step that is made shorter leaves a share of what the whole one promises
             sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
             trusted = _GOOD < kept < _BETTER and small and sure
-            if trusted or promised <= ROUNDING * at.cost or longest < ROUNDING:
+            if trusted or promised <= enough * at.cost or longest < ROUNDING:
                 end = replace(at.moved(there - at.values), values=there)
                 return Minimum(at=end, converged=True, evaluations=evaluations)
         elif reach < ROUNDING:
@@ -296,10 +299,10 @@ def minimise(expand: Expand, at: Equations, lower: Samples, most: int = MOST) ->
 
 
 def minimise_robustly(
-    expand: Expand, at: Equations, lower: Samples, loss: Loss, most: int = MOST
+    expand: Expand, at: Equations, lower: Samples, loss: Loss, most: int, *, enough: float
 ) -> Minimum:
     """Descend to the least squares, and on from there to the minimum of a loss."""
-    plain = minimise(expand, at, lower, most)
+    plain = minimise(expand, at, lower, most, enough)
     if loss is Loss.LINEAR:
         return plain
     first = plain.at.counting(loss)
@@ -307,5 +310,5 @@ def minimise_robustly(
     def counted(values: Samples, _: float) -> Equations:
         return replace(expand(values, np.inf), loss=loss, scale=first.scale)
 
-    found = minimise(counted, first, lower)
+    found = minimise(counted, first, lower, MOST, enough)
     return replace(found, evaluations=plain.evaluations + found.evaluations)

@@ -33,7 +33,7 @@ from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
-from butterfly.model.terms import TERMS, companions, lower_bounds
+from butterfly.model.terms import FOLLOWERS, TERMS, companions, lower_bounds
 from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
 
@@ -228,13 +228,15 @@ class Problem:
         about = dict(zip(self.keys, values.tolist(), strict=True))
         return Penalty.of(self.keys, self.known, values=about)
 
-    def descend(self, at: Equations | None = None, most: int = MOST) -> Minimum:
+    def descend(
+        self, at: Equations | None = None, most: int = MOST, enough: float = ROUNDING
+    ) -> Minimum:
         """Return where a descent ends, from the first guess on (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
         for _ in range(MOST):
             at = before = self.weighed(at)
             end = minimise_robustly(
-                self.equations, at, self.lower, self.options.loss, most - evaluations
+                self.equations, at, self.lower, self.options.loss, most - evaluations, enough=enough
             )
             evaluations += end.evaluations
             at = end.at
@@ -257,6 +259,10 @@ class Problem:
             initial=initial,
         )
 
+    def beginning_with(self, optional: Iterable[str]) -> Problem:
+        """Return the problem with those of some terms alone that the first guess has."""
+        return self.without({name for name in optional if not getattr(self.start, name)})
+
     def without(self, names: Container[str]) -> Problem:
         """Return the problem without some terms, and what says nothing without them."""
         lost = {name for name in self.names if name in names}
@@ -274,7 +280,8 @@ class Problem:
 
     def values_of(self, other: Problem, values: Samples) -> Samples:
         """Return (..., n) values at those of a problem in fewer unknowns."""
-        absent = np.array([getattr(LumpedParameters, name, 0.0) for name in self.names])
+        none = [getattr(LumpedParameters, name, 0.0) for name in self.names]
+        absent = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, none)
         found = np.broadcast_to(absent, (*values.shape[:-1], absent.size)).copy()
         found[..., [self.keys.index(key) for key in other.keys]] = values
         return found

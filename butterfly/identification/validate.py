@@ -13,14 +13,10 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, OutputError
-from butterfly.identification.estimators.output_error import JointFit
-from butterfly.identification.estimators.start import starts
+from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
-from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW, SHOWS
-from butterfly.identification.problem import Start
+from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW
 from butterfly.identification.splits import Division, Split, divide, remedy
-from butterfly.model.terms import companions
 from butterfly.progress import Track, counted, out_of_time, untracked
 
 
@@ -129,53 +125,38 @@ class Structure:
     terms: tuple[str, ...]
     in_sample: FitSummary
     held_out: dict[Split, FitSummary]
-    gain: Gain | None = None  # of what is left out, over the structure without its last term
+    gain: Gain | None = None  # of what is left out, over the structure before
 
 
 def select_terms(
     data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> list[Structure]:
-    """Add terms greedily, each time the one that most improves the mean held-out FIT.
+    """Return the structures that the stagewise choice passes through, and what each predicts.
 
-    One added mass at a time is held out, or what `divide` finds to suit the logs. Stops when no
-    term raises it by a tenth of a per cent, and by more than that gain's own standard error over
-    logs. Returns the structures passed through; InputError if the estimator does not offer such
-    terms.
+    One added mass at a time is held out, or what `divide` finds to suit the logs. InputError if the
+    estimator does not offer such terms.
     """
     first = divide(data).split
     splits = [first]
     if first is Split.MASS and len({point.omega for point in data.sines}) > 1:
         splits.append(Split.FREQUENCY)
-    fits = _fits_of(data, estimator, candidates, splits)
-    chosen: tuple[str, ...] = ()
-    best, gain = fits.judge(chosen, first), None
-    passed: list[tuple[tuple[str, ...], Gain | None]] = [(chosen, gain)]
-    while rest := [term for term in candidates if term not in chosen]:
-        if out_of_time("further terms"):
-            break
-        scores = {
-            term: fits.score((*chosen, term), first)
-            for term in track(rest, f"Trying a term besides {', '.join(chosen) or 'the first six'}")
-            if not out_of_time("further terms")
-        }
-        if len(scores) < len(rest):
-            break
-        term = max(scores, key=lambda name: scores[name])
-        found = fits.judge((*chosen, term), first)
-        gain = found.gain_over(best)
-        if gain.mean < max(100 * SHOWS, gain.error):
-            break
-        chosen, best = (*chosen, term), found
-        passed.append((chosen, gain))
-    return [
-        Structure(
-            terms=terms,
-            in_sample=fits.in_sample(terms),
-            held_out={split: fits.judge(terms, split).summary for split in splits},
-            gain=gain,
+    path = estimator.path(data, tuple(candidates))
+    passed: list[Structure] = []
+    before: CrossValidation | None = None
+    for terms in track(path, "Comparing the structures"):
+        fixed = estimator.with_terms(terms)
+        found = fixed(data)
+        held = {each: cross_validate(data, fixed.near(found), each) for each in splits}
+        passed.append(
+            Structure(
+                terms=terms,
+                in_sample=FitSummary.of(data.simulations.fits(found)),
+                held_out={split: each.summary for split, each in held.items()},
+                gain=None if before is None else held[first].gain_over(before),
+            )
         )
-        for terms, gain in track(passed, "Comparing the structures")
-    ]
+        before = held[first]
+    return passed
 
 
 def cross_validate_choice(
@@ -188,93 +169,9 @@ def cross_validate_choice(
     """
 
     def of_rest(rest: DataSet) -> Estimate:
-        return estimator.with_terms(select_terms(rest, estimator, candidates)[-1].terms)(rest)
+        return estimator.with_terms(estimator.path(rest, tuple(candidates))[-1])(rest)
 
     return cross_validate(data, of_rest, divide(data).split, track=track)
-
-
-class _Fits:
-    """Fits with some of the terms, and what they predict: each is fitted anew."""
-
-    def __init__(self, data: DataSet, estimator: Estimator) -> None:
-        self._data, self._estimator = data, estimator
-        self._judged: dict[tuple[tuple[str, ...], Split], CrossValidation] = {}
-
-    def score(self, terms: tuple[str, ...], split: Split) -> float:
-        """Return about the mean FIT of what is left out."""
-        return self.judge(terms, split).mean.mean
-
-    def judge(self, terms: tuple[str, ...], split: Split) -> CrossValidation:
-        """Return how what is left out is predicted."""
-        if (terms, split) not in self._judged:
-            self._judged[terms, split] = self._left_out(terms, split)
-        return self._judged[terms, split]
-
-    def in_sample(self, terms: tuple[str, ...]) -> FitSummary:
-        """Return the FIT of all logs."""
-        return FitSummary.of(self._data.simulations.fits(self._estimate(terms)))
-
-    def _left_out(self, terms: tuple[str, ...], split: Split) -> CrossValidation:
-        return cross_validate(self._data, self._estimator.with_terms(terms), split)
-
-    def _estimate(self, terms: tuple[str, ...]) -> Estimate:
-        return self._estimator.with_terms(terms)(self._data)
-
-
-class _NestedFits(_Fits):
-    """The same by output error, each fit begun where the equations of a larger one say."""
-
-    def __init__(self, data: DataSet, estimator: OutputError, terms: tuple[str, ...]) -> None:
-        super().__init__(data, estimator)
-        self._joint = estimator
-        self._tried = {*terms, *companions(terms)}
-        self._wide = self._fit(terms, data, starts(data, terms))
-        self._fitted: dict[tuple[str, ...], JointFit] = {}
-
-    def score(self, terms: tuple[str, ...], split: Split) -> float:
-        """Return about the mean FIT of what is left out."""
-        predictor, fit = self._data.simulations, self._begun(terms)
-        parts = [[*part] for part in divide(self._data, split).parts.values()]
-        fits = [predictor.fits(fit.without(part), part) for part in parts]
-        return float(np.concatenate(fits).mean())
-
-    def _left_out(self, terms: tuple[str, ...], split: Split) -> CrossValidation:
-        fit, logs = self._begun(terms), self._data.logs
-
-        def of_rest(rest: DataSet) -> Estimate:
-            lost = [k for k, log in enumerate(logs) if not any(log is own for own in rest.logs)]
-            return self._fit(terms, rest, [Start.at(fit.without(lost), rest)]).estimate
-
-        return cross_validate(self._data, of_rest, split)
-
-    def _estimate(self, terms: tuple[str, ...]) -> Estimate:
-        return self._begun(terms).estimate
-
-    def _begun(self, terms: tuple[str, ...]) -> JointFit:
-        if terms not in self._fitted:
-            lost = self._tried - {*terms, *companions(terms)}
-            self._fitted[terms] = self._fit(
-                terms, self._data, [Start.at(self._wide.lacking(lost), self._data)]
-            )
-        return self._fitted[terms]
-
-    def _fit(self, terms: tuple[str, ...], data: DataSet, first: Sequence[Start]) -> JointFit:
-        return self._joint.with_terms(terms).fit(data.logs, first, data.known)
-
-
-def _fits_of(
-    data: DataSet, estimator: Estimator, terms: Sequence[str], splits: Sequence[Split]
-) -> _Fits:
-    """Return the fits of some terms: one for all, where whole logs are left out of shared ones."""
-    if (
-        not isinstance(estimator, OutputError)
-        or estimator.per_mass
-        or estimator.per_log
-        or Split.TIME in splits
-        or len(data.calm) < len(data.logs)
-    ):
-        return _Fits(data, estimator)
-    return _NestedFits(data, estimator, tuple(terms))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Logs weighed by how much friction and gain differ among them: where a fit ends, what it lacks.
+"""Logs weighed by how much friction and gain differ among them: where a fit ends.
 
 From the least squares a step leads to where logs that differ (see `scatter`) are best. There every
 log is simulated with its likeliest friction and gain, which tells the scatter better, and so on;
@@ -13,14 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.blocks import Conditions
-from butterfly.identification.chosen_terms import conditioning_of, not_tried
+from butterfly.identification.chosen_terms import conditioning_of
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
-from butterfly.identification.inference.agreement import lacking_term
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
-from butterfly.identification.inference.term_choice import RARER
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PRECISE, ROUNDING, WEIGHED
+from butterfly.identification.levels import FEW, LOST, MATTERS, PRECISE, ROUNDING, WEIGHED
 from butterfly.identification.problem import Problem
 from butterfly.model.terms import FOLLOWERS
 from butterfly.progress import out_of_time
@@ -155,26 +152,3 @@ def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
     if not LOST * found.problem.equations(weighed.values, slopes=False).cost <= told:
         return None
     return weighed
-
-
-def chosen_by_weight(wide: Problem, found: WeighedLogs | None, end: Minimum) -> WeighedLogs | None:
-    """Return weighed logs with the rarer terms that scatter hid from the least squares."""
-    chosen: WeighedLogs | None = None
-    while found and found.findings and not out_of_time("the selection of terms"):
-        every = wide.without(not_tried(found.problem))
-        offers = [name for name, _ in {*every.keys} - {*found.problem.keys} if name in RARER]
-        there = found.next_in(every)
-        if not offers or there is None:
-            break
-        # the errors are known, as those of steady responses are
-        conditions = Conditions.of(every.logs, 1, steady=True)
-        lacking = lacking_term(every.cells(there.at, 1), offers, conditions)
-        if lacking is None:
-            break
-        found = there.taking(every.without({*offers} - {lacking})).settled_within(MOST)
-        if not found or not found.settled or LOST * found.end.at.cost > end.at.cost:
-            break
-        if conditioning_of(found.problem, found.end.at).singular:
-            break
-        chosen = found
-    return chosen

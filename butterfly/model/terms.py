@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +80,8 @@ class Term:
     follows: frozenset[str] = frozenset()  # Terms of which it needs one
     # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()
+    tried: Literal["", "common", "rare"] = ""  # How common it is, if it is tried unasked
+    of_servo: bool = False  # Whether it is common in servos
 
 
 def gravity_describing_function(a: Samples) -> Samples:
@@ -311,51 +313,54 @@ _ROWS = (
     Term("slow_delay", "slow delay", "s",
          "additional delay in the slow regime of a clock whose sampling interval switches",
          of_gain=True,
-         offered=frozenset({_OUTPUT})),
+         offered=frozenset({_OUTPUT}), tried="rare"),
     Term("slow_interval", "slow interval", "s",
          "mean sampling interval above which the clock is in its slow regime", lower=0.0),
     Term("drag", "drag", "N m s²/rad²", "drag proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
-         looks_like="quadratic drag", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+         looks_like="quadratic drag", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
+         tried="common"),
     Term("load", "load", "m",
          "growth of coulomb with the added weight; negative if it relieves the bearing",
          basis=lambda m: m.weight * m.direction, dry=True,
          describing=lambda _w, a, m: m.weight * coulomb_describing_function(a),
          looks_like="Coulomb friction that grows with the added weight",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="common"),
     Term("coulomb_slope", "T_c slope", "N m/rad", "growth of coulomb with the angle",
          basis=lambda m: m.angle * m.direction, dry=True,
          looks_like="Coulomb friction that grows with the angle",
-         offered=frozenset({_WEAK, _OUTPUT})),
+         offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
     Term("load_drag", "load drag", "N m s²/(rad² kg)", "growth of drag with the added mass",
          lower=0.0, basis=lambda m: m.mass * abs(m.velocity) * m.velocity,
          describing=lambda w, a, m: m.mass * 8j * a * w**2 / (3 * np.pi),
          looks_like="quadratic drag that grows with the added mass",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare"),
     Term("mass_inertia", "mass inertia", "–",
          "inertia of added masses about their own centre, relative to m l²",
          lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
          looks_like="an own inertia of the added masses",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT})),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare"),
     Term("bias", "bias", "N m",
          "constant torque, or half the difference of Coulomb friction between directions",
          basis=lambda m: -np.ones_like(m.angle), potential=lambda x, _n: -x,
-         looks_like="a constant torque", offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
+         looks_like="a constant torque", offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+         tried="common"),
     Term("spring", "spring", "N m/rad",
          "stiffness towards angle 0, as of a cable or flexure",
          lower=0.0, basis=lambda m: m.angle, potential=lambda x, _n: 0.5 * x**2,
          describing=lambda _w, a, _m: np.ones_like(a),
-         looks_like="a spring", offered=frozenset({_WEAK, _OUTPUT})),
+         looks_like="a spring", offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
     Term("p3_offset", "p₃ offset", "N m",
          "gravity moment of a centre of mass off the line from pivot to added mass",
          basis=lambda m: np.cos(m.angle), potential=lambda x, _n: np.sin(x),
          looks_like="a centre of mass off the line to the added mass",
-         offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="common"),
     Term("stribeck", "stribeck", "N m", "excess of static friction over Coulomb friction",
          lower=0.0, dry=True, basis=lambda m: m.direction * _excess(m),
          describing=lambda w, a, m: stribeck_describing_function(w, a, m.stribeck_velocity),
-         looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT})),
+         looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
+         tried="common"),
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "velocity scale over which that excess vanishes",
          lower=1e-3,
@@ -364,11 +369,13 @@ _ROWS = (
     Term("motor_friction", "motor friction", "–",
          "gear: growth of friction with motor torque",
          lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction,
-         looks_like="friction that grows with motor torque", offered=frozenset({_OUTPUT})),
+         looks_like="friction that grows with motor torque", offered=frozenset({_OUTPUT}),
+         tried="rare", of_servo=True),
     Term("load_friction", "load friction", "–",
          "gear: growth of friction with load torque (gravity, spring)",
          lower=0.0, dry=True, basis=lambda m: _carried(-m.way, m.load) * m.direction,
-         looks_like="friction that grows with the load", offered=frozenset({_OUTPUT})),
+         looks_like="friction that grows with the load", offered=frozenset({_OUTPUT}),
+         tried="rare", of_servo=True),
     Term("motor_stribeck", "motor Stribeck", "–",
          "gear: growth of Stribeck friction with motor torque",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
@@ -394,7 +401,7 @@ _ROWS = (
     Term("base_compliance", "base compliance", "m/N",
          "compliance of a moving base; 0 for a fixed one",
          lower=0.0, state="base",
-         describing=base_describing_function, offered=frozenset({_OUTPUT})),
+         describing=base_describing_function, offered=frozenset({_OUTPUT}), tried="rare"),
     Term("base_frequency", "base frequency", "rad/s",
          "natural frequency of the base, without added mass",
          lower=1.0, state="base",
@@ -422,18 +429,18 @@ _ROWS = (
     Term("back_emf", "back EMF", "N m s/rad",
          "part of p2 that lags with the armature, and is 0 while a servo is off",
          lower=0.0, state="torque of the motor",
-         offered=frozenset({_OUTPUT})),
+         offered=frozenset({_OUTPUT}), of_servo=True),
     Term("time_constant", "time constant", "s", "electrical time constant L/R of the armature",
          lower=0.0, state="torque of the motor"),
     Term("dead_zone", "dead zone", "unit",
          "command below which the drive gives no torque",
          lower=0.0, basis=lambda m: np.sign(m.input), of_gain=True,
-         looks_like="a dead zone of the drive", offered=frozenset({_WEAK, _OUTPUT})),
+         looks_like="a dead zone of the drive", offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
     Term("compression", "compression", "1/unit",
          "saturation c of a drive that gives v/(1 + c |v|)",
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
          looks_like="a saturating drive",
-         offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="rare", of_servo=True),
     Term("loop_kp", "loop P gain", "–", "P gain of the servo loop, relative to the given one",
          lower=0.0, offered=frozenset({_OUTPUT})),
     Term("loop_ki", "loop I gain", "–", "I gain of the servo loop, relative to the given one",
@@ -442,7 +449,7 @@ _ROWS = (
          lower=0.0, offered=frozenset({_OUTPUT})),
     Term("latency", "latency", "s",
          "delay of a servo from sampling the joint to the torque, besides its clock",
-         lower=0.0, offered=frozenset({_OUTPUT})),
+         lower=0.0, offered=frozenset({_OUTPUT}), of_servo=True),
 )
 # fmt: on
 
@@ -458,6 +465,15 @@ TERMS = {row.name: row for row in _ROWS}
 
 FOLLOWERS = {row.name for row in _ROWS if row.follows}
 """Terms that need another term."""
+
+COMMON = tuple(row.name for row in _ROWS if row.tried == "common")
+"""Terms that are tried unasked, since many joints have them."""
+
+RARE = tuple(row.name for row in _ROWS if row.tried == "rare")
+"""Terms that are tried unasked, and need better evidence."""
+
+OF_SERVO = tuple(row.name for row in _ROWS if row.of_servo)
+"""Terms that are common in servos, which have a gear and can be switched off."""
 
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """Parameters proportional to the scale of all torques."""

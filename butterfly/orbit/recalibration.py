@@ -21,9 +21,8 @@ from butterfly.identification.equations import CellEquations, Regression, Soluti
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.linear_terms import LinearModel, choose
 from butterfly.identification.inference.submodels import Submodels, without_logs
-from butterfly.identification.inference.term_choice import choose_terms
-from butterfly.identification.levels import CLEARLY
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -180,8 +179,9 @@ def estimate_of(
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
     """Return the base and those of all terms that help to predict stretches that were held out."""
     folds = np.arange(equations.log.size) % FOLDS
-    submodels = Submodels(equations=equations, folds=folds, slack=CLEARLY)
-    return choose_terms([submodels], always=base).names
+    nested = Submodels(equations=equations, folds=folds)
+    rows = tuple(name for name in equations.names if name not in base)
+    return choose(LinearModel(models=(nested,), optional=rows)).names
 
 
 class LoopEquations:

@@ -21,7 +21,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.term_choice import candidates, stribeck_velocities
+from butterfly.identification.inference.linear_terms import candidates, stribeck_velocities
 from butterfly.identification.levels import DRAWS, ROUNDING, SHOWS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.segments import Segments

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import Condition, Conditions, cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
@@ -38,8 +37,10 @@ from butterfly.identification.inference.agreement import (
     differing_values,
     from_log_to_log,
 )
-from butterfly.identification.inference.term_choice import choose_terms, submodels_of
-from butterfly.identification.levels import FEW, PRECISE, SPREADS
+from butterfly.identification.inference.linear_terms import LinearModel
+from butterfly.identification.inference.stagewise import stagewise
+from butterfly.identification.inference.submodels import submodels_of
+from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, lower_bounds
@@ -338,24 +339,23 @@ def _missing_terms(
     # derivatives foretell the residuals as well as a value counts as known
     rounding = PRECISE * float(np.sqrt(equations.cost.sum() / len(logs)))
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
-    none = np.array([[name in always for name in nested.names]])
-    try:
-        chosen = choose_terms([nested], always=always, most=FEW)
-    except IdentifiabilityError:
+    model = LinearModel(models=(nested,), optional=lacking)
+    if not np.isfinite(model.values).all():
         return MissingTerms(), np.zeros(len(logs))
-    ends = np.array([nested.fitted(none)[0], [chosen.values[name] for name in nested.names]])
+    found = stagewise(model, lacking, ())
+    ends = np.array([model.values, found.model.values])
     before, after = nested.costs(ends).reshape(2, len(logs), -1).sum(axis=2)
     shares = 1 - after / np.where(before > 0, before, 1.0)
-    count = estimate.values.size
+    count, terms = estimate.values.size, found.path[-1]
     before_and_after = estimate.values + (ends[:, : len(always)] @ directions.T)[:, :count]
     far = np.abs(np.diff(before_and_after, axis=0)[0]) > (estimate.upper - estimate.lower) / 2
     pairs = zip(estimate.names, far.tolist(), strict=True)
-    moved = tuple(name for name, own in pairs if own and name in PARAMETERS and chosen.terms)
-    rivals = (tuple(name for name in lacking if values[name]) for values in chosen.rivals)
-    alike = dict.fromkeys(each for each in rivals if len(each) == len(chosen.terms))
+    moved = tuple(name for name, own in pairs if own and name in PARAMETERS and terms)
+    swapped = [pair for pair in found.ties if found.model.swapped(*pair)]
+    others = [tuple(row if name == taken else name for name in terms) for row, taken in swapped]
     return MissingTerms(
-        terms=chosen.terms,
-        others=tuple(each for each in alike if each != chosen.terms),
+        terms=terms,
+        others=tuple(others),
         share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
         moved=moved,
         rival=before_and_after[1] if moved else None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -67,6 +68,15 @@ class Estimator:
             )
         options: dict[str, Any] = {"terms": terms}
         return replace(self, **options)
+
+    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:  # noqa: ARG002
+        """Return the terms after each round of a stagewise choice from some candidates."""
+        self.with_terms(candidates)
+        raise NotImplementedError
+
+    def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002
+        """Return the estimator, its search begun at an estimate if it has one."""
+        return self
 
     def holding_terms_of(self, estimate: Estimate) -> Self:
         """Return the estimator with the terms that an estimate of its own has, and no choice."""

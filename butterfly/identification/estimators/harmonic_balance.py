@@ -33,19 +33,22 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
 from butterfly.identification.inference.infer import infer
-from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import (
-    CANDIDATES,
-    NEGLIGIBLE,
+from butterfly.identification.inference.linear_terms import (
+    STRIBECK,
+    LinearModel,
     TermChoice,
-    scanned_terms,
-    submodels_of,
+    candidates,
+    choose,
+    demanded,
+    stribeck_velocities,
 )
+from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import (
     BASE_TERMS,
+    COMMON,
     PARAMETERS,
     TERMS,
     FrictionTerms,
@@ -102,27 +105,36 @@ class HarmonicBalance(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen, fit = self._chosen(first)
+        chosen, fit = self.chosen(first, COMMON)
         return _judged(fit, "harmonic balance", reference, chosen)
 
-    def _chosen(self, fit: HarmonicBalanceFit) -> tuple[TermChoice, HarmonicBalanceFit]:
-        """Choose from all terms, or only the Stribeck velocity of those asked for; fit them."""
-        phasors = fit.phasors
+    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the terms after each round of a stagewise choice from some candidates."""
+        self.with_terms(candidates)
+        points = [point for k in data.steady if (point := data.points[k]) is not None]
+        _, first = _begun(points, data.known, PARAMETERS)
+        return replace(self, terms=None).chosen(first, candidates)[0].path
 
-        def with_terms(terms: tuple[str, ...], speed: float | None) -> Submodels:
-            slow = phasors.stribeck_velocity if speed is None else speed
-            names = (*phasors.names, *terms)
-            return fit.nested(replace(phasors, names=names, stribeck_velocity=slow))
-
-        chosen = scanned_terms(
-            with_terms,
-            phasors.names,
-            self.terms,
-            tuple(name for name in CANDIDATES if name in offered(self.method)),
-            masses=phasors.masses,
-            known=phasors.known,
-            fastest=float(np.max(np.abs(phasors.angle) * phasors.omega)),
+    def chosen(
+        self, fit: HarmonicBalanceFit, offers: Sequence[str]
+    ) -> tuple[TermChoice, HarmonicBalanceFit]:
+        """Choose from some offers, or, of given terms, only a Stribeck velocity; fit them."""
+        phasors, known = fit.phasors, fit.phasors.known
+        rows = self.terms
+        if rows is None:
+            able = [name for name in offers if name in offered(self.method)]
+            rows = candidates(able, phasors.masses, known)
+        rows = tuple(name for name in rows if name not in known.parameters)
+        speeds = [phasors.stribeck_velocity]
+        if STRIBECK in rows:
+            fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
+            speeds = stribeck_velocities(fastest, known)
+        names = (*phasors.names, *rows)
+        models = tuple(
+            fit.nested(replace(phasors, names=names, stribeck_velocity=speed)) for speed in speeds
         )
+        model = LinearModel(models=models, optional=rows, masses=phasors.masses)
+        chosen = choose(model) if self.terms is None else demanded(model, rows)
         slow = chosen.settings.get("stribeck_velocity", phasors.stribeck_velocity)
         with_them = replace(phasors, names=chosen.names, stribeck_velocity=slow)
         return chosen, HarmonicBalanceFit.of(with_them)
@@ -342,7 +354,8 @@ class HarmonicBalanceFit:
         solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
         slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
         negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
-        return submodels_of(CellEquations.of(regression, solution), phasors.masses, negligible)
+        found = submodels_of(CellEquations.of(regression, solution), phasors.masses, negligible)
+        return replace(found, settings={"stribeck_velocity": phasors.stribeck_velocity})
 
 
 def _parts(values: NDArray[np.complex128]) -> Samples:

@@ -10,15 +10,21 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.identification.chosen_terms import Fitted, chosen, separable, tried, untold_shape
+from butterfly.identification.chosen_terms import (
+    Fitted,
+    offered_rows,
+    separable,
+    stagewise_fit,
+    untold_shape,
+)
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
@@ -26,27 +32,16 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.start import lowest_end, servo_start, starts
 from butterfly.identification.fit import Loss
-from butterfly.identification.inference.identifiability import (
-    ScaleParameter,
-    is_driven,
-    refuse_without_scale,
-)
+from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
 from butterfly.identification.inference.infer import infer
-from butterfly.identification.inference.submodels import Submodels, without_logs
-from butterfly.identification.inference.term_choice import RARER, candidates
-from butterfly.identification.levels import FEW, MATTERS
+from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.segments import horizon_of
-from butterfly.identification.weighed_logs import (
-    WeighedLogs,
-    chosen_by_weight,
-    weighed_end,
-    weighed_from,
-)
+from butterfly.identification.weighed_logs import WeighedLogs, weighed_end, weighed_from
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import OF_ANGLE, PARAMETERS, companions, offered
+from butterfly.model.terms import OF_ANGLE, PARAMETERS, RARE, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -118,10 +113,25 @@ class OutputError(Estimator):
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
     def __call__(self, data: DataSet) -> Estimate:
-        """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
+        """Fit from the closed form's estimate on that is nearest (see `Estimator`)."""
+        return self._of_calm(data, starts(data, self.terms))
+
+    def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:
+        """Return the estimator, its descent begun at an estimate."""
+        return lambda data: self._of_calm(data, [Start.at(found, data)])
+
+    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the terms after each round of a stagewise choice from some candidates."""
+        offering = self.with_terms(candidates)
+        first = starts(data, candidates)
+        settled, logs = offering.settled(data.logs, first)
+        scale = ScaleParameter.of_logs(logs, data.known)
+        return settled.chosen(logs, first, scale.fixed, (candidates, {*RARE})).path
+
+    def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
+        """Fit the logs that initial errors do not drive apart, where there are enough of them."""
         asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
         data.require_angles(*asked & {*OF_ANGLE, "zero"})
-        first = starts(data, self.terms)
         calm = data.take(data.calm)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
@@ -130,57 +140,56 @@ class OutputError(Estimator):
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
         return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
+    def settled(self, logs: Sequence[Log], first: Sequence[Start]) -> tuple[Self, Sequence[Log]]:
+        """Return the estimator with a horizon, and the logs as it simulates them."""
+        if self.servo_loop == "open":
+            logs = [log.opened for log in logs]
+        if self.horizon is not None:
+            return self, logs
+        horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
+        return replace(self, horizon=horizon), logs
+
     def of_logs(
         self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
-        return self.fit(logs, first, known).estimate
-
-    def fit(self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR) -> JointFit:
-        """Fit as `of_logs`; the equations about the estimate come with it."""
-        if self.servo_loop == "open":
-            logs = [log.opened for log in logs]
-        if self.horizon is not None:
-            return self._fit(logs, first, known)
-        horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-        found = replace(self, horizon=horizon).fit(logs, first, known)
-        if math.isfinite(horizon):
-            return found
-        return found._replace(estimate=replace(found.estimate, horizon=None))
-
-    def _fit(self, logs: Sequence[Log], first: Sequence[Start], known: Prior) -> JointFit:
-        """Fit over a horizon: start, descend, choose terms, weigh logs, infer."""
         require_usable(self.method, known)
         self._require_told_once(known)
-        masses, driven = [log.added_mass for log in logs], is_driven(logs)
-        refuse_without_scale(masses, known, driven=driven)
-        step = float(np.median([log.mean_step for log in logs]))
-        reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
-        rarer = absent = self._unseen(first) - {*tried(logs)}
-        if any(log.closed for log in logs):
-            asked = (self.terms, self.fixed)
-            start, terms = servo_start(self._over, asked, logs, first[0], reference.fixed)
-            first = [start, *first]
-            if self.terms is None:
-                absent = {*tried(logs), *RARER} - {*terms}
-        problems = [self.problem(logs, each, reference.fixed) for each in first]
-        problem, end, said = lowest_end([each.without(absent) for each in problems])
-        wide, fitted = problems[0], Fitted(problem=problem, end=end)
-        choosing = self.terms is None and not out_of_time("the selection of terms")
-        if choosing:
-            fitted = chosen(wide, rarer, fitted, tuple(known.uncertain))
-        fitted = separable(fitted)
+        settled, logs = self.settled(logs, first)
+        scale = ScaleParameter.of_logs(logs, known)
+        rows = offered_rows(logs, known) if self.terms is None else ((), set[str]())
+        fitted = separable(settled.chosen(logs, first, scale.fixed, rows))
         weighed = weighed_from(fitted.problem, fitted.end)
-        hidden = chosen_by_weight(wide, weighed, fitted.end) if choosing else None
-        if hidden:
-            weighed = hidden
-            fitted = replace(fitted, problem=hidden.problem, end=hidden.end, rivals=())
-        held, weighed = _with_held_shape(fitted, weighed, hidden)
+        held, weighed = _with_held_shape(fitted, weighed)
         fitted = separable(held)
         weighed = weighed if fitted.problem is held.problem else None
-        problem, end = fitted.problem, fitted.end
-        said = (*said, *fitted.findings)
+        found = settled.inferred(fitted, weighed, scale, known)
+        whole = self.horizon is None and settled.horizon == math.inf
+        return replace(found, horizon=None) if whole else found
 
+    def chosen(
+        self,
+        logs: Sequence[Log],
+        first: Sequence[Start],
+        known: Prior,
+        rows: tuple[tuple[str, ...], set[str]],
+    ) -> Fitted:
+        """Descend from the best of some first guesses, and choose from rows, some of them rare."""
+        if any(log.closed for log in logs):
+            asked = (self.terms, self.fixed)
+            first = [servo_start(self._over, asked, logs, first[0], known), *first]
+        every = [self.problem(logs, each, known) for each in first]
+        enough = SHOWS if rows[0] else ROUNDING  # of a fit that is but the first
+        fitted = lowest_end([each.beginning_with(rows[0]) for each in every], enough)
+        if not rows[0] or out_of_time("the selection of terms"):
+            return fitted
+        return stagewise_fit(every[0], fitted, *rows)
+
+    def inferred(
+        self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior
+    ) -> Estimate:
+        """Return the estimate of a fit, its logs weighed if they scatter."""
+        problem, end, said, logs = fitted.problem, fitted.end, fitted.findings, fitted.problem.logs
         solved = cells = problem.solved(end)
         if weighed and (with_scatter := weighed_end(weighed, end)):
             end, said = with_scatter, (*said, *weighed.findings)
@@ -189,38 +198,31 @@ class OutputError(Estimator):
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
-        whole, unweighted = reference.whole(solved), reference.whole(cells)
+        whole, unweighted = scale.whole(solved), scale.whole(cells)
         beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
         rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
-        estimate = infer(
+        return infer(
             whole,
             unweighted=unweighted,
             method="output error",
-            driven=driven,
+            driven=is_driven(logs),
             conditions=problem.conditions,
-            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
-            shared=problem.shared + bool(reference.name),
+            rivals=[scale.grown(each, solved.names[: each.size]) for each in rivals],
+            shared=problem.shared + bool(scale.name),
             findings=said,
-            fixed=self._fixed(problem, reference.name),
+            fixed=self._fixed(problem, scale.name),
             local=_local(owned, solved.values),
-            masses=masses,
+            masses=[log.added_mass for log in logs],
             known=known,
             horizon=self.horizon or math.inf,
             besides=_waits(logs, whole.names),
         )
-        return JointFit(estimate, whole, unweighted, owned)
 
     def _over(
         self, terms: Iterable[str], fixed: Iterable[str], horizon: float
     ) -> Callable[..., Problem]:
         """Return how a problem is made with other terms, what is fixed, and another horizon."""
         return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
-
-    def _unseen(self, first: Sequence[Start]) -> set[str]:
-        """Return the rarer terms that no first guess has: they are tried in the end."""
-        if self.terms is not None:
-            return set()
-        return {n for n in RARER if not any(getattr(each.parameters, n) for each in first)}
 
     def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
@@ -259,11 +261,9 @@ class OutputError(Estimator):
 
     def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
-        terms, masses = self.terms, [log.added_mass for log in logs]
+        terms = self.terms
         if terms is None:
-            terms = candidates(dict.fromkeys((*tried(logs), *RARER)), masses, known)
-            if not slow_interval(logs):
-                terms = tuple(name for name in terms if name != "slow_delay")
+            terms, _ = offered_rows(logs, known)
         else:
             terms = tuple(name for name in terms if name not in known.uncertain)
         brought = companions({*terms, *known.uncertain}) - {*terms, *self.fixed, *known.parameters}
@@ -283,31 +283,6 @@ class OutputError(Estimator):
         }
 
 
-class JointFit(NamedTuple):
-    """An estimate, the equations about it, and whose the last of their values are."""
-
-    estimate: Estimate
-    equations: CellEquations
-    unweighted: CellEquations  # of the least squares, before logs were weighed by their scatter
-    owned: tuple[Key, ...]
-
-    def without(self, logs: Iterable[int]) -> Estimate:
-        """Return the estimate from all logs but some, to first order; its values alone are."""
-        return self._with(without_logs(self.equations, logs))
-
-    def lacking(self, terms: Container[str]) -> Estimate:
-        """Return the estimate without some terms, to first order; its values alone are."""
-        kept = np.array([[name not in terms for name in self.unweighted.names]])
-        nested = Submodels(equations=self.unweighted, folds=np.zeros(0, dtype=np.intp))
-        return self._with(nested.fitted(kept)[0])
-
-    def _with(self, values: Samples) -> Estimate:
-        """Return the estimate with other values; with its own where they are not determined."""
-        own = values if np.isfinite(values).all() else self.equations.values
-        shared = own[: len(self.estimate.names)]
-        return replace(self.estimate, values=shared, local=_local(self.owned, own))
-
-
 def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None, dict[str, float]]:
     """Return the last of some values by whose they are."""
     local: dict[AddedMass | str | None, dict[str, float]] = {}
@@ -318,19 +293,18 @@ def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None
 
 
 def _with_held_shape(
-    fitted: Fitted, weighed: WeighedLogs | None, hidden: WeighedLogs | None
+    fitted: Fitted, weighed: WeighedLogs | None
 ) -> tuple[Fitted, WeighedLogs | None]:
-    """Hold what hardly shows of a base's shape; fit again, unless terms are ``hidden``."""
+    """Hold what hardly shows of a base's shape, and fit again."""
     while held := untold_shape(fitted.problem, weighed.weighed_end if weighed else fitted.end):
         values = weighed.weighed_end.values if weighed else fitted.end.values
         at = fitted.problem.keys.index((held, None))
         said = Finding(FindingKind.HELD, (held,), number=float(values[at]))
         problem = fitted.problem.holding(held, values)
         weighed = weighed and weighed.taking(problem).settled_within(FEW)
-        kept = hidden and weighed and weighed.end.at.is_finite
         fitted = Fitted(
             problem=problem,
-            end=weighed.end if kept and weighed else problem.descend(),
+            end=problem.descend(),
             rivals=tuple(np.delete(each, at) for each in fitted.rivals),
             findings=(*fitted.findings, said),
         )

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.chosen_terms import OF_SERVO, fitted_with, helping, tried
+from butterfly.identification.chosen_terms import Fitted, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import roughness
@@ -24,15 +24,14 @@ from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.fit import Equations, Minimum
-from butterfly.identification.inference.term_choice import candidates
-from butterfly.identification.levels import MATTERS, MOST, SPREADS
+from butterfly.identification.levels import MATTERS, MOST, ROUNDING, SPREADS
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, offered
+from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, OF_SERVO, offered
 from butterfly.progress import out_of_time
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
@@ -133,28 +132,28 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
     return None if terms is None else tuple(n for n in terms if n in offered(method.method))
 
 
-def lowest_end(problems: Sequence[Problem]) -> tuple[Problem, Minimum, tuple[Finding, ...]]:
-    """Descend from the first guess whose free runs are nearest; return the end, and what of others.
+def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fitted:
+    """Return the end of a descent from the first guess whose free runs are nearest.
 
-    From the others only where more than the noise of the sensors is left.
+    From the others only where more than the noise of the sensors is left; ``enough``: of a step.
     """
     begun = [(problem, problem.equations(problem.initial)) for problem in problems]
     begun.sort(key=lambda each: each[1].cost if each[1].is_finite else math.inf)
-    problem, end = begun[0][0], begun[0][0].descend(begun[0][1])
+    problem, end = begun[0][0], begun[0][0].descend(begun[0][1], enough=enough)
     costs = [end.at.cost] if end.converged else []
     for other, at in [] if end.converged and _leaves_noise(end.at) else begun[1:]:
         if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
         with suppress(IdentifiabilityError):
-            tried = other.descend(at, _PASSES)
+            tried = other.descend(at, _PASSES, enough)
             if not tried.converged and tried.at.cost < end.at.cost:
-                tried = other.descend(tried.at)
+                tried = other.descend(tried.at, enough=enough)
             costs += [tried.at.cost] if tried.converged else []
             if tried.at.cost < end.at.cost:
                 problem, end = other, tried
     elsewhere = [ratio for ratio in (cost / end.at.cost for cost in costs) if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
-    return problem, end, findings
+    return Fitted(problem=problem, end=end, findings=findings)
 
 
 def _leaves_noise(at: Equations) -> bool:
@@ -173,8 +172,8 @@ def servo_start(
     logs: Sequence[Log],
     guess: Start,
     known: Prior,
-) -> tuple[Start, tuple[str, ...]]:
-    """Return a first guess of servos, whose friction decides where they stop, and their terms.
+) -> Start:
+    """Return a first guess of servos, whose friction decides where they stop.
 
     Over segments of one period, or a few time constants of the speed, driven by the rebuilt drive,
     no stop is far off. ``over`` makes the problem with some terms, with what is fixed, over a
@@ -186,9 +185,8 @@ def servo_start(
     gear = {*GEAR} & {*(OF_SERVO if told is None else told)}
     begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
     start = replace(guess, parameters=replace(guess.parameters, **begun))
-    terms = told
-    if terms is None:
-        terms = candidates(tried(logs), [log.added_mass for log in logs], known)
+    rows, rare = offered_rows(logs, known)
+    terms = [name for name in rows if name not in rare] if told is None else told
     horizon = 2 * math.pi / fastest if fastest > 0 else math.inf
     problem_of = over(terms, {"delay", *fixed, *LOOP_TERMS}, horizon)
     scanned = "delay" not in {*known.fixed, *fixed}
@@ -222,12 +220,9 @@ def servo_start(
                 break
             attempt(lowest * step)
     _, delay, problem, end = ends[0]
-    terms = told
-    if terms is None:
-        choice = helping(problem, end.at, tuple(known.uncertain))
-        fitted = fitted_with(problem, choice)
-        problem, end, terms = fitted.problem, fitted.end, (*choice.terms, "latency")
+    if told is None:
+        problem, end = chosen_at_once(problem, end, terms)
     found = zip(problem.keys, end.values.tolist(), strict=True)
     own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
     zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
-    return Start(replace(problem.start, **own), zeros), tuple(terms)
+    return Start(replace(problem.start, **own), zeros)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -36,54 +35,46 @@ from butterfly.identification.estimators.weak_regression import (
     refined,
     seen,
 )
-from butterfly.identification.inference.identifiability import (
-    ScaleParameter,
-    is_driven,
-    refuse_without_scale,
-)
+from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
 from butterfly.identification.inference.infer import infer
-from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import (
-    CANDIDATES,
-    SCANNED,
+from butterfly.identification.inference.linear_terms import (
+    STRIBECK,
+    LinearModel,
     TermChoice,
     candidates,
-    scanned_terms,
+    choose,
+    demanded,
+    stribeck_velocities,
 )
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import OF_ANGLE, PARAMETERS, FrictionTerms, offered
+from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, FrictionTerms, offered
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
 
 def fitted_terms(
-    logs: Sequence[Log], windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior
+    windows: Sequence[Windows],
+    terms: tuple[str, ...] | None,
+    known: Prior,
+    offers: Sequence[str] = COMMON,
 ) -> tuple[WeakFit, TermChoice]:
-    """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them."""
+    """Choose from some offers, or, where terms are given, only a Stribeck velocity; fit them."""
     usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always, masses = known.fitted(PARAMETERS), [each.added for each in windows]
-    tried = candidates([name for name in CANDIDATES if name != SCANNED], masses, known)
-    first = WeakFit.of(windows, (*always, *(tried if terms is None else ())), usual, known)
-
-    @cache
-    def conditions(cells: int) -> Conditions:
-        return Conditions.of(logs, cells)
-
-    def with_terms(more: tuple[str, ...], speed: float | None) -> Submodels:
-        slow = first.about.slow if speed is None else speed
-        nested = first.nested(windows, (*always, *more), slow)
-        cells, lost = divmod(nested.equations.log.size, len(logs))
-        if lost or not cells:  # a log without windows that move has no conditions
-            return nested
-        return replace(nested, conditions=conditions(cells))
-
-    fastest = max(each.averaging.fastest for each in windows)
-    found = scanned_terms(
-        with_terms, always, terms, tried, masses=masses, known=known, fastest=fastest
-    )
+    rows = candidates(offers, masses, known) if terms is None else terms
+    rows = tuple(name for name in rows if name not in known.parameters)
+    plain = tuple(name for name in rows if name != STRIBECK)
+    first = WeakFit.of(windows, (*always, *(plain if terms is None else ())), usual, known)
+    speeds = [first.about.slow]
+    if STRIBECK in rows:
+        fastest = max(each.averaging.fastest for each in windows)
+        speeds = stribeck_velocities(fastest, known)
+    models = tuple(first.nested(windows, (*always, *rows), speed) for speed in speeds)
+    model = LinearModel(models=models, optional=rows, masses=masses)
+    found = choose(model) if terms is None else demanded(model, rows)
     slow = found.settings.get("stribeck_velocity", usual)
     return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
 
@@ -142,13 +133,10 @@ class WeakForm(Estimator):
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass."""
         require_usable(self.method, known)
-        masses, driven = [log.added_mass for log in logs], is_driven(logs)
-        refuse_without_scale(masses, known, driven=driven)
-        step = float(np.median([log.mean_step for log in logs]))
-        reference = ScaleParameter.of(masses, known.with_default_delay(step), driven=driven)
+        masses, reference = [log.added_mass for log in logs], ScaleParameter.of_logs(logs, known)
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
         windows = [self._windows(log, reading_of(log, zeros), periods) for log in logs]
-        plain, terms = fitted_terms(logs, windows, self.terms, reference.fixed)
+        plain, terms = fitted_terms(windows, self.terms, reference.fixed)
         fixed = terms.settings | {"cogging_periods": periods}
         pairs = seen(logs, windows, LumpedParameters(**fixed | plain.values), zeros)
         fit = refined(plain, pairs)
@@ -160,7 +148,7 @@ class WeakForm(Estimator):
         return infer(
             whole,
             method="weak form",
-            driven=driven,
+            driven=is_driven(logs),
             conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=terms.findings,
@@ -170,6 +158,14 @@ class WeakForm(Estimator):
             besides=doubt,
             torques=True,
         )
+
+    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the terms after each round of a stagewise choice from some candidates."""
+        self.with_terms(candidates)
+        known = ScaleParameter.of_logs(data.logs, data.known).fixed
+        periods = known.fixed.get("cogging_periods", self.cogging_periods)
+        windows = [self._windows(log, data.zero_of(log), periods) for log in data.logs]
+        return fitted_terms(windows, None, known, candidates)[1].path
 
     def _windows(self, log: Log, zero: float, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf

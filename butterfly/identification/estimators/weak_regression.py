@@ -29,15 +29,14 @@ from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import CANDIDATES, submodels_of
+from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, PARAMETERS, TERMS, DriveTerms
+from butterfly.model.terms import DRIVE, TERMS, DriveTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
@@ -210,10 +209,10 @@ class WeakFit:
         regression = replace(self.about, names=names, slow=slow).regression(windows)
         values = np.array([self.values.get(name, 0.0) for name in names])
         solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
-        most = len({*PARAMETERS, *CANDIDATES})  # the same cells for any terms
-        cells = independent_cells_of(len(windows), most)
+        cells = independent_cells_of(len(windows), len(names))
         equations = CellEquations.of(regression, solution, cells=cells)
-        return submodels_of(equations, [each.added for each in windows])
+        found = submodels_of(equations, [each.added for each in windows], NEGLIGIBLE)
+        return replace(found, settings={"stribeck_velocity": slow})
 
 
 def _latest(windows: Sequence[Windows]) -> float:

@@ -29,7 +29,7 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING
 from butterfly.model.terms import PARAMETERS
 
 _SHARE = 0.05  # of the squared errors, that a contrast explains which is named
@@ -41,8 +41,6 @@ _LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 """Where conditions would disturb no more, if that is not at 0."""
 
 _SCATTERS = ("coulomb", "p2", "p4")
-_OF_TORQUES = ("p1", "p3", "p4")
-_FRICTION = {"p2", "coulomb"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +120,7 @@ def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Cont
 
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
-    tried = [found for each in asked if (found := _solved(equations, conditions, each))]
+    tried = [found for each in asked if (found := _solved(equations, each))]
     tried.sort(key=lambda each: each.chance)
     accepted: list[_Accepted] = []
     for passed, each in enumerate(tried):
@@ -133,36 +131,18 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
         of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
-        if _matters(equations, each, ends or [each.at_mean], conditions, of):
+        if _matters(equations, each, ends or [each.at_mean], of):
             pairs = list(zip(limits, ends, strict=True))
             accepted.append((_contrast(each, place, chance), each, pairs))
     return sorted(accepted, key=lambda each: -each[0].share)
 
 
-def friction_disagrees(equations: CellEquations, conditions: Conditions) -> bool:
-    """Whether friction follows a condition, as it does where a term of it is missing."""
-    return any(each.parameter in _FRICTION for each in contrasts_of(equations, conditions))
-
-
-def lacking_term(
-    equations: CellEquations, names: Sequence[str], conditions: Conditions
-) -> str | None:
-    """Return the likeliest of some terms, each at nothing here, that a model lacks, if any."""
-    absent = np.isin(equations.names, names)
-    about = replace(equations, on_bound=equations.on_bound | absent)
+def score_of(equations: CellEquations, name: str) -> float | None:
+    """Return the chance of the score of a parameter that is held; None if it is not told apart."""
     every = np.ones(equations.log.size)
-    tried = []
-    for place in np.flatnonzero(absent).tolist():
-        direction = np.outer(every, np.arange(absent.size) == place)
-        asked = _Tried(equations.names[place], Condition.ALL, 0.0, every, direction)
-        found = _solved(about, conditions, asked)
-        if found and equations.values[place] + found.gamma > equations.lower[place]:
-            tried.append(found)
-    best = min(tried, key=lambda each: each.chance, default=None)
-    if best is None or not best.chance * len(names) < 1 - CONFIDENCE:
-        return None
-    of = (*_OF_TORQUES, *(("delay",) if best.parameter == "slow_delay" else ()))
-    return best.parameter if _matters(equations, best, [best.at_mean], conditions, of) else None
+    unit = np.outer(every, np.array(equations.names) == name)
+    found = _solved(equations, _Tried(name, Condition.ALL, 0.0, every, unit))
+    return None if found is None else max(found.chance, found.of_logs)
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
@@ -202,7 +182,7 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tr
         yield _Tried("mass", Condition.WEIGHED, mass.mass, x, direction)
 
 
-def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> _Tried | None:
+def _solved(equations: CellEquations, asked: _Tried) -> _Tried | None:
     """Let the values move along a direction; None where the cells cannot tell that from others."""
     apart, parts = equations.apart(asked.direction)
     information = float(parts.sum())
@@ -213,20 +193,13 @@ def _solved(equations: CellEquations, conditions: Conditions, asked: _Tried) -> 
     explained = gamma**2 * information
     logs = np.unique(equations.log, return_inverse=True)[1]
     sums = (np.asarray(np.bincount(logs, each), dtype=float) for each in (scores, parts))
-    of_logs = _chance(*sums, gamma=gamma)
-    if conditions.steady:
-        freedom = equations.count - np.count_nonzero(equations.free) - 1
-        left = max(cost - explained, np.finfo(float).eps * cost)
-        known = freedom > 0 and left > 0
-        chance = float(fdtrc(1, freedom, explained * freedom / left)) if known else 1.0
-    else:
-        chance = _chance(scores, parts, gamma=gamma)
+    of_logs, chance = _chance(*sums, gamma=gamma), _chance(scores, parts, gamma=gamma)
     return asked._replace(
         gamma=gamma,
         at_mean=equations.values - (asked.direction - apart)[0] * gamma,
         share=explained / cost if cost > 0 else 0.0,
         chance=chance,
-        of_logs=chance if logs.max() < FEW and not conditions.steady else of_logs,
+        of_logs=of_logs if logs.max() >= FEW else chance,
     )
 
 
@@ -306,19 +279,13 @@ def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
 
 
 def _matters(
-    equations: CellEquations,
-    each: _Tried,
-    rivals: list[Samples],
-    conditions: Conditions,
-    of: tuple[str, ...],
+    equations: CellEquations, each: _Tried, rivals: list[Samples], of: tuple[str, ...]
 ) -> bool:
     """Whether a contrast explains much, or moves some parameters, and whole logs say it as well."""
     kept = np.isin(equations.names, of) & (equations.values != 0)
     moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
     if not each.of_logs < 1 - CONFIDENCE:
         return False
-    if conditions.steady:
-        return bool(moved > SHOWS and _is_seen(equations, each.share))
     return bool(each.share > _SHARE or moved > MATTERS)
 
 

@@ -172,6 +172,14 @@ class ScaleParameter:
         name = telling.reference(masses[0]) if same else None
         return cls(name=name, known=known, added=masses[0])
 
+    @classmethod
+    def of_logs(cls, logs: Sequence[Log], known: Prior) -> ScaleParameter:
+        """Find it for logs; IdentifiabilityError if nothing tells their scale."""
+        masses, driven = [log.added_mass for log in logs], is_driven(logs)
+        refuse_without_scale(masses, known, driven=driven)
+        step = float(np.median([log.mean_step for log in logs]))
+        return cls.of(masses, known.with_default_delay(step), driven=driven)
+
     @property
     def fixed(self) -> Prior:
         """What is known, with the reference held."""

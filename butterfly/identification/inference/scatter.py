@@ -30,7 +30,7 @@ from scipy.optimize import minimize
 from butterfly.arrays import Samples, unit_columns
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.inference.term_choice import NEGLIGIBLE
+from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import CLEARLY, LOST, MATTERS
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING

@@ -8,17 +8,19 @@ simulation.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.blocks import Conditions
 from butterfly.identification.equations import CellEquations
-from butterfly.identification.levels import ROUNDING
+from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.terms import FOLLOWERS
+
+NEGLIGIBLE = 1e-6
+"""Of a motion, how well it is predicted at best: rounding leaves more."""
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
 
@@ -32,15 +34,20 @@ class Submodels:
     folds: NDArray[np.intp]
     # values of what is no parameter here, but was set
     settings: dict[str, float] = field(default_factory=dict)
-    demanded: tuple[str, ...] = ()  # parameters without which these equations are not asked
     negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
-    slack: float = 1.0  # standard errors by which a fit with fewer parameters may predict worse
-    conditions: Conditions | None = None  # under which the cells were recorded
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the n parameters."""
         return self.equations.names
+
+    def about(self, values: Samples) -> Submodels:
+        """Return the same equations about other (n,) values."""
+        own = self.equations
+        residuals = own.residuals + own.rows @ (values - own.values)
+        bound = values <= own.lower
+        moved = replace(own, values=values, residuals=residuals, on_bound=bound)
+        return replace(self, equations=moved)
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
         """Return (t, n) values of t fits with the parameters ``kept``; nan if undetermined."""
@@ -48,12 +55,18 @@ class Submodels:
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples:
         """(t, k) squared errors of cells by fits to the other parts; nan if not determined."""
-        parts, own = np.unique(self.folds), self.equations
-        errors = np.empty((len(kept), self.folds.size))
+        found = self._left_out(kept, self.folds)
+        if np.isfinite(found[0]).all() or np.unique(self.folds).size == self.folds.size:
+            return found
+        return self._left_out(kept, np.arange(self.folds.size))  # of parts, single cells
+
+    def _left_out(self, kept: NDArray[np.bool_], folds: NDArray[np.intp]) -> Samples:
+        parts, own = np.unique(folds), self.equations
+        errors = np.empty((len(kept), folds.size))
         lost = np.full(len(kept), parts.size == 1)
         at_once = max(1, 4096 // len(kept))  # which bounds the memory that the fits take
         for some in np.split(parts, range(at_once, parts.size, at_once)):
-            left_out = self.folds == some[:, None]
+            left_out = folds == some[:, None]
             curvature, gradient = (
                 np.repeat(whole - np.tensordot(left_out, each, 1), len(kept), axis=0)
                 for whole, each in zip(own.total, (own.curvature, own.gradient), strict=True)
@@ -92,6 +105,24 @@ class Submodels:
         mute = [name in FOLLOWERS for name in self.names]
         absent = np.where(mute, self.equations.values, 0.0)
         return _bounded(self.equations, (curvature, gradient), kept, absent)
+
+
+def submodels_of(
+    equations: CellEquations, parts: Sequence[Hashable], negligible: float
+) -> Submodels:
+    """Return fits with fewer terms, which predict one of ``parts``, logs or stretches in turn."""
+    cells = equations.independent
+    few = cells.log.size > np.unique(cells.log).size
+    folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
+    return Submodels(equations=cells, folds=folds, negligible=negligible)
+
+
+def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
+    """Return the number of each log's part; where there are too few parts, each log is one."""
+    different = list(dict.fromkeys(parts))
+    if len(different) < FEW:
+        return np.arange(len(parts))
+    return np.array([different.index(part) for part in parts])
 
 
 def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:

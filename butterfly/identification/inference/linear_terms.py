@@ -1,0 +1,240 @@
+"""Which terms are worth trying, and their stagewise choice where equations are linear in them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.arrays import Samples
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.identifiability import Conditioning
+from butterfly.identification.inference.stagewise import (
+    Offer,
+    Selection,
+    gains_in,
+    is_possible,
+    offers_in,
+    said_of,
+    stagewise,
+)
+from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.levels import FEW
+from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
+from butterfly.model.terms import FOLLOWERS, GEAR, companions
+
+STRIBECK = "stribeck"
+"""The term whose velocity is scanned."""
+
+_SPEEDS = (0.03, 0.5, 10)  # least and largest Stribeck velocity over the largest speed; how many
+
+
+def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
+    """Return the terms that are worth trying with some added masses, and some knowledge.
+
+    What grows with the added mass shows with three of them: by two the scale of all is set. Without
+    gravity friction with a gear may as well be uneven friction: it carries what accelerates alone.
+    """
+    carried = list(masses)
+    effects = {mass.inertia_and_moment for mass in carried}
+    lost = {*known.parameters, *companions(known.parameters)}
+    if len(effects) < FEW:
+        lost |= {"load", "load_drag", "mass_inertia"}
+    if known.weightless(carried):
+        lost |= {*GEAR}
+    if known.weightless(carried) or any(mass.own_inertia for mass in carried):
+        lost.add("mass_inertia")
+    if known.weightless(carried) or ("p3" in known.parameters and len(effects) < FEW):
+        lost.add("p3_offset")
+    return tuple(name for name in names if name not in lost)
+
+
+def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
+    """Return Stribeck velocities in rad/s to try: none if its friction is known, one if it is."""
+    if STRIBECK in known.parameters:
+        return []
+    if "stribeck_velocity" in known.fixed:
+        return [known.fixed["stribeck_velocity"]]
+    return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
+
+
+class TermChoice(NamedTuple):
+    """Terms that were chosen, and what speaks for others."""
+
+    names: tuple[str, ...]  # of the parameters, the terms last
+    terms: tuple[str, ...]  # chosen
+    values: dict[str, float]  # of the parameters, by name
+    settings: dict[str, float]  # see `Submodels`
+    rivals: tuple[dict[str, float], ...]  # values, by name, of other fits that predict as well
+    findings: tuple[Finding, ...]  # settings that were scanned, and terms that are not fitted
+    path: tuple[tuple[str, ...], ...] = ()  # terms after each round of the choice
+
+    @property
+    def rival_values(self) -> tuple[Samples, ...]:
+        """(n,) values of the parameters that were chosen, by the rivals; 0 if they have none."""
+        return tuple(np.array([each.get(name, 0.0) for name in self.names]) for each in self.rivals)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearModel:
+    """The end of a fit in some of the rows of linear equations (see `stagewise.Model`).
+
+    Several equations differ in the Stribeck velocity alone.
+    """
+
+    models: tuple[Submodels, ...]
+    number: int = 0  # of the equations that are fitted
+    optional: tuple[str, ...]  # rows that may be absent
+    terms: frozenset[str] = frozenset()  # rows that are fitted
+    masses: Sequence[AddedMass] = ()
+
+    @property
+    def nested(self) -> Submodels:
+        """The equations that are fitted."""
+        return self.models[self.number]
+
+    @property
+    def negligible(self) -> float:
+        """The size of an error that is none."""
+        return self.nested.negligible
+
+    @cached_property
+    def kept(self) -> NDArray[np.bool_]:
+        """(n,) which of the parameters are fitted."""
+        absent = {*self.optional} - self.terms
+        absent |= companions(absent) - companions(self.terms)
+        return np.array([name not in absent for name in self.nested.names])
+
+    @cached_property
+    def values(self) -> Samples:
+        """(n,) values of the parameters; nan if the equations do not determine them."""
+        return np.asarray(self.nested.fitted(self.kept[np.newaxis])[0])
+
+    @property
+    def named(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.nested.names, self.values.tolist(), strict=True))
+
+    @property
+    def errors(self) -> Samples:
+        """(k,) root of the squared errors of each cell."""
+        return np.asarray(np.sqrt(self.nested.costs(self.values[np.newaxis])[0]))
+
+    def offers(self, rows: Collection[str]) -> list[Offer]:
+        """Test rows that it does not have; of Stribeck friction the velocity that explains most."""
+        found = []
+        for row in rows:
+            scanned = enumerate(self.models) if row == STRIBECK else [(self.number, self.nested)]
+            tried = [
+                offer
+                for k, own in scanned
+                for offer in offers_in(
+                    own.about(self.values), self.kept, [row], settings=own.settings, model=k
+                )
+            ]
+            found += [max(tried, key=lambda each: each.share)] if tried else []
+        return found
+
+    def adding(self, offer: Offer) -> LinearModel | None:
+        """Return the fit with a row more; None if no joint has it."""
+        more = replace(self, number=offer.model, terms=self.terms | {offer.name})
+        place = more.nested.names.index(offer.name)
+        bound = more.nested.equations.lower[place]
+        if not (np.isfinite(more.values).all() and more.values[place] > bound):
+            return None
+        return more if is_possible(more.named, self.masses) else None
+
+    def without(self, name: str) -> LinearModel:
+        """Return the fit without a term."""
+        return replace(self, terms=self.terms - {name})
+
+    def gains(self) -> dict[str, Samples]:
+        """Return by how much each of the terms predicts cells better."""
+        return gains_in(self.nested, self.kept, self.terms)
+
+    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
+        """Return the values with one row in place of another; None if that does not fit as well."""
+        other = replace(self, terms=self.terms - {taken} | {row})
+        worse = other.errors - self.errors
+        error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
+        return other.named if worse.mean() <= error else None
+
+    def refuse_undetermined(self) -> None:
+        """Raise IdentifiabilityError if the equations do not determine the parameters."""
+        if np.isfinite(self.values).all():
+            return
+        own = self.nested.equations
+        alone = self.nested.restricted(self.kept, np.where(self.kept, own.values, 0.0))
+        known = None if alone.prior is None else alone.prior.active
+        there = alone.values, alone.residuals.ravel()
+        raise Conditioning.of(
+            alone.rows.reshape(there[1].size, -1), alone.names, known, there
+        ).refusal
+
+    def choice(
+        self, rivals: Iterable[Mapping[str, float]] = (), findings: Iterable[Finding] = ()
+    ) -> TermChoice:
+        """Return what was chosen, and what speaks for others."""
+        scanned = self.nested.settings if STRIBECK in self.terms else {}
+        terms = tuple(name for name in self.optional if name in self.terms)
+        base = (n for n in self.nested.names if n not in FOLLOWERS.union(self.optional))
+        return TermChoice(
+            names=(*base, *terms),
+            terms=terms,
+            values=self.named | scanned,
+            settings=scanned,
+            rivals=tuple(dict(each) for each in rivals),
+            findings=(
+                *(Finding(FindingKind.SCANNED, (n,), number=v) for n, v in scanned.items()),
+                *findings,
+            ),
+        )
+
+
+def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
+    """Choose from the rows of linear equations; IdentifiabilityError if they are singular."""
+    model.refuse_undetermined()
+    found = stagewise(model, model.optional, rare)
+    choice = found.model.choice(rivals_of(found), said_of(found, model.optional))
+    return choice._replace(path=found.path)
+
+
+def rivals_of(found: Selection[LinearModel]) -> list[dict[str, float]]:
+    """Return the values of fits that predict as well, and of those that lack what is no chance."""
+    swapped = [found.model.swapped(*pair) for pair in found.ties]
+    return [
+        *(each for each in swapped if each),
+        *(dict(each.values) for each in found.significant),
+    ]
+
+
+def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
+    """Fit some terms, at the Stribeck velocity that predicts best.
+
+    The last of them are dropped that the equations cannot tell from the others.
+    IdentifiabilityError if these are singular without any.
+    """
+    for count in range(len(terms), 0, -1):
+        fits = [
+            replace(model, number=k, terms=frozenset(terms[:count]))
+            for k in range(len(model.models) if STRIBECK in terms[:count] else 1)
+        ]
+        able = [each for each in fits if np.isfinite(each.values).all()]
+        if able:
+            best = min(able, key=_foreseen)
+            lost = [Finding(FindingKind.INSEPARABLE, tuple(terms[count:]))] if terms[count:] else []
+            return best.choice(findings=lost)
+    model.refuse_undetermined()
+    lost = [Finding(FindingKind.INSEPARABLE, tuple(terms))] if terms else []
+    return model.choice(findings=lost)
+
+
+def _foreseen(model: LinearModel) -> float:
+    """Return the mean error of cells, predicted by the others if these determine the values."""
+    errors = np.sqrt(model.nested.held_out(model.kept[np.newaxis])[0])
+    return float(np.mean(errors if np.isfinite(errors).all() else model.errors))

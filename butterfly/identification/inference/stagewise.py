@@ -1,0 +1,280 @@
+"""Which terms a fit has: one stagewise rule over the rows of the table of terms.
+
+Each round asks of every row that a fit does not have, on the equations about its end: how likely is
+such a score by chance (score test, clusters are logs, over all rows together: Holm, Scand. J.
+Statist. 6, 1979); which share of the squared errors does it explain; does it predict the parts of
+the data that were left out better (cross-validation; Stone, J. R. Statist. Soc. B 36, 1974), in
+standard errors of that gain? How much is asked depends on how common the row is. The row with the
+largest gain and those next to it are fitted, and the best stays if it keeps half of what was
+promised and a joint may have it. A term that predicts no better once others are fitted goes again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic, NamedTuple, Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.arrays import Samples
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.agreement import score_of
+from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATTERS
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import companions
+from butterfly.progress import out_of_time
+
+_ROUNDS = 4  # of terms that are added one after the other
+_TIES = 2  # rows that are fitted besides the best, as their gain is near
+_SHARE = 0.05  # of the squared errors, that a row explains which is seen without significance
+
+
+class _Level(NamedTuple):
+    """What is asked of a row: either alternative, chance and gain, or gain and share."""
+
+    chance: float  # largest, over all rows together, with a gain of one standard error
+    gain: float  # standard errors of the gain, with a share of the squared errors
+
+
+_COMMON, _RARE = _Level(MATTERS, 1.0), _Level(ACCUSED, 2.5)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Offer:
+    """A row that a fit lacks, tested on the equations about its end."""
+
+    name: str
+    chance: float  # of such a score, if the joint does not have it
+    share: float  # of the squared errors that it explains
+    gain: Samples  # (k,) by how much the error of each cell is less, predicted by the others
+    values: Mapping[str, float]  # of all unknowns a step away, by label
+    settings: Mapping[str, float] = field(default_factory=dict)  # at which it was tested
+    model: int = 0  # number of the linear equations, where there are several
+
+    @property
+    def ratio(self) -> float:
+        """The mean gain in standard errors."""
+        mean, error = float(self.gain.mean()), _standard_error(self.gain)
+        return mean / error if error > 0 else math.copysign(math.inf, mean) if mean else 0.0
+
+    def passes(self, level: _Level, chance: float, negligible: float) -> bool:
+        """Whether a fit is worth trying, with a chance over all rows together."""
+        if not self.gain.mean() > negligible:
+            return False
+        significant = chance < level.chance and self.ratio > 1
+        return significant or (self.ratio > level.gain and self.share > _SHARE)
+
+
+class Model(Protocol):
+    """A fit in some terms, to which one can be added."""
+
+    @property
+    def terms(self) -> frozenset[str]:
+        """The optional terms that it has."""
+
+    @property
+    def negligible(self) -> float:
+        """The size of an error that is none."""
+
+    def offers(self, rows: Collection[str]) -> list[Offer]:
+        """Test rows that it does not have."""
+
+    def adding(self, offer: Offer) -> Self | None:
+        """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
+
+    def without(self, name: str) -> Self:
+        """Fit without a term."""
+
+    def gains(self) -> dict[str, Samples]:
+        """Return by how much each of the terms predicts cells better: (k,) each."""
+
+    @property
+    def errors(self) -> Samples:
+        """(k,) root of the squared errors of each cell."""
+
+
+M = TypeVar("M", bound=Model)
+
+
+@dataclass(frozen=True)
+class Selection(Generic[M]):
+    """A fit in chosen terms, and what speaks for others."""
+
+    model: M
+    path: tuple[tuple[str, ...], ...]  # the terms of each round, the first ones included
+    ties: tuple[tuple[str, str], ...]  # rows that did as well as one that was taken, and that one
+    significant: tuple[Offer, ...]  # rows that are not fitted, though they are no chance
+    inseparable: tuple[str, ...]  # rows that the data cannot tell from the rest
+
+
+def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection[M]:
+    """Add and take away terms of some rows until none helps; of rare ones more is asked."""
+    gone: set[str] = set()
+    ties: list[tuple[str, str]] = []
+    model = _pruned(model, rows, gone)
+    path = [_ordered(model.terms, rows)]
+    while True:
+        asked = [name for name in rows if name not in model.terms | gone]
+        offers = model.offers(asked) if asked else []
+        last = len(path) > _ROUNDS or out_of_time("the selection of terms")
+        found = None if last else _best(model, offers, rare, gone, ties)
+        if found is None:
+            break
+        model = _pruned(found, rows, gone)
+        path.append(_ordered(model.terms, rows))
+    felt = {each.name for each in offers}
+    holm = _holm(offers)
+    return Selection(
+        model=model,
+        path=tuple(path),
+        ties=tuple(each for each in ties if each[0] in felt and each[1] in model.terms),
+        significant=tuple(each for each in offers if holm[each.name] < 1 - CONFIDENCE),
+        inseparable=tuple(name for name in asked if name not in felt),
+    )
+
+
+def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in rows if name in terms)
+
+
+def _pruned(model: M, rows: Collection[str], gone: set[str]) -> M:
+    """Take away terms that predict no better than none does, the least helpful first."""
+    while True:
+        gains = {name: gain for name, gain in model.gains().items() if name in rows}
+        idle = {
+            name: float(gain.mean())
+            for name, gain in gains.items()
+            if not gain.mean() > max(_standard_error(gain), model.negligible)
+        }
+        if not idle:
+            return model
+        name = min(idle, key=lambda each: idle[each])
+        gone.add(name)
+        model = model.without(name)
+
+
+def _best(
+    model: M,
+    offers: Sequence[Offer],
+    rare: Collection[str],
+    gone: set[str],
+    ties: list[tuple[str, str]],
+) -> M | None:
+    """Fit the row with the largest gain and those near it; return the best fit, if any holds."""
+    holm = _holm(offers)
+    passing = [
+        each
+        for each in offers
+        if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], model.negligible)
+    ]
+    passing.sort(key=lambda each: -float(each.gain.mean()))
+    while passing:
+        best = passing[0]
+        near = [
+            each
+            for each in sorted(offers, key=lambda each: -float(each.gain.mean()))
+            if each is not best
+            and each.gain.mean() > LOST * best.gain.mean()
+            and (each in passing or (each.ratio > 1 and holm[each.name] < 1 - CONFIDENCE))
+        ]
+        tried = [(each.name, model.adding(each)) for each in (best, *near[:_TIES])]
+        fits = {name: fit for name, fit in tried if fit is not None}
+        gone.update(name for name, fit in tried if fit is None)
+        if fits:
+            taken = min(fits, key=lambda name: float(np.sum(fits[name].errors ** 2)))
+            for name, fit in fits.items():
+                worse = fit.errors - fits[taken].errors
+                if name != taken and worse.mean() <= _standard_error(worse):
+                    ties.append((name, taken))
+            return fits[taken]
+        passing = [each for each in passing if each.name not in gone]
+    return None
+
+
+def _holm(offers: Sequence[Offer]) -> dict[str, float]:
+    """Return the chance of each row over all rows together."""
+    found, most = {}, 0.0
+    for rank, each in enumerate(sorted(offers, key=lambda each: each.chance)):
+        most = max(most, each.chance * (len(offers) - rank))
+        found[each.name] = most
+    return found
+
+
+def _standard_error(values: Samples) -> float:
+    return float(np.std(values, ddof=1)) / values.size**0.5 if values.size > 1 else np.inf
+
+
+def offers_in(
+    nested: Submodels,
+    kept: NDArray[np.bool_],
+    rows: Collection[str],
+    *,
+    settings: Mapping[str, float] | None = None,
+    model: int = 0,
+) -> list[Offer]:
+    """Test rows on equations that have them all, about the end of the fit of what is ``kept``.
+
+    Rows that the equations cannot tell from the rest are left out.
+    """
+    equations, names = nested.equations, np.array(nested.names)
+    about = replace(equations, on_bound=equations.on_bound | ~kept)
+    asked = [name for name in rows if name in nested.names]
+    chances = {name: found for name in asked if (found := score_of(about, name)) is not None}
+    if not chances:
+        return []
+    masks = np.array([kept, *(kept | (names == name) for name in chances)])
+    fits = nested.fitted(masks)
+    left = nested.costs(fits).sum(axis=1)
+    errors = np.sqrt(nested.held_out(masks))
+    offers = []
+    for k, (name, chance) in enumerate(chances.items(), 1):
+        gain = errors[0] - errors[k]
+        able = np.isfinite(fits[k]).all() and np.isfinite(gain).all()
+        possible = bool(able and fits[k, nested.names.index(name)] != 0)
+        offers.append(
+            Offer(
+                name=name,
+                chance=chance if possible else 1.0,
+                share=float(1 - left[k] / left[0]) if possible and left[0] > 0 else 0.0,
+                gain=gain if possible else np.zeros_like(gain),
+                values=dict(zip(nested.names, fits[k].tolist(), strict=True)),
+                settings=settings or {},
+                model=model,
+            )
+        )
+    return offers
+
+
+def said_of(found: Selection[M], rows: Iterable[str]) -> list[Finding]:
+    """Say which rows did not help, and which the data cannot tell from the rest."""
+    idle = [name for name in rows if name not in found.model.terms.union(found.inseparable)]
+    said = {FindingKind.NOT_HELPING: idle, FindingKind.INSEPARABLE: found.inseparable}
+    return [Finding(kind, tuple(names)) for kind, names in said.items() if names]
+
+
+def gains_in(
+    nested: Submodels, kept: NDArray[np.bool_], terms: Iterable[str]
+) -> dict[str, Samples]:
+    """Return by how much each term of a fit predicts cells better than the fit without it: (k,)."""
+    asked, own = [*terms], np.array(nested.names)
+    if not asked:
+        return {}
+    fewer = [kept & ~np.isin(own, [name, *companions({name})]) for name in asked]
+    whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer])))
+    return {
+        name: np.nan_to_num(each - whole, nan=np.inf)
+        for name, each in zip(asked, errors, strict=True)
+    }
+
+
+def is_possible(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:
+    """Whether friction brakes at rest with each added mass, where it is among some values."""
+    if "coulomb" not in values:
+        return True
+    friction, growth = values["coulomb"], values.get("load", 0.0)
+    level = min((friction + growth * mass.weight for mass in masses), default=friction)
+    return level >= 0 and not (friction <= 0 < values.get("stribeck", 0.0))
