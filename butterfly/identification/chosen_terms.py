@@ -32,7 +32,6 @@ from butterfly.model.prior import Prior
 from butterfly.model.terms import (
     BASE_TERMS,
     COMMON,
-    GEAR,
     OF_SERVO,
     RARE,
     TERMS,
@@ -100,10 +99,8 @@ class FreeRunModel:
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have, on simulations that are differentiated by them."""
-        fitted = {*self.terms}
-        able = [name for name in rows if not _excluded(name, fitted)]
-        found = self._offers([name for name in able if name != STRIBECK], {})
-        if STRIBECK in able:
+        found = self._offers([name for name in rows if name != STRIBECK], {})
+        if STRIBECK in rows:
             fastest = 2**0.5 * max(log.rms_speed for log in self.problem.logs)
             tried = [
                 offer
@@ -187,11 +184,6 @@ def _nested(problem: Problem, at: Equations) -> Submodels:
     return submodels_of(cells, [log.added_mass for log in problem.logs], NEGLIGIBLE)
 
 
-def _excluded(name: str, fitted: Collection[str]) -> bool:
-    """Whether a term is not simulated beside others: friction of gears on a base that moves."""
-    return (name in GEAR and _BASE in fitted) or (name == _BASE and bool({*GEAR} & {*fitted}))
-
-
 def stagewise_fit(
     every: Problem, fitted: Fitted, rows: Sequence[str], rare: Collection[str]
 ) -> Fitted:
@@ -201,7 +193,7 @@ def stagewise_fit(
     problem, end = found.model.problem, found.model.end
     there = replace(problem, initial=end.values)
     swapped = (found.model.swapped(*pair) for pair in found.ties)
-    rivals = [*(each for each in swapped if each), *(each.values for each in found.significant)]
+    rivals = [*(each for each in swapped if each), *(each.values for each in found.rivals)]
     return Fitted(
         problem=problem,
         end=there.descend(),
@@ -209,7 +201,7 @@ def stagewise_fit(
             np.array([each.get(label, 0.0) for label in problem.labels[: problem.shared]])
             for each in rivals
         ),
-        findings=(*fitted.findings, *said_of(found, rows)),
+        findings=(*fitted.findings, *said_of(found)),
         path=found.path,
     )
 

@@ -263,8 +263,8 @@ def minimise(
     size = np.sqrt(np.diag(at.curvature))
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), np.maximum(abs(at.values), SHOWS))
     reach = max(float(np.linalg.norm(at.values / unit)), 1.0)
-    kept, last, bends, search = 0.0, 0.0, 1.0, current_search()
-    while evaluations < most and not search.over:
+    kept, last, bends, search = 0.0, np.inf, 1.0, current_search()
+    while evaluations < most and last > enough * at.cost and not search.over:
         whole = at.step(np.maximum(lower - at.values, -reach * unit), reach * unit)
         step, promised = whole / bends, at.decrease(whole)
         longest = float(abs(whole / unit).max())

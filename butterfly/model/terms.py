@@ -16,7 +16,7 @@ Velde, Multiple-Input Describing Functions, 1968, ch. 2).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, Literal, NamedTuple
 
@@ -532,6 +532,13 @@ def companions(names: Iterable[str]) -> set[str]:
     """Return the names of the terms that follow some terms."""
     leaders = {*names}
     return {row.name for row in _ROWS if row.follows & leaders}
+
+
+def is_simulated_beside(name: str, others: Container[str]) -> bool:
+    """Whether a term is simulated with others: friction of gears is not on a base that moves."""
+    base = BASE_TERMS[0]
+    against = {base} if name in GEAR else {*GEAR} if name == base else set()
+    return not any(each in others for each in against)
 
 
 def offered(estimator: str) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.term_choice import CANDIDATES
 from butterfly.identification.parameters_by_hand import best_gain
 from butterfly.identification.problem import Start
 from butterfly.identification.validate import select_terms
@@ -44,7 +43,7 @@ def problem(data, fitted):
     """What output error minimises with the terms that are usually tried, begun where it ends."""
     parameters, own = fitted.applied(data.logs[0])
     zeros = dict.fromkeys(data.equilibria, own["zero"])
-    return OutputError(terms=CANDIDATES, workers=1).problem(data.logs, Start(parameters, zeros))
+    return OutputError(terms=_GIVEN, workers=1).problem(data.logs, Start(parameters, zeros))
 
 
 @pytest.fixture(scope="module")

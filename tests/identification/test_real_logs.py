@@ -9,12 +9,12 @@ from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.term_choice import RARER
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Sine
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import RARE
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Robot
@@ -98,7 +98,7 @@ def test_a_base_and_regimes_are_found_beside_friction_that_differs_by_a_fifth():
 @pytest.mark.slow
 def test_friction_that_differs_alone_is_no_rarer_term():
     truth, found = _found("friction by log", 5)
-    assert found.keys().isdisjoint(RARER)
+    assert found.keys().isdisjoint(RARE)
     lower, _, upper = found["p1"]
     assert lower <= truth["p1"] <= upper
 

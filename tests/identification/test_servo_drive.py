@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
-from butterfly.identification.chosen_terms import tried
+from butterfly.identification.chosen_terms import offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
@@ -21,7 +21,7 @@ from butterfly.identification.servo_drive import driven, driven_alone
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.prior import Known, Prior
+from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import LAWS, Output, ServoLoop
 from butterfly.model.terms import LOOP_TERMS
 from butterfly.report.format import fit_text
@@ -60,7 +60,8 @@ def _log(law, **more):
 @pytest.mark.parametrize("input_kind", ["voltage", "torque"])
 def test_back_emf_is_tried_of_drives_that_feel_it(input_kind):
     log = replace(_log("moteus"), input_kind=input_kind)
-    assert ("back_emf" in tried([log])) == (input_kind == "voltage")
+    rows, _ = offered_rows([log], NO_PRIOR)
+    assert ("back_emf" in rows) == (input_kind == "voltage")
 
 
 @pytest.mark.parametrize(

@@ -200,7 +200,7 @@ def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
     """Choose from the rows of linear equations; IdentifiabilityError if they are singular."""
     model.refuse_undetermined()
     found = stagewise(model, model.optional, rare)
-    choice = found.model.choice(rivals_of(found), said_of(found, model.optional))
+    choice = found.model.choice(rivals_of(found), said_of(found))
     return choice._replace(path=found.path)
 
 
@@ -209,7 +209,7 @@ def rivals_of(found: Selection[LinearModel]) -> list[dict[str, float]]:
     swapped = [found.model.swapped(*pair) for pair in found.ties]
     return [
         *(each for each in swapped if each),
-        *(dict(each.values) for each in found.significant),
+        *(dict(each.values) for each in found.rivals),
     ]
 
 

@@ -25,7 +25,7 @@ from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATTERS
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import companions
+from butterfly.model.terms import companions, is_simulated_beside
 from butterfly.progress import out_of_time
 
 _ROUNDS = 4  # of terms that are added one after the other
@@ -107,7 +107,8 @@ class Selection(Generic[M]):
     model: M
     path: tuple[tuple[str, ...], ...]  # the terms of each round, the first ones included
     ties: tuple[tuple[str, str], ...]  # rows that did as well as one that was taken, and that one
-    significant: tuple[Offer, ...]  # rows that are not fitted, though they are no chance
+    rivals: tuple[Offer, ...]  # rows that are not fitted, though no chance, or common and of help
+    idle: tuple[str, ...]  # rows that were tried and are not fitted
     inseparable: tuple[str, ...]  # rows that the data cannot tell from the rest
 
 
@@ -115,16 +116,21 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection
     """Add and take away terms of some rows until none helps; of rare ones more is asked."""
     gone: set[str] = set()
     ties: list[tuple[str, str]] = []
-    model = _pruned(model, rows, gone)
-    path = [_ordered(model.terms, rows)]
+    path, added = [_ordered(model.terms, rows)], 0
     while True:
-        asked = [name for name in rows if name not in model.terms | gone]
+        absent = [name for name in rows if name not in model.terms | gone]
+        asked = [name for name in absent if is_simulated_beside(name, model.terms)]
         offers = model.offers(asked) if asked else []
-        last = len(path) > _ROUNDS or out_of_time("the selection of terms")
+        last = added == _ROUNDS or out_of_time("the selection of terms")
         found = None if last else _best(model, offers, rare, gone, ties)
+        added += found is not None
         if found is None:
-            break
-        model = _pruned(found, rows, gone)
+            idle = _idle(model, rows)
+            if idle is None:
+                break
+            gone.add(idle)
+            found = model.without(idle)
+        model = found
         path.append(_ordered(model.terms, rows))
     felt = {each.name for each in offers}
     holm = _holm(offers)
@@ -132,7 +138,12 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection
         model=model,
         path=tuple(path),
         ties=tuple(each for each in ties if each[0] in felt and each[1] in model.terms),
-        significant=tuple(each for each in offers if holm[each.name] < 1 - CONFIDENCE),
+        rivals=tuple(
+            each
+            for each in offers
+            if holm[each.name] < 1 - CONFIDENCE or (each.name not in rare and each.ratio > 1)
+        ),
+        idle=tuple(name for name in rows if name in felt | gone),
         inseparable=tuple(name for name in asked if name not in felt),
     )
 
@@ -141,20 +152,14 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _pruned(model: M, rows: Collection[str], gone: set[str]) -> M:
-    """Take away terms that predict no better than none does, the least helpful first."""
-    while True:
-        gains = {name: gain for name, gain in model.gains().items() if name in rows}
-        idle = {
-            name: float(gain.mean())
-            for name, gain in gains.items()
-            if not gain.mean() > max(_standard_error(gain), model.negligible)
-        }
-        if not idle:
-            return model
-        name = min(idle, key=lambda each: idle[each])
-        gone.add(name)
-        model = model.without(name)
+def _idle(model: Model, rows: Collection[str]) -> str | None:
+    """Return the term that helps least to predict, if it is no more than by chance."""
+    gains = {
+        name: float(gain.mean())
+        for name, gain in model.gains().items()
+        if name in rows and not gain.mean() > max(_standard_error(gain), model.negligible)
+    }
+    return min(gains, key=lambda name: gains[name], default=None)
 
 
 def _best(
@@ -249,11 +254,10 @@ def offers_in(
     return offers
 
 
-def said_of(found: Selection[M], rows: Iterable[str]) -> list[Finding]:
+def said_of(found: Selection[M]) -> list[Finding]:
     """Say which rows did not help, and which the data cannot tell from the rest."""
-    idle = [name for name in rows if name not in found.model.terms.union(found.inseparable)]
-    said = {FindingKind.NOT_HELPING: idle, FindingKind.INSEPARABLE: found.inseparable}
-    return [Finding(kind, tuple(names)) for kind, names in said.items() if names]
+    said = {FindingKind.NOT_HELPING: found.idle, FindingKind.INSEPARABLE: found.inseparable}
+    return [Finding(kind, names) for kind, names in said.items() if names]
 
 
 def gains_in(

@@ -19,8 +19,6 @@ from butterfly.identification.inference.agreement import (
 )
 from butterfly.identification.inference.infer import infer
 from butterfly.identification.inference.scatter import Likelihood, LogRows, spread_of
-from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.inference.term_choice import choose_terms
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Known, Penalty
 from butterfly.report.agreement_texts import causes, contrast_text
@@ -152,24 +150,6 @@ def test_words_name_the_cause_and_which_way_the_parameter_goes():
     text = contrast_text(best, found)
     assert text.startswith("p4 grows with the command, from 0.01")
     assert "dead zone" in text
-
-
-def test_a_term_without_which_friction_follows_a_condition_is_kept():
-    """It helps to predict by less than is asked for, and yet friction disagrees without it."""
-    rng = np.random.default_rng(0)
-    swing = np.repeat(0.5 + np.arange(LOGS) % 3, CELLS)
-    rows = rng.standard_normal((LOGS * CELLS, ROWS, 3))
-    rows[..., 2] = swing[:, None] * rows[..., 1]
-    target = rows @ np.array([1.0, 1.0, 0.5]) + rng.standard_normal(rows.shape[:2])
-    factors, left = compressed(zip(rows, -target, strict=True))
-    equations = cells(("p1", "p2", "drag"), factors, left, log=LOG)
-    blind = Submodels(equations=equations, folds=LOG, slack=1e3)
-    conditions = _conditions(values={Condition.SWING: swing**2})
-    chosen = [
-        choose_terms([each], always=("p1", "p2")).terms
-        for each in (blind, replace(blind, conditions=conditions))
-    ]
-    assert chosen == [(), ("drag",)]
 
 
 FOUR = ("p1", "p2", "p4", "coulomb")
