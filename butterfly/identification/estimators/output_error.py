@@ -31,7 +31,7 @@ from butterfly.identification.inference.identifiability import (
     is_driven,
     refuse_without_scale,
 )
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.inference.term_choice import RARER, candidates
 from butterfly.identification.levels import FEW, MATTERS
@@ -192,21 +192,20 @@ class OutputError(Estimator):
         whole, unweighted = reference.whole(solved), reference.whole(cells)
         beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
         rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
-        estimate = infer(
-            whole,
-            unweighted=unweighted,
+        found = SolvedFit(
             method="output error",
-            driven=driven,
-            conditions=problem.conditions,
-            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
+            equations=whole,
+            unweighted=unweighted,
             shared=problem.shared + bool(reference.name),
-            findings=said,
+            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
+            consider_covariance=_waits(logs, whole.names),
             fixed=self._fixed(problem, reference.name),
+            findings=said,
+        )
+        estimate = replace(
+            infer(found, FittedLogs(masses, problem.conditions, known, driven)),
             local=_local(owned, solved.values),
-            masses=masses,
-            known=known,
             horizon=self.horizon or math.inf,
-            besides=_waits(logs, whole.names),
         )
         return JointFit(estimate, whole, unweighted, owned)
 

@@ -41,7 +41,7 @@ from butterfly.identification.inference.identifiability import (
     is_driven,
     refuse_without_scale,
 )
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.inference.term_choice import (
     CANDIDATES,
@@ -157,18 +157,18 @@ class WeakForm(Estimator):
         rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
+        counted = solved.log.size == cells * len(logs)  # as conditions are, cell by cell
         return infer(
-            whole,
-            method="weak form",
-            driven=driven,
-            conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
-            rivals=[reference.grown(each, solved.names) for each in rivals],
-            findings=terms.findings,
-            fixed=fixed,
-            masses=masses,
-            known=known,
-            besides=doubt,
-            torques=True,
+            SolvedFit(
+                method="weak form",
+                equations=whole,
+                rivals=[reference.grown(each, solved.names) for each in rivals],
+                consider_covariance=doubt,
+                torques=True,
+                fixed=fixed,
+                findings=terms.findings,
+            ),
+            FittedLogs(masses, Conditions.of(logs, cells) if counted else None, known, driven),
         )
 
     def _windows(self, log: Log, zero: float, periods: float) -> Windows:
