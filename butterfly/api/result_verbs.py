@@ -131,7 +131,7 @@ def predict(
                 sentences = (*sentences, _of_errors(errors), *_beyond(seen.masses, logs))
             drawn = Drawn.of(open_draws, found, sentences)
     predictions = predict_logs(
-        logs, estimate, setting, draws=open_draws, errors=errors, seed=seed, track=track
+        logs, estimate, setting, draws=open_draws, errors=errors, track=track
     )
     if whole is not None:
         fits = np.array([predictions[k].run.followed for k in whole.counted])

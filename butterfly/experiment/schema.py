@@ -11,12 +11,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from butterfly.errors import InputError
-from butterfly.experiment.methods import (
-    DEFAULT_METHOD,
-    AnyEstimator,
-    MethodName,
-    kind_of,
-)
+from butterfly.experiment.methods import DEFAULT_METHOD, AnyEstimator, MethodName, kind_of
 from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator

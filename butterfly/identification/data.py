@@ -96,7 +96,6 @@ class DataSet:
         *,
         name: str = "logs",
         description: str = "",
-        manifest: Manifest | None = None,
         known: Prior = NO_PRIOR,
         repairs: frozenset[Repair] = DEFAULT_REPAIRS,
         track: Track = untracked,
@@ -127,7 +126,6 @@ class DataSet:
         return cls(
             name=name,
             description=description,
-            manifest=manifest,
             input_kind=kinds[0] if kinds else InputKind.NONE,
             given=given,
             known=_implied(given, logs),
@@ -400,9 +398,8 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         recorded,
         name=manifest.name,
         description=manifest.description,
-        manifest=manifest,
         known=manifest.prior,
         repairs=frozenset(manifest.repair),
         track=track,
     )
-    return data.holding_out(manifest.holdout)
+    return replace(data, manifest=manifest).holding_out(manifest.holdout)

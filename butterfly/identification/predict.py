@@ -63,6 +63,7 @@ class ParameterDraws:
 
     estimate: Estimate
     values: Samples  # (m, n) of its n parameters
+    seed: int = 0  # of these draws, and of the errors that are drawn for them
 
     @property
     def parameters(self) -> list[LumpedParameters]:
@@ -105,7 +106,7 @@ def draw_parameters(
             f"the intervals are too wide: hardly any of {count**2} drawn sets of parameters is "
             "physical (positive inertia, friction that brakes)"
         )
-    return ParameterDraws(estimate=estimate, values=estimate.values + found[:count])
+    return ParameterDraws(estimate=estimate, values=estimate.values + found[:count], seed=seed)
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
@@ -115,11 +116,11 @@ def honest_covariance(estimate: Estimate) -> Samples:
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance, which drawing parameters needs"
         )
-    apart = list(estimate.left_out.values())
+    partial = list(estimate.left_out.values())
     if estimate.freedom is not None:
-        own = (estimate.values, estimate.covariance, estimate.freedom, apart, estimate.rivals)
-        limits = np.clip(honest_limits(*own), *limits)
-    covariance = widened(estimate.values, estimate.covariance, apart, estimate.rivals)
+        fit = (estimate.values, estimate.covariance, estimate.freedom, partial, estimate.rivals)
+        limits = np.clip(honest_limits(*fit), *limits)
+    covariance = widened(estimate.values, estimate.covariance, partial, estimate.rivals)
     widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the narrower one
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0
@@ -200,9 +201,7 @@ class ExpectedErrors:
     """Errors of one log, larger by sqrt(1 + 1/G) if it was seen with G masses."""
 
     log: Log
-    relative: (
-        Samples  # (n,) measured less simulated angle at its stamps, over the rms of its motion
-    )
+    relative: Samples  # (n,) measured less simulated angle, over the rms of the log's motion
     unseen: bool  # whether the estimate was made without its added mass
 
     def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
@@ -245,27 +244,25 @@ def predict_logs(
     *,
     draws: ParameterDraws | None = None,
     errors: Sequence[ExpectedErrors] = (),
-    seed: int = 0,
     track: Track = untracked,
 ) -> list[Prediction]:
     """Predict logs from their first sample and their input alone.
 
-    The ``setting`` says with what an estimate simulates a log, by its number. Without draws there
-    is no band; without the errors of the logs that the estimate was made from, none of a new log.
-    The seed fixes which of them are drawn.
+    The ``setting`` returns with what an estimate simulates a log, by its number. Without draws
+    there is no band; without errors, of the logs behind the estimate, none of a new log.
     """
-    seeds = np.random.SeedSequence(seed).spawn(len(logs))
+    seeds = np.random.SeedSequence(draws.seed if draws else 0).spawn(len(logs))
 
     def predicted(number: int) -> Prediction:
-        log, own = logs[number], setting(number, estimate)
-        simulation = own.simulation(log)
-        run = own.run(simulation)
+        log, best = logs[number], setting(number, estimate)
+        simulation = best.simulation(log)
+        run = best.run(simulation)
         samples = np.arange(0, log.time.size, max(1, round(_STEP / log.mean_step)))
         bands: dict[str, Band] = {}
         if draws is not None:
             instants = log.time[samples]
             motions: list[Samples] = []
-            for each in draws.estimates(own.horizon):
+            for each in draws.estimates(best.horizon):
                 if len(motions) >= LEAST and out_of_time("some of the draws"):
                     break
                 drawn = setting(number, each)

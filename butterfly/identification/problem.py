@@ -19,13 +19,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.fit import (
-    Equations,
-    LogEquations,
-    Loss,
-    Minimum,
-    minimise_robustly,
-)
+from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum, minimise_robustly
 from butterfly.identification.levels import FEW, MOST, PRECISE, ROUNDING
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation

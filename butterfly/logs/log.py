@@ -19,14 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.clock import clock_reading, interval_reading, with_clock
 from butterfly.logs.regimes import Regime, between_regimes
-from butterfly.logs.units import (
-    AS_IS,
-    ColumnReading,
-    Heading,
-    Units,
-    apportioned,
-    read_unit,
-)
+from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, apportioned, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
 from butterfly.model.servo import ServoLoop

@@ -20,7 +20,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.linear_terms import LinearModel, choose
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
@@ -167,13 +167,8 @@ def estimate_of(
         values = without_logs(solved, np.unique(regression.cluster[run == number]).tolist())
         if np.isfinite(values).all():
             left_out[f"run {number}"] = values
-    return infer(
-        solved,
-        method=method,
-        left_out=left_out,
-        findings=(Finding(scale),),
-        ratios="p1" not in solved.names,
-    )
+    fit = SolvedFit(method=method, equations=solved, left_out=left_out, findings=[Finding(scale)])
+    return replace(infer(fit, FittedLogs()), ratios="p1" not in solved.names)
 
 
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.identifiability import Conditioning
+from butterfly.identification.inference.infer import conditioning_of
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log, Sine
@@ -24,7 +24,7 @@ from butterfly.plant.robot import Robot
 from butterfly.report.inspection import health_rows
 from butterfly.report.summary import summary
 from tests.benchmarks.kinds import score
-from tests.identification.simulated import driven, noisy
+from tests.identification.simulated import cells, driven, noisy
 from tests.independent.integrator import Joint, motion
 
 METHODS = ("output-error", "weak-form")
@@ -225,9 +225,9 @@ def test_a_small_mass_on_a_heavy_slide_tells_the_scale_to_simulations():
 
 
 def test_logs_that_tell_nothing_of_a_parameter_are_refused():
-    rows = np.zeros((8, 2))
+    silent = cells(("p1", "p4"), np.zeros((8, 1, 2)), np.zeros((8, 1)))
     with pytest.raises(IdentifiabilityError, match="add logs at other speeds"):
-        Conditioning.of(rows, ("p1", "p4")).refuse_singular()
+        conditioning_of(silent)
 
 
 def test_a_known_gain_of_the_wrong_sign_is_named(slide):

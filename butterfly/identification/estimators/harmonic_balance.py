@@ -32,7 +32,7 @@ from butterfly.identification.equations import CellEquations, Regression, Soluti
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
     LinearModel,
@@ -46,14 +46,7 @@ from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, 
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import (
-    BASE_TERMS,
-    COMMON,
-    PARAMETERS,
-    TERMS,
-    FrictionTerms,
-    offered,
-)
+from butterfly.model.terms import BASE_TERMS, COMMON, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
 
 LINEAR = ("p1", "p2", "p3", "p4")
@@ -179,15 +172,16 @@ def _judged(
     fit: HarmonicBalanceFit, method: str, reference: ScaleParameter, chosen: TermChoice | None
 ) -> Estimate:
     """Return the estimate of a fit, whose intervals do not know what the method neglects."""
-    rivals, said = (chosen.rival_values, chosen.findings) if chosen else ((), ())
+    rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
     return infer(
-        reference.whole(fit.solved),
-        method=method,
-        rivals=tuple(reference.grown(each, fit.solved.names) for each in rivals),
-        findings=[Finding(FindingKind.APPROXIMATE), *said],
-        fixed=chosen.settings if chosen else None,
-        masses=fit.phasors.masses,
-        known=reference.known,
+        SolvedFit(
+            method=method,
+            equations=reference.whole(fit.solved),
+            rivals=[reference.grown(each, fit.solved.names) for each in rivals],
+            fixed=chosen.settings if chosen else {},
+            findings=[Finding(FindingKind.APPROXIMATE), *findings],
+        ),
+        FittedLogs(fit.phasors.masses, known=reference.known),
     )
 
 

@@ -33,7 +33,7 @@ from butterfly.identification.estimators.base import Estimator, require_names, r
 from butterfly.identification.estimators.start import lowest_end, servo_start, starts
 from butterfly.identification.fit import Loss
 from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.segments import horizon_of
@@ -201,21 +201,21 @@ class OutputError(Estimator):
         whole, unweighted = scale.whole(solved), scale.whole(cells)
         beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
         rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
-        return infer(
-            whole,
-            unweighted=unweighted,
+        found = SolvedFit(
             method="output error",
-            driven=is_driven(logs),
-            conditions=problem.conditions,
-            rivals=[scale.grown(each, solved.names[: each.size]) for each in rivals],
+            equations=whole,
+            unweighted=unweighted,
             shared=problem.shared + bool(scale.name),
-            findings=said,
+            rivals=[scale.grown(each, solved.names[: each.size]) for each in rivals],
+            consider_covariance=_waits(logs, whole.names),
             fixed=self._fixed(problem, scale.name),
+            findings=said,
+        )
+        masses, driven = [log.added_mass for log in logs], is_driven(logs)
+        return replace(
+            infer(found, FittedLogs(masses, problem.conditions, known, driven)),
             local=_local(owned, solved.values),
-            masses=[log.added_mass for log in logs],
-            known=known,
             horizon=self.horizon or math.inf,
-            besides=_waits(logs, whole.names),
         )
 
     def _over(

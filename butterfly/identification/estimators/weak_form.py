@@ -36,7 +36,7 @@ from butterfly.identification.estimators.weak_regression import (
     seen,
 )
 from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
     LinearModel,
@@ -145,18 +145,21 @@ class WeakForm(Estimator):
         rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
+        counted = solved.log.size == cells * len(logs)
+        conditions = Conditions.of(logs, cells) if counted else None  # which are cell by cell
         return infer(
-            whole,
-            method="weak form",
-            driven=is_driven(logs),
-            conditions=Conditions.of(logs, cells) if solved.log.size == cells * len(logs) else None,
-            rivals=[reference.grown(each, solved.names) for each in rivals],
-            findings=terms.findings,
-            fixed=fixed,
-            masses=masses,
-            known=known,
-            besides=doubt,
-            torques=True,
+            SolvedFit(
+                method="weak form",
+                equations=whole,
+                rivals=[reference.grown(each, solved.names) for each in rivals],
+                consider_covariance=doubt,
+                torques=True,
+                fixed=fixed,
+                findings=terms.findings,
+            ),
+            FittedLogs(
+                masses, Conditions.of(logs, cells) if counted else None, known, is_driven(logs)
+            ),
         )
 
     def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:

@@ -101,17 +101,16 @@ class About:
         rows = np.concatenate(parts)
         if not self.gain:  # p4 is found first
             rows[:, [TERMS[name].of_gain for name in self.names]] = 0.0
+        known, about = self.known.parameters, {"delay": self.delay}
         return Regression(
             names=self.names,
             rows=rows,
             target=np.concatenate(targets),
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
-            about={"delay": self.delay, **vars(self.drive)},
+            about=about | vars(self.drive),
             least=self.known.lower,
             gain=self.gain,
-            prior=Penalty.of(
-                self.names, self.known.parameters, self.variance, {"delay": self.delay}
-            ),
+            prior=Penalty.of(self.names, known, self.variance, about),
         )
 
     def moved(self, values: Samples, latest: float, variance: float) -> About:
@@ -177,9 +176,8 @@ class WeakFit:
                 share /= 2
             step = share * (about.delay - before.delay)
             about = replace(about, delay=before.delay + step)
-            settled = bool(
-                about.near(before) and abs(variance - before.variance) <= WEIGHED * variance
-            )
+            still = abs(variance - before.variance) <= WEIGHED * variance
+            settled = bool(about.near(before) and still)
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break

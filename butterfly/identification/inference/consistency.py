@@ -15,7 +15,7 @@ from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
-from butterfly.model.prior import Penalty, Prior
+from butterfly.model.prior import Prior
 from butterfly.model.terms import SHARES
 
 _OF_SCALES: dict[str, dict[str, float]] = {
@@ -94,32 +94,31 @@ def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
     ]
 
 
-def disagreements(
-    prior: Penalty | None, names: Sequence[str], values: Samples, covariance: Samples, rows: Samples
-) -> list[Finding]:
-    """Tell which priors the logs contradict, by the (m, n) weighted equations, theirs among them.
+def prior_contradictions(cells: CellEquations, covariance: Samples) -> list[Finding]:
+    """Return the priors that the logs contradict, by the (n, n) covariance of the estimate.
 
     The estimate less the prior has the variance C + s - 2 v N, with C that of the estimate, s that
     of the prior and v N what the normal equations would have for it.
     """
+    prior, (rows, _) = cells.prior, cells.with_prior
     if prior is None:
         return []
     scaled, scale = unit_columns(rows)
     normal = np.diag(np.linalg.inv(scaled.T @ scaled)) / scale**2
     findings = []
     for k in np.flatnonzero(prior.active).tolist():
-        own = prior.variance / prior.weight[k]
-        variance = float(covariance[k, k] + own - 2 * prior.variance * normal[k])
-        if variance < MATTERS**2 * own:
+        given = prior.variance / prior.weight[k]
+        variance = float(covariance[k, k] + given - 2 * prior.variance * normal[k])
+        if variance < MATTERS**2 * given:
             continue  # the logs say nothing of the parameter
-        apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
-        if apart > CLEARLY:
-            findings.append(Finding(FindingKind.PRIOR_APART, (names[k],), number=apart))
+        distance = float(abs(cells.values[k] - prior.mean[k]) / np.sqrt(variance))
+        if distance > CLEARLY:
+            findings.append(Finding(FindingKind.PRIOR_APART, (cells.names[k],), number=distance))
     return findings
 
 
-def scale_apart(cells: CellEquations, known: Prior, carried: Sequence[AddedMass]) -> list[Finding]:
-    """Tell whether added masses contradict parameters that are known exactly.
+def scale_errors(cells: CellEquations, carried: Sequence[AddedMass], known: Prior) -> list[Finding]:
+    """Return whether the added masses of k cells contradict parameters that are known exactly.
 
     Residuals do not change if all torques grow alike, so their derivative by the known ones' common
     factor is that of all others, turned. Its step is where the logs of k cells would have it.

@@ -63,9 +63,8 @@ def cluster_covariance(
         sure += moved @ moved.T
     if sure.any():
         scatter = np.diag(covariance)
-        share = np.divide(
-            scatter, scatter + np.diag(sure), out=np.ones_like(scatter), where=scatter > 0
-        )
+        both, moving = scatter + np.diag(sure), scatter > 0
+        share = np.divide(scatter, both, out=np.ones_like(scatter), where=moving)
         covariance, freedom = covariance + sure, freedom / share**2
     return covariance / np.outer(scale, scale), freedom
 
@@ -91,26 +90,22 @@ def _satterthwaite(rows: Samples, normal: Samples, influence: Samples) -> Sample
 
 
 def widened(
-    values: Samples,
-    covariance: Samples,
-    left_out: Sequence[Samples],
-    rivals: Sequence[Samples] = (),
+    values: Samples, covariance: Samples, left_out: Sequence[Samples], rivals: Sequence[Samples]
 ) -> Samples:
     """(n, n) covariance, wider along partial estimates, as if limits, and along rivals."""
     if left_out:
-        apart = np.array(left_out) - values
-        covariance = covariance + apart.T @ apart / SPREADS**2
+        distances = np.array(left_out) - values
+        covariance = covariance + distances.T @ distances / SPREADS**2
     if rivals:
-        apart = np.array(rivals) - values
-        covariance = covariance + apart.T @ apart / len(rivals)
+        distances = np.array(rivals) - values
+        covariance = covariance + distances.T @ distances / len(rivals)
     return covariance
 
 
 def half_widths(covariance: Samples, freedom: Samples) -> Samples:
     """(n,) of Student's intervals at `CONFIDENCE`."""
-    return np.asarray(
-        stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance)), dtype=float
-    )
+    quantiles = stdtrit(freedom, 0.5 + CONFIDENCE / 2)
+    return np.asarray(quantiles * np.sqrt(np.diag(covariance)), dtype=float)
 
 
 def honest_limits(

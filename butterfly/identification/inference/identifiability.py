@@ -70,11 +70,6 @@ class Conditioning:
         most = f", {first} at most that" if share > 0 and not TERMS[second].lower < 0 else ""
         return replace(found, sum=f"{text}{most}")
 
-    def refuse_singular(self) -> None:
-        """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
-        if self.singular:
-            raise self.refusal
-
     @property
     def singular(self) -> bool:
         """Whether it is singular for every practical purpose."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import compress
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
@@ -13,11 +16,16 @@ from butterfly.identification.blocks import Conditions
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import OF_VERDICT, Estimate
-from butterfly.identification.inference.agreement import disagreements_of, weighed_within
+from butterfly.identification.inference.agreement import (
+    Contrast,
+    Rival,
+    disagreements_of,
+    weighed_within,
+)
 from butterfly.identification.inference.consistency import (
-    disagreements,
     moved_by_givens,
-    scale_apart,
+    prior_contradictions,
+    scale_errors,
 )
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
@@ -36,151 +44,193 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
+Pair: TypeAlias = tuple[Samples, Samples]
+"""(n,) lower and upper limits; or an (n, n) covariance and its (n,) degrees of freedom."""
+
 _NOTHING = np.finfo(float).tiny ** 0.5
 
 
-def infer(
-    equations: CellEquations,
-    *,
-    method: str,
-    unweighted: CellEquations | None = None,
-    masses: Sequence[AddedMass] = (),
-    conditions: Conditions | None = None,
-    left_out: Mapping[Hashable, Samples] | None = None,
-    driven: bool = True,
-    rivals: Sequence[Samples] = (),
-    shared: int | None = None,
-    findings: Sequence[Finding] = (),
-    fixed: dict[str, float] | None = None,
-    local: dict[AddedMass | str | None, dict[str, float]] | None = None,
-    horizon: float | None = None,
-    known: Prior = NO_PRIOR,
-    besides: Samples | None = None,
-    torques: bool = False,
-    ratios: bool = False,
-) -> Estimate:
-    """Judge a solver's end: conditioning, covariance, intervals, agreement, bounds, findings.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SolvedFit:
+    """The n values at which a method ended, and the equations about them."""
 
-    ``unweighted``: the equations of cells before their logs were weighed as wholes, in which
-    agreement is seen; ``masses``: what each log carried; ``conditions``: under which the cells
-    were recorded; ``left_out``: estimates from parts of the data, those without one added mass if
-    not given; ``rivals``: other fits that predict as well; both widen the intervals. The first
-    ``shared`` values are the robot's; ``besides`` is an (n, n) covariance of what was taken as
-    given, added to that of the equations; ``torques`` says that the residuals are such, whose size
-    is weighed beside what each value does. IdentifiabilityError says that the equations are
-    singular for every practical purpose.
+    method: str
+    equations: CellEquations  # as the solver weighs them
+    # before logs were weighed as wholes: conditions are compared in these; the same if None
+    unweighted: CellEquations | None = None
+    shared: int | None = None  # number of values, the first ones, that are the robot's; None: all
+    # (n,) estimates from parts of the data; None: those without each added mass
+    left_out: Mapping[Hashable, Samples] | None = None
+    rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
+    consider_covariance: Samples | None = None  # (n, n), of what was taken as given
+    torques: bool = False  # whether residuals are torques, which a misfit may add to any value
+    fixed: dict[str, float] = field(default_factory=dict)  # values that were held
+    findings: Sequence[Finding] = ()  # of the method
+
+
+@dataclass(frozen=True, eq=False)
+class FittedLogs:
+    """What is known of the logs of a fit, and of their robot."""
+
+    masses: Sequence[AddedMass] = ()  # one per log
+    conditions: Conditions | None = None  # under which the cells were recorded
+    known: Prior = NO_PRIOR
+    driven: bool = True  # whether an input ever acts
+
+    def carried(self, log: NDArray[np.intp], share: float) -> list[AddedMass]:
+        """Return the masses of cells by (k,) numbers of logs, uncertain by a share at least."""
+        weighed = [
+            replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
+            for each in self.masses
+        ]
+        return [weighed[number] for number in log] if weighed else []
+
+
+def infer(fit: SolvedFit, logs: FittedLogs) -> Estimate:
+    """Return the estimate of a fit: values with covariance, intervals, agreement and findings.
+
+    IdentifiabilityError if the equations are singular for every practical purpose.
     """
-    cells = equations.independent
-    whole, left = cells.with_prior
-    active = None if equations.prior is None else equations.prior.active
-    flat = cells.rows.reshape(-1, len(cells.names))
-    conditioning = Conditioning.of(flat, equations.names, active)
-    conditioning.refuse_singular()
-    about = unweighted or equations
-    contrasts, of_conditions = (
-        ((), ()) if conditions is None else disagreements_of(about, conditions)
-    )
-    shift = equations.values - about.values
-    share = weighed_within(contrasts)
-    weighed = [  # none better than the masses tell of each other
-        replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
-        for each in masses
-    ]
-    carried = [weighed[number] for number in cells.log] if masses else []
-    considered = moved_by_givens(cells, carried, known)
-    covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
-    if equations.bread is not None:
-        covariance = robust(covariance, whole.T @ whole, equations.bread)
-    if besides is not None:
-        covariance = covariance + besides
-    apart = [
-        *disagreements(cells.prior, cells.names, cells.values, covariance, whole),
-        *scale_apart(cells, known, carried),
-    ]
-    if left_out is None:
-        left_out, few = without_each_mass(equations, masses, known, driven=driven)
-        apart += few
-    own = slice(shared)
-    names, values = equations.names[own], equations.values[own]
-    scatter = covariance[own, own]
-    partial = {key: each[own] for key, each in left_out.items()}
-    limits = honest_limits(values, scatter, freedom[own], partial.values(), rivals)
-    most = half_widths(scatter, freedom[own])
-    for rival in of_conditions:
-        end, reach = (rival.values + shift)[own], np.minimum(rival.reach[own], most)
-        limits = np.minimum(limits[0], end - reach), np.maximum(limits[1], end + reach)
-    if torques:
-        limits = outweighed(misfit_over_value(equations)[own], values, limits, names)
-    on_bound = tuple(np.array(names)[equations.on_bound[own]].tolist())
-    # which the equations would have well below their values, were there no bound
-    below = scaled_least_squares(whole, left) > CLEARLY * np.sqrt(np.diag(covariance))
-    pulled = set(np.array(names)[below[own]].tolist())
-    ending, moved = equations.ending, equations.unsettled
-    if moved is not None and (np.abs(moved[own]) <= PRECISE * (limits[1] - limits[0]) / 2).all():
-        ending = Ending.CONVERGED
-    logs = np.unique(equations.log).size
+    equations, cells, robot = fit.equations, fit.equations.independent, slice(fit.shared)
+    conditioning = conditioning_of(equations)
+    contrasts, rivals = agreement_of(fit, logs.conditions)
+    carried = logs.carried(cells.log, weighed_within(contrasts))
+    spread = covariance, freedom = covariance_of(fit, carried, logs.known)
+    left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit, logs)
+    count = np.unique(equations.log).size  # of logs; stretches of time vary less
+    few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if logs.masses and count <= FEW else []
+    limits = limits_of(fit, spread, left_out.values(), rivals)
     return Estimate(
-        method=method,
-        names=names,
-        values=values,
-        covariance=scatter,
-        lower=np.maximum(limits[0], equations.lower[own]),
+        method=fit.method,
+        names=equations.names[robot],
+        values=equations.values[robot],
+        covariance=covariance[robot, robot],
+        lower=np.maximum(limits[0], equations.lower[robot]),
         upper=limits[1],
-        left_out=partial,
+        left_out={key: each[robot] for key, each in left_out.items()},
         condition=conditioning.number,
-        on_bound=on_bound,
-        ending=ending,
+        on_bound=tuple(compress(equations.names[robot], equations.on_bound[robot])),
+        ending=ending_of(fit, limits),
         findings=(
             *conditioning.findings,
-            *_of_bounds_and_signs(names, on_bound, pulled),
-            *apart,
-            # blocks of time vary less than logs do
-            *([Finding(FindingKind.FEW_LOGS, number=logs)] if masses and logs <= FEW else ()),
-            *findings,
+            *findings_of_bounds(fit, covariance),
+            *prior_contradictions(cells, covariance),
+            *scale_errors(cells, carried, logs.known),
+            *few,
+            *few_logs,
+            *fit.findings,
         ),
-        fixed=known.fixed | (fixed or {}),
-        local=local or {},
+        fixed=logs.known.fixed | fit.fixed,
         agreement=contrasts,
-        known=known,
-        rivals=tuple(rivals),
-        horizon=horizon,
-        freedom=freedom[own],
-        ratios=ratios,
+        known=logs.known,
+        rivals=tuple(fit.rivals),
+        freedom=freedom[robot],
     )
+
+
+def conditioning_of(equations: CellEquations) -> Conditioning:
+    """Return how well equations and prior determine the parameters; refuse singular ones."""
+    cells = equations.independent
+    active = None if cells.prior is None else cells.prior.active
+    found = Conditioning.of(cells.rows.reshape(-1, len(cells.names)), cells.names, active)
+    if found.singular:
+        raise found.refusal
+    return found
+
+
+def agreement_of(
+    fit: SolvedFit, conditions: Conditions | None
+) -> tuple[tuple[Contrast, ...], list[Rival]]:
+    """Return the contrasts between conditions, the best first, and (n,) rivals about the fit."""
+    if conditions is None:
+        return (), []
+    about = fit.unweighted or fit.equations
+    contrasts, rivals = disagreements_of(about, conditions)
+    shift = fit.equations.values - about.values
+    return contrasts, [each._replace(values=each.values + shift) for each in rivals]
+
+
+def covariance_of(fit: SolvedFit, carried: Sequence[AddedMass], known: Prior) -> Pair:
+    """Return the (n, n) covariance of the values and its (n,) degrees of freedom.
+
+    It is cluster-robust, with the uncertainty of the masses that cells carried and of the scales.
+    """
+    cells = fit.equations.independent
+    considered = moved_by_givens(cells, carried, known)
+    covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
+    if cells.bread is not None:
+        rows, _ = cells.with_prior
+        covariance = robust(covariance, rows.T @ rows, cells.bread)
+    if fit.consider_covariance is not None:
+        covariance = covariance + fit.consider_covariance
+    return covariance, freedom
 
 
 def without_each_mass(
-    equations: CellEquations, masses: Sequence[AddedMass], known: Prior, *, driven: bool
+    fit: SolvedFit, logs: FittedLogs
 ) -> tuple[dict[Hashable, Samples], list[Finding]]:
-    """Estimate to first order without each mass, if the rest tells the scale; else say so."""
-    different = sorted({masses[number] for number in np.unique(equations.log)}) if masses else []
+    """Return (n,) estimates to first order without each added mass, or the finding of too few."""
+    masses, known, numbers = logs.masses, logs.known, np.unique(fit.equations.log)
+    different = sorted({masses[number] for number in numbers}) if masses else []
     left_out: dict[Hashable, Samples] = {}
-    sure = known.within(known.fixed)
+    exact = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():
+        others = [other for other in different if other != mass]
         try:
-            refuse_without_scale(
-                [other for other in different if other != mass], sure, driven=driven
-            )
+            refuse_without_scale(others, exact, driven=logs.driven)
         except IdentifiabilityError:
             continue
-        lost = [number for number, own in enumerate(masses) if own == mass]
-        values = without_logs(equations, lost)
+        carrying = [number for number, carried in enumerate(masses) if carried == mass]
+        values = without_logs(fit.equations, carrying)
         if np.isfinite(values).all():
             left_out[mass] = values
     few = Finding(FindingKind.FEW_MASSES, number=len(different))
     return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
-def _of_bounds_and_signs(
-    names: Sequence[str], on_bound: Sequence[str], pulled: set[str]
-) -> list[Finding]:
-    """Say what a bound holds, and whether the data would go far beyond; and unseen signs."""
+def limits_of(
+    fit: SolvedFit, spread: Pair, left_out: Iterable[Samples], rivals: Iterable[Rival]
+) -> Pair:
+    """Return (shared,) limits, by covariance and freedom, that hold partial estimates and rivals.
+
+    Of torques they hold what a misfit may have made of values, too.
+    """
+    robot = slice(fit.shared)
+    values, covariance, freedom = fit.equations.values[robot], spread[0][robot, robot], spread[1]
+    partial = [each[robot] for each in left_out]
+    limits = honest_limits(values, covariance, freedom[robot], partial, fit.rivals)
+    most = half_widths(covariance, freedom[robot])
+    for rival in rivals:
+        end, reach = rival.values[robot], np.minimum(rival.reach[robot], most)
+        limits = np.minimum(limits[0], end - reach), np.maximum(limits[1], end + reach)
+    if not fit.torques:
+        return limits
+    misfit = misfit_over_value(fit.equations)[robot]
+    return outweighed(misfit, values, limits, fit.equations.names[robot])
+
+
+def ending_of(fit: SolvedFit, limits: Pair) -> Ending:
+    """Return how the fit ended: converged if its last step is small in (shared,) intervals."""
+    step = fit.equations.unsettled
+    within = PRECISE * (limits[1] - limits[0]) / 2
+    if step is not None and (np.abs(step[: fit.shared]) <= within).all():
+        return Ending.CONVERGED
+    return fit.equations.ending
+
+
+def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
+    """Return active bounds, with those the data clearly pull beyond first, and unknown signs."""
+    robot, equations = slice(fit.shared), fit.equations
+    names, active = equations.names[robot], equations.on_bound[robot]
+    step = scaled_least_squares(*equations.independent.with_prior)
+    beyond = (step > CLEARLY * np.sqrt(np.diag(covariance)))[robot]
     groups = (
-        (FindingKind.PULLED, [name for name in on_bound if name in pulled]),
-        (FindingKind.ON_BOUND, [name for name in on_bound if name not in pulled]),
-        (FindingKind.SIGN_UNKNOWN, [n for n in names if not TERMS[n].sign_observable]),
+        (FindingKind.PULLED, active & beyond),
+        (FindingKind.ON_BOUND, active & ~beyond),
+        (FindingKind.SIGN_UNKNOWN, [not TERMS[name].sign_observable for name in names]),
     )
-    return [Finding(kind, tuple(own)) for kind, own in groups if own]
+    found = ((kind, tuple(compress(names, which))) for kind, which in groups)
+    return [Finding(kind, some) for kind, some in found if some]
 
 
 def misfit_over_value(equations: CellEquations) -> Samples:
@@ -196,9 +246,7 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
 
 
-def outweighed(
-    misfit: Samples, values: Samples, limits: tuple[Samples, Samples], names: Sequence[str]
-) -> tuple[Samples, Samples]:
+def outweighed(misfit: Samples, values: Samples, limits: Pair, names: Sequence[str]) -> Pair:
     """Return (n,) limits that hold what a misfit may have made of scale, or precise values."""
     claims = precision(values, *limits)
     doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]

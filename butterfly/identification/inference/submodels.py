@@ -75,9 +75,8 @@ class Submodels:
             for mine, values in zip(left_out, np.split(fits, some.size), strict=True):
                 lost |= np.isnan(values).any(axis=1)
                 errors[:, mine] = self.costs(values)[:, mine]
-        return np.where(
-            lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf, posinf=np.inf)
-        )
+        errors = np.nan_to_num(errors, nan=np.inf, posinf=np.inf)
+        return np.where(lost[:, np.newaxis], np.nan, errors)
 
     def costs(self, values: Samples) -> Samples:
         """(t, k) squared errors of the cells with (t, n) values."""

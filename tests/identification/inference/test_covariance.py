@@ -12,7 +12,14 @@ from butterfly.identification.blocks import cut
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.equations import Regression, compressed
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
-from butterfly.identification.inference.infer import infer, misfit_over_value, outweighed
+from butterfly.identification.inference.infer import (
+    FittedLogs,
+    SolvedFit,
+    findings_of_bounds,
+    infer,
+    misfit_over_value,
+    outweighed,
+)
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty
 from tests.identification.simulated import cells
@@ -108,12 +115,8 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
     jacobian, residuals = rng.standard_normal((40, 2)), 1e-6 * rng.standard_normal(40)
     exact = AddedMass(mass=0.05, arm=arm)
     unsure = AddedMass(mass=0.05, arm=arm, mass_uncertainty=uncertainty)
-    alone, wider = (
-        infer(
-            _solved(jacobian, residuals), method="test", left_out={}, masses=[mass] * 40
-        ).covariance
-        for mass in (exact, unsure)
-    )
+    fit = SolvedFit(method="test", equations=_solved(jacobian, residuals), left_out={})
+    alone, wider = (infer(fit, FittedLogs([mass] * 40)).covariance for mass in (exact, unsure))
     moved = uncertainty * np.array([arm**2, arm * exact.gravity])
     np.testing.assert_allclose(wider - alone, np.outer(moved, moved), rtol=1e-6)
 
@@ -122,11 +125,12 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
 def test_a_fit_that_stopped_within_a_fraction_of_its_intervals_has_settled(share, ending):
     rng = np.random.default_rng(9)
     equations = _solved(rng.standard_normal((40, 2)), rng.standard_normal(40))
-    found = infer(equations, method="test", left_out={})
+    fit = SolvedFit(method="test", equations=equations)
+    found = infer(fit, FittedLogs())
     assert found.ending is Ending.CONVERGED
     moved = share * (found.upper - found.lower) / 2
-    stopped = equations.stopped(moved * [1.0, -1.0])
-    assert infer(stopped, method="test", left_out={}).ending == ending
+    stopped = replace(fit, equations=equations.stopped(moved * [1.0, -1.0]))
+    assert infer(stopped, FittedLogs()).ending == ending
 
 
 def test_the_next_step_goes_to_the_least_squares():
@@ -148,14 +152,12 @@ def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
     inside = np.abs(values - centre) < bend
     expected = np.sqrt(np.sum(psi**2)) / np.count_nonzero(inside)
     root = np.sqrt(weight)
-    found = {
-        bread: infer(
-            _solved(root[:, None], root * (centre - values), bread and np.array([[bread]])),
-            method="test",
-            left_out={},
-        ).standard_errors[0]
-        for bread in (None, float(np.count_nonzero(inside)))
-    }
+    found = {}
+    for bread in (None, float(np.count_nonzero(inside))):
+        about = bread and np.array([[bread]])
+        equations = _solved(root[:, None], root * (centre - values), about)
+        fit = SolvedFit(method="test", equations=equations)
+        found[bread] = infer(fit, FittedLogs()).standard_errors[0]
     assert found[float(np.count_nonzero(inside))] == pytest.approx(expected, rel=5e-3)
     assert found[None] < 0.95 * expected
 
@@ -203,6 +205,15 @@ def test_a_misfit_is_weighed_beside_what_each_parameter_does_alone():
         alone = rows[:, k] - other * (other @ rows[:, k]) / (other @ other)
         expected = np.linalg.norm(residuals) / (abs(values[k]) * np.linalg.norm(alone))
         assert found[k] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("pull", "kind"), [(2.0, "on-bound"), (5.0, "pulled")])
+def test_a_bound_is_active_or_the_data_pull_beyond_it(pull, kind):
+    rows, residuals, values = _drifting(np.random.default_rng(0), 0.5)
+    equations = _of_runs(rows, residuals + rows @ [0.0, 0.1 * pull], values)
+    held = replace(equations, on_bound=np.array([False, True]))
+    (found,) = findings_of_bounds(SolvedFit(method="any", equations=held), np.diag([1.0, 0.01]))
+    assert (found.kind, found.parameters) == (kind, ("p2",))
 
 
 def test_the_scale_and_values_that_look_precise_are_widened_by_a_misfit():
@@ -282,7 +293,8 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     values = np.array([3.0, 0.05, 1.0])
     solved = cells(("p1", "coulomb", "zero"), rows, left, values=values, **bounds)
     left_out = {"heavy": np.array([9.0, 0.1])}
-    found = infer(solved, method="any", left_out=left_out, shared=2)
+    fit = SolvedFit(method="any", equations=solved, left_out=left_out, shared=2)
+    found = infer(fit, FittedLogs())
     assert found.names == ("p1", "coulomb")
     assert found.covariance.shape == (2, 2)
     assert found.lower[1] == 0.0
