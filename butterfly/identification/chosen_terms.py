@@ -190,13 +190,12 @@ def stagewise_fit(
     """Choose from the rows of a problem, beginning with a fit in some of them."""
     model = FreeRunModel(every=every, problem=fitted.problem, end=fitted.end, rows=tuple(rows))
     found = stagewise(model, rows, rare)
-    problem, end = found.model.problem, found.model.end
-    there = replace(problem, initial=end.values)
+    problem = found.model.problem
     swapped = (found.model.swapped(*pair) for pair in found.ties)
     rivals = [*(each for each in swapped if each), *(each.values for each in found.rivals)]
     return Fitted(
         problem=problem,
-        end=there.descend(),
+        end=problem.descend(found.model.end.at),
         rivals=tuple(
             np.array([each.get(label, 0.0) for label in problem.labels[: problem.shared]])
             for each in rivals

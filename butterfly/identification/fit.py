@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -243,42 +244,49 @@ Expand = Callable[[Samples, float], Equations]
 """From (n,) values, and the largest cost that is of use, to the equations about them."""
 
 
+class Box(NamedTuple):
+    """What bounds values, and their steps."""
+
+    lower: Samples  # (n,) least values
+    share: Samples | float = np.inf  # (n,) of a value by which one step changes it at most
+
+    def about(self, values: Samples, most: Samples | float) -> tuple[Samples, Samples]:
+        """Return the (n,) least and largest steps from values, of which none is above ``most``."""
+        with np.errstate(invalid="ignore"):
+            room = np.fmin(most, self.share * abs(values))
+        return np.maximum(self.lower - values, -room), np.broadcast_to(room, values.shape)
+
+
 def minimise(
-    expand: Expand, at: Equations, lower: Samples, most: int = MOST, enough: float = ROUNDING
+    expand: Expand, at: Equations, box: Box, most: int = MOST, enough: float = ROUNDING
 ) -> Minimum:
-    """Descend from equations about the (n,) first values to a minimum.
+    """Descend from equations about the (n,) first values to a minimum, in ``most`` expansions.
 
     Where the cost bends more along a step than its derivatives say, the next one is shorter by as
     much. Once steps do what they promise, and promise far less each time, the last is taken on
-    trust. Where its box has shrunk, it has converged only if no step out of that promises anything.
-    ``lower``: (n,) bounds; ``most``: expansions; ``enough``: share of the cost that is left to
-    a last step on trust. IdentifiabilityError if the first is not finite.
+    trust; it ends before, where a step promises or takes no more than a share ``enough`` of the
+    cost. Where its trust region has shrunk, it has converged only if no step out of that promises
+    anything. IdentifiabilityError if the first equations are not finite.
     """
     if not at.is_finite:
         raise IdentifiabilityError(
             "the simulation diverges at the initial parameters of the fit, so they are not those "
             "of a joint: try --method weak-form, which needs no simulation"
         )
-    count, evaluations = sum(log.residuals.size for log in at.logs), 0
-    size = np.sqrt(np.diag(at.curvature))
+    size, evaluations = np.sqrt(np.diag(at.curvature)), 0
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), np.maximum(abs(at.values), SHOWS))
     reach = max(float(np.linalg.norm(at.values / unit)), 1.0)
     kept, last, bends, search = 0.0, np.inf, 1.0, current_search()
     while evaluations < most and last > enough * at.cost and not search.over:
-        whole = at.step(np.maximum(lower - at.values, -reach * unit), reach * unit)
+        whole = at.step(*box.about(at.values, reach * unit))
         step, promised = whole / bends, at.decrease(whole)
         longest = float(abs(whole / unit).max())
-        there = np.maximum(at.values + step, lower)
-        if longest < (1 - ROUNDING) * reach:
-            left = _UNSEEN * at.cost * last / count
-            small = promised <= _LAST * at.cost and promised**2 < left
-            # a step that is made shorter leaves a share of what the whole one promises
-            sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
-            trusted = _GOOD < kept < _BETTER and small and sure
-            if trusted or promised <= enough * at.cost or longest < ROUNDING:
-                end = replace(at.moved(there - at.values), values=there)
-                return Minimum(at=end, converged=True, evaluations=evaluations)
-        elif reach < ROUNDING:
+        there = np.maximum(at.values + step, box.lower)
+        within = longest < (1 - ROUNDING) * reach
+        if within and (_is_last(at, promised, last, kept, bends) or longest < ROUNDING):
+            end = replace(at.moved(there - at.values), values=there)
+            return Minimum(at=end, converged=True, evaluations=evaluations)
+        if (within and promised <= enough * at.cost) or (not within and reach < ROUNDING):
             break
         tried = replace(expand(there, at.cost), prior=at.prior)
         evaluations += 1
@@ -293,16 +301,25 @@ def minimise(
         if kept > 0:
             last = at.cost - tried.cost
             at = tried
-    promised = at.decrease(at.step(lower - at.values, np.full(lower.size, np.inf)))
+    promised = at.decrease(at.step(*Box(box.lower).about(at.values, np.inf)))
     converged = evaluations < most and promised <= SHOWS * at.cost
     return Minimum(at=at, converged=converged, evaluations=evaluations)
 
 
+def _is_last(at: Equations, promised: float, last: float, kept: float, bends: float) -> bool:
+    """Whether a step promises nothing, or so little less each time that it is taken on trust."""
+    left = _UNSEEN * at.cost * last / sum(log.residuals.size for log in at.logs)
+    small = promised <= _LAST * at.cost and promised**2 < left
+    # a step that is made shorter leaves a share of what the whole one promises
+    sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
+    return (_GOOD < kept < _BETTER and small and sure) or promised <= ROUNDING * at.cost
+
+
 def minimise_robustly(
-    expand: Expand, at: Equations, lower: Samples, loss: Loss, most: int, *, enough: float
+    expand: Expand, at: Equations, box: Box, loss: Loss, *, most: int, enough: float
 ) -> Minimum:
     """Descend to the least squares, and on from there to the minimum of a loss."""
-    plain = minimise(expand, at, lower, most, enough)
+    plain = minimise(expand, at, box, most, enough)
     if loss is Loss.LINEAR:
         return plain
     first = plain.at.counting(loss)
@@ -310,5 +327,5 @@ def minimise_robustly(
     def counted(values: Samples, _: float) -> Equations:
         return replace(expand(values, np.inf), loss=loss, scale=first.scale)
 
-    found = minimise(counted, first, lower, MOST, enough)
+    found = minimise(counted, first, box, MOST, enough)
     return replace(found, evaluations=plain.evaluations + found.evaluations)

@@ -19,8 +19,15 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum, minimise_robustly
-from butterfly.identification.levels import FEW, MOST, PRECISE, ROUNDING
+from butterfly.identification.fit import (
+    Box,
+    Equations,
+    LogEquations,
+    Loss,
+    Minimum,
+    minimise_robustly,
+)
+from butterfly.identification.levels import FEW, LOST, MOST, PRECISE, ROUNDING
 from butterfly.identification.segments import Segments, is_segmented
 from butterfly.identification.simulation import FINEST, Simulation
 from butterfly.logs.log import Log
@@ -227,11 +234,12 @@ class Problem:
     ) -> Minimum:
         """Return where a descent ends, from the first guess on (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
+        # what follows a term says nothing where it is little, and would run away
+        box = Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
         for _ in range(MOST):
-            at = before = self.weighed(at)
-            end = minimise_robustly(
-                self.equations, at, self.lower, self.options.loss, most - evaluations, enough=enough
-            )
+            at, rest = self.weighed(at), most - evaluations
+            before, loss = at, self.options.loss
+            end = minimise_robustly(self.equations, at, box, loss, most=rest, enough=enough)
             evaluations += end.evaluations
             at = end.at
             if not end.converged and evaluations < most:

@@ -13,6 +13,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators.start import lowest_end
 from butterfly.identification.fit import (
+    Box,
     Equations,
     LogEquations,
     Loss,
@@ -54,7 +55,7 @@ def _equations(values, residuals, slopes):
 def _minimised(expand, start, lower=None):
     start = np.array(start, dtype=float)
     lower = np.full(start.size, -np.inf) if lower is None else lower
-    return minimise(expand, expand(np.maximum(start, lower), np.inf), lower)
+    return minimise(expand, expand(np.maximum(start, lower), np.inf), Box(lower))
 
 
 def _rat_42(values, _):
@@ -191,7 +192,7 @@ class Problem:
     def equations(self, _):
         return SimpleNamespace(cost=self.begun, is_finite=np.isfinite(self.begun))
 
-    def descend(self, at, most=None):
+    def descend(self, at, most=None, enough=None):  # noqa: ARG002 - as a problem has it
         self.made.append((at.cost, most is not None))
         if not np.isfinite(self.begun):
             raise IdentifiabilityError("diverges")
@@ -222,12 +223,12 @@ def _end(cost, *, converged=True):
 )
 def test_the_lowest_end_is_kept_and_other_ends_said(problems, cost, ratios, last):
     tried = sorted((Problem(*each) for each in problems), key=lambda each: each.begun)
-    _, end, findings = lowest_end([*tried[::-1]])
-    assert end.at.cost == cost
+    found = lowest_end([*tried[::-1]])
+    assert found.end.at.cost == cost
     assert tried[0].made == [(8, False)]
     assert tried[-1].made == last
-    assert [each.number for each in findings] == ratios
-    for each in findings:
+    assert [each.number for each in found.findings] == ratios
+    for each in found.findings:
         assert each.kind is FindingKind.OTHER_END
 
 

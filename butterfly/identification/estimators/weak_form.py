@@ -157,9 +157,7 @@ class WeakForm(Estimator):
                 fixed=fixed,
                 findings=terms.findings,
             ),
-            FittedLogs(
-                masses, Conditions.of(logs, cells) if counted else None, known, is_driven(logs)
-            ),
+            FittedLogs(masses, conditions, known, is_driven(logs)),
         )
 
     def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
