@@ -67,7 +67,7 @@ class Windows(NamedTuple):
         mean = {name: each[used] for name, each in signals.mean.items()}
         mean[_BY_MASS] = self.added.swung * mean["p1"]
         inertia, gravity = mean["p1"], mean["p3"]
-        size = float(np.linalg.norm(inertia)) or 1.0
+        size = (float(np.linalg.norm(inertia)) if about.equal_logs else 0.0) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
         for name, value in told.items():
             carried = carried + value * mean[name]
@@ -84,6 +84,7 @@ class About:
     delay: float  # from input to torque, in s
     drive: DriveTerms  # what becomes of the input
     gain: float  # p4, as far as it is known
+    equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
     def regression(
