@@ -210,7 +210,7 @@ class DataSet:
         for mass in self.masses:
             pairs = zip(self.logs, self.offsets, strict=True)
             own = [zero for log, zero in pairs if log.added_mass == mass]
-            others = [zero for zero in own if zero.kind is not OffsetKind.TOLD] or own
+            others = [zero for zero in own if zero.kind is not OffsetKind.GIVEN] or own
             found[mass] = float(np.median([near(zero.value, others[0].value) for zero in others]))
         return found
 

@@ -91,7 +91,7 @@ def test_what_is_told_is_taken_for_each_log_by_itself():
     logs = [replace(log, zero=(2.0 + k, 0.1 * k)) for k, log in enumerate(_logs(0.3))]
     data = DataSet.of([*logs, replace(logs[0], zero=None)])
     assert [data.zero_of(log) for log in data.logs[:3]] == [2.0, 3.0, 4.0]
-    assert [each.kind for each in data.offsets] == [OffsetKind.TOLD] * 3 + [OffsetKind.FIT]
+    assert [each.kind for each in data.offsets] == [OffsetKind.GIVEN] * 3 + [OffsetKind.FIT]
     assert near(data.equilibria[HEAVY[0]], 0.3) == pytest.approx(0.3, abs=1e-3)
     np.testing.assert_allclose(np.sort(offset_errors(data.offsets).max(axis=1))[-2:], [0.1, 0.2])
     assert {each.value for each in data.with_zero(Known(value=0.7)).offsets} == {0.7}

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
-from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.predict import draw_parameters
 from butterfly.identification.problem import Start
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
+from butterfly.identification.weak_regression import WeakFit, Windows
 from butterfly.model.prior import NO_PRIOR, SCALES, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms, lower_bounds
 from tests.conftest import MASSES

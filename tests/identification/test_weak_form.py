@@ -7,9 +7,9 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.estimators import WeakForm
-from butterfly.identification.estimators.weak_form import fitted_terms
-from butterfly.identification.estimators.weak_regression import refined, seen
+from butterfly.identification.estimators.weak_form import fitted_terms, refined, seen
 from butterfly.identification.test_functions import Averaging, Bumps
+from butterfly.identification.weak_regression import Windows
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import IDEAL, DriveTerms, FrictionTerms
@@ -131,8 +131,7 @@ def clean():
 
 
 def _windows(logs):
-    estimator = WeakForm(terms=())
-    return [estimator._windows(log, 0.0, 1.0) for log in logs]  # noqa: SLF001 - the step before
+    return [Windows.of(log, 0.0) for log in logs]
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):

@@ -23,9 +23,9 @@ from butterfly.identification.blocks import CELLS
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
-from butterfly.identification.estimators.weak_regression import Windows
 from butterfly.identification.levels import CLEARLY, LOST, MATTERS, PRECISE
 from butterfly.identification.problem import Start
+from butterfly.identification.weak_regression import Windows
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import offered
 

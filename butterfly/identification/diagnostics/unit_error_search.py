@@ -36,10 +36,10 @@ from butterfly.identification.diagnostics.unit_errors import (
 from butterfly.identification.equations import CellEquations, Solution, scaled_least_squares
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, WeakForm
-from butterfly.identification.estimators.weak_regression import About, Windows
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.test_functions import Averaging
+from butterfly.identification.weak_regression import About, Windows
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR

@@ -1,21 +1,9 @@
-"""The weak form's regression: solved about a delay, then seen through the model's own motion.
-
-The noise of the angle enters regressors and targets alike, so that least squares is biased by its
-power. The same regressors of a simulation with the recorded inputs are free of it: equations that
-are multiplied by them, not by their own regressors, are not biased by noise (instrumental
-variables; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983;
-Young, Automatica 17, 1981).
-
-Errors of the encoder's zero, which the fit took as given, add to its covariance: with the
-residuals' slopes J by the parameters and g by the zero, an error e of the zero moves the estimate
-by -(J^T J)^-1 J^T g e ("consider" parameters; Bierman, Factorization Methods for Discrete
-Sequential Estimation, 1977, chapter VIII).
-"""
+"""The weak form's regression: averages over test functions, solved about delay and drive."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,20 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import cells_of, independent_cells_of
-from butterfly.identification.diagnostics.plausibility import LEAST_FIT
-from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.equations import CellEquations, Regression, Solution
-from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.simulation import LONGEST_STEP
-from butterfly.identification.test_functions import Averaging
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, TERMS, DriveTerms
+from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
@@ -50,6 +34,16 @@ class Windows(NamedTuple):
 
     added: AddedMass
     averaging: Averaging
+
+    @classmethod
+    def of(
+        cls, log: Log, zero: float, half_width: float = HALF_WIDTH, periods: float = 1.0
+    ) -> Windows:
+        """Average a log about a zero in rad, a sine over a quarter of its period at most."""
+        if log.excitation is not None:
+            half_width = min(half_width, math.pi / 2 / log.excitation.omega)
+        settings = FrictionTerms(cogging_periods=periods)
+        return cls(log.added_mass, Averaging(log, zero, half_width, settings))
 
     def moving(self, delay: float) -> NDArray[np.bool_]:
         """Whether the joint moves in each test function."""
@@ -72,7 +66,7 @@ class Windows(NamedTuple):
         mean = {name: each[used] for name, each in signals.mean.items()}
         mean[_BY_MASS] = self.added.swung * mean["p1"]
         inertia, gravity = mean["p1"], mean["p3"]
-        size = float(np.linalg.norm(inertia)) or 1.0
+        size = (float(np.linalg.norm(inertia)) if about.equal_logs else 0.0) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
         for name, value in told.items():
             carried = carried + value * mean[name]
@@ -89,6 +83,7 @@ class About:
     delay: float  # from input to torque, in s
     drive: DriveTerms  # what becomes of the input
     gain: float  # p4, as far as it is known
+    equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
     def regression(
@@ -216,100 +211,3 @@ class WeakFit:
 def _latest(windows: Sequence[Windows]) -> float:
     """Return the delay in s of which the shortest log would hardly see the end."""
     return _LATEST * min(each.averaging.duration for each in windows)
-
-
-class Seen(NamedTuple):
-    """A log's windows, and those of its simulation (or again its own, where that fails)."""
-
-    windows: Windows
-    instruments: Windows
-
-    def moving(self, delay: float) -> NDArray[np.bool_]:
-        """Whether the joint moves in each test function, in both."""
-        return self.windows.moving(delay) & self.instruments.moving(delay)
-
-
-def seen(
-    logs: Sequence[Log],
-    windows: Sequence[Windows],
-    parameters: LumpedParameters,
-    zeros: Mapping[AddedMass, float],
-) -> list[Seen]:
-    """Simulate logs, and cut the simulations into windows as the logs were."""
-    if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
-        return [Seen(each, each) for each in windows]
-    pairs = []
-    for log, own in zip(logs, windows, strict=True):
-        zero = reading_of(log, zeros)
-        run = FreeRun.of(log, Setting(parameters=parameters, zero=zero))
-        like = own._replace(averaging=own.averaging.moving_so(run.simulated))
-        pairs.append(Seen(own, like if run.fit > LEAST_FIT else own))
-    return pairs
-
-
-def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
-    """Return the fit of some logs through their instruments; what a bound holds stays there."""
-    names = fit.solved.names
-    moving = [each.moving(fit.about.delay) for each in pairs]
-    regression = fit.about.regression([each.windows for each in pairs], moving)
-    through = fit.about.regression([each.instruments for each in pairs], moving)
-    # what the simulations lack of balance is taken from the logs
-    simulated = np.array([each.instruments is not each.windows for each in pairs])
-    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
-    regression = replace(regression, target=regression.target + error)
-    more, wanted = regression.known_rows
-    rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
-    multiplied = np.concatenate([through.rows, more])
-    free = ~fit.solved.on_bound
-    held = np.zeros(len(names), dtype=bool)
-    while True:
-        unknowns = np.zeros(len(names))
-        unknowns[free] = _through(multiplied[:, free], rows[:, free], target)
-        values = regression.values(unknowns)
-        low = free & (values < regression.lower)
-        if not low.any():
-            break
-        free, held = free & ~low, held | low
-    solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
-    cells = cells_of(len(pairs), len(names))
-    solved = replace(
-        CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
-        ending=fit.solved.ending,
-        unsettled=fit.solved.unsettled,
-    )
-    return replace(fit, regression=through, solved=solved)
-
-
-def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
-    """Solve equations that are multiplied by instruments."""
-    scale = np.linalg.norm(multiplied, axis=0)
-    if not (scale > 0).all():
-        raise IdentifiabilityError("these logs do not excite all parameters")
-    turned = (multiplied / scale).T
-    try:
-        return np.asarray(np.linalg.solve(turned @ (rows / scale), turned @ target) / scale)
-    except np.linalg.LinAlgError:
-        raise IdentifiabilityError("the parameters cannot be separated with these logs") from None
-
-
-def offset_covariance(
-    fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
-) -> Samples:
-    """(n, n) covariance that (k, logs) errors of zeros add to n parameters."""
-    solved, errors = fit.solved, zip(pairs, uncertain.T, strict=True)
-    slopes = np.concatenate([np.outer(_slopes(fit, each), own) for each, own in errors])
-    pulls = slopes.T @ fit.regression.jacobian(solved.values)
-    added = np.zeros((len(names), len(names)))
-    places = [list(names).index(name) for name in solved.names]
-    for pull in pulls:
-        moved = solved.change_by(pull)
-        added[np.ix_(places, places)] += np.outer(moved, moved)
-    return added
-
-
-def _slopes(fit: WeakFit, each: Seen) -> Samples:
-    """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
-    used = each.moving(fit.about.delay)
-    rows, _ = each.instruments.equations(("p3", "p3_offset"), fit.about, used)
-    moment = fit.values["p3"] + each.instruments.added.gravity_moment
-    return np.asarray(rows @ [fit.values.get("p3_offset", 0.0), -moment])
