@@ -145,7 +145,7 @@ class FreeRunModel:
         least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
         possible = is_possible(values, [log.added_mass for log in problem.logs])
-        if not (end.converged and kept and free and possible):
+        if not (kept and free and possible):
             return None
         return None if conditioning_of(problem, end.at).singular else found
 

@@ -301,7 +301,7 @@ def minimise(
         if kept > 0:
             last = at.cost - tried.cost
             at = tried
-    promised = at.decrease(at.step(*Box(box.lower).about(at.values, np.inf)))
+    promised = at.decrease(at.step(*box.about(at.values, np.inf)))
     converged = evaluations < most and promised <= SHOWS * at.cost
     return Minimum(at=at, converged=converged, evaluations=evaluations)
 

@@ -107,7 +107,8 @@ class Selection(Generic[M]):
     model: M
     path: tuple[tuple[str, ...], ...]  # the terms of each round, the first ones included
     ties: tuple[tuple[str, str], ...]  # rows that did as well as one that was taken, and that one
-    rivals: tuple[Offer, ...]  # rows that are not fitted, though no chance, or common and of help
+    # rows that are not fitted, though no chance, or of help and common or of a share
+    rivals: tuple[Offer, ...]
     idle: tuple[str, ...]  # rows that were tried and are not fitted
     inseparable: tuple[str, ...]  # rows that the data cannot tell from the rest
 
@@ -141,7 +142,8 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection
         rivals=tuple(
             each
             for each in offers
-            if holm[each.name] < 1 - CONFIDENCE or (each.name not in rare and each.ratio > 1)
+            if holm[each.name] < 1 - CONFIDENCE
+            or (each.ratio > 1 and (each.name not in rare or each.share > _SHARE))
         ),
         idle=tuple(name for name in rows if name in felt | gone),
         inseparable=tuple(name for name in asked if name not in felt),
