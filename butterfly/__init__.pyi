@@ -5,6 +5,7 @@ from .api.experiments import Run as Run
 from .api.experiments import Sweep as Sweep
 from .api.experiments import run as run
 from .api.experiments import simulate as simulate
+from .api.identification import Identification as Identification
 from .api.inspected import Inspection as Inspection
 from .api.inspected import RobotModel as RobotModel
 from .api.inspected import inspect as inspect
@@ -32,7 +33,6 @@ from .errors import UnusableError as UnusableError
 from .experiment.source import read_experiment as read_experiment
 from .identification.data import DataSet as DataSet
 from .identification.estimators import Estimator as Estimator
-from .identification.identification import Identification as Identification
 from .logs.log import InputKind as InputKind
 from .logs.log import Intersample as Intersample
 from .logs.log import Log as Log

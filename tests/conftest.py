@@ -11,12 +11,12 @@ from hypothesis import HealthCheck, settings
 
 import butterfly.plant
 from butterfly import progress
+from butterfly.api.verbs import identify
 from butterfly.cli import main, output
 from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
-from butterfly.identification.identify import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder

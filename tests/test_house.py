@@ -21,7 +21,7 @@ CEILINGS = {
     "lines of the package": 43_300,
     "lines of tests": 33_283,
     "names of classes that exist twice": 0,
-    "modules in import circles": 4,
+    "modules in import circles": 0,
     "tuned numbers of identification": 66,
 }
 

@@ -7,20 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from butterfly.api.identification import Identification
 from butterfly.comparison.change import Change, ParameterChange, change
 from butterfly.errors import InputError, listed
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.format import with_error
+from butterfly.report.page import Fact
 from butterfly.result import Answer
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-    from butterfly.report.page import Fact
 
 _NAMES = {
     "p1": "the inertia p1",
@@ -117,8 +116,6 @@ class Changed(Answer):
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
-        from butterfly.report.page import Fact  # noqa: PLC0415 - a view
-
         rows = self.rows()
         moved = [row["parameter"] for row in rows if row["changed"]]
         sizes = {row["parameter"]: row for row in rows if _is_relative(row)}

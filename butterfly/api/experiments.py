@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import ClassVar
 
+from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.perform import RunResult, outcome_of, perform
@@ -23,7 +24,6 @@ from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate, write_document
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
@@ -217,7 +217,8 @@ def _run_once(
     written = _write_logs(experiment, result, folder)
     outcome = outcome_of(task, experiment, result)
     store.write(outcome)
-    record, answers = outcome.record, result.identifications
+    record, identified = outcome.record, result.identifications
+    answers = {name: Identification.of(found) for name, found in identified.items()}
     truth, reports = experiment.plant.robot.lumped, _reports(record)
     for name, found in zip(reports, answers.values(), strict=False):
         found.report(folder / name, truth=truth, figures=figures)

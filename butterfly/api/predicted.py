@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.api.results import Tabulated, about_log
 from butterfly.files import replacing, write_xml
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, ParameterDraws, Prediction
 from butterfly.logs.log import InputKind
@@ -142,7 +142,6 @@ class Drawn(Answer):
         InputError
             If ``hand_mass`` is impossible for the draws.
         """
-        from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415
         from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
 
         drawn = self.parameters

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.changed import Changed
+from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read
@@ -24,7 +25,6 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.plausibility import judge_fit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.identification import Identification
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.identification.predict import (
     COUNT,

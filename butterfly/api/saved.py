@@ -10,14 +10,13 @@ from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.compared import Compared
+from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file, whole
-from butterfly.identification.identification import Identification
 from butterfly.progress import budget
-from butterfly.report.finding_texts import finding_text, values_of
 from butterfly.report.parameter_table import Separated
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
@@ -62,9 +61,6 @@ def load(
         with budget(math.inf):  # whatever else is searched for now, nothing of it is left out here
             result = kind.from_dict(content)
         result.shown_rows()
-        if isinstance(result, Identification):
-            for each in result.estimate.findings:
-                finding_text(each, values_of(result.estimate))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias, TypeGuard
 from butterfly.errors import InputError
 from butterfly.files import locate, refuse_binary
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.identification import Identification
+from butterfly.identification.identified import Identified
 from butterfly.logs.formats import ENDINGS, FORMATS, Table, is_table, log_of_table
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import Log
@@ -45,12 +45,12 @@ _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
 _OF_FOLDERS = ("name", "description", "root", "logs")  # what manifests of the same facts differ in
 _OF_READ_LOGS = {"known", "zero", "repair", "name"}  # what may be given of logs that are read
-_READ = (DataSet, Identification, Log)
+_READ = (DataSet, Identified, Log)
 
 Named: TypeAlias = str | PathLike[str]
 """A path, a glob pattern, or the name of something shipped."""
 
-One: TypeAlias = DataSet | Identification | Log | Named | Table
+One: TypeAlias = DataSet | Identified | Log | Named | Table
 """Whatever holds logs by itself."""
 
 Data: TypeAlias = One | Sequence[One]
@@ -157,7 +157,7 @@ def _part(source: One, root: Path | None, given: Mapping[str, Any], track: Track
     """Return the data of a source; ``given`` describes one that is not yet read."""
     if isinstance(source, DataSet | Log):
         return source
-    if isinstance(source, Identification):
+    if isinstance(source, Identified):
         return source.data
     if isinstance(source, str | PathLike):
         return _of_files([source], root, given, track)

@@ -8,6 +8,7 @@ from operator import index
 from typing import Any
 
 from butterfly.api.compared import Compared, Leaderboard
+from butterfly.api.identification import Identification
 from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, choice, names_result, read
@@ -18,7 +19,6 @@ from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
 from butterfly.identification.parameters_by_hand import read_parameters
@@ -71,7 +71,7 @@ def identify(
         raise InputError("identify", "against", against, "a mapping of names to parameters")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = _prepared(data, method, options, holdout)
-    return identify_data(logs, estimator, against=others, track=track)
+    return Identification.of(identify_data(logs, estimator, against=others, track=track))
 
 
 def select(

@@ -30,7 +30,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import implied
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import Identification
+from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify, judged
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.simulation import rehearse
@@ -86,7 +86,7 @@ class RunResult:
         self._stopped_after: float | None = None  # s of searching
         self.error: Exception | None = None  # what ended it early, or why there is no result
         self.logs: list[Log] = []  # simulated, in order
-        self.identifications: dict[str, Identification] = {}  # by the labels of their estimators
+        self.identifications: dict[str, Identified] = {}  # by the labels of their estimators
         self.orbit: OrbitStudy | None = None
 
     @property
@@ -189,19 +189,19 @@ class RunResult:
     def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add the estimate of an estimator, or its error."""
         try:
-            identification = identify(data, self._threaded(spec), track=self._track)
+            identified = identify(data, self._threaded(spec), track=self._track)
         except ButterflyError as error:
             self._estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return
-        found = identification.estimate
-        self.identifications[spec.label] = identification
-        held_out = np.array(list(identification.held_out.values()))
+        found = identified.estimate
+        self.identifications[spec.label] = identified
+        held_out = np.array(list(identified.held_out.values()))
         names, how = (*found.names, *found.known.fixed), self._experiment.validation
         record = EstimateRecord(
             estimator=spec.label,
             estimate=found,
             truth={name: float(getattr(self._truth, name)) for name in names},
-            fit=identification.fit,
+            fit=identified.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,
         )
         if how is not None:

@@ -29,7 +29,7 @@ from butterfly.identification.diagnostics.unit_errors import clock_error, with_u
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.identification import Identification
+from butterfly.identification.identified import Identified
 from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.servo_drive import driven_alone
@@ -49,7 +49,7 @@ def identify(
     *,
     against: Mapping[str, LumpedParameters] = MappingProxyType({}),
     track: Track = untracked,
-) -> Identification:
+) -> Identified:
     """Identify the robot that made the logs of a data set.
 
     `estimator`: Output error if not given; `against`: Other parameters to simulate
@@ -172,7 +172,7 @@ def simulated(
     *,
     against: Mapping[str, LumpedParameters] = MappingProxyType({}),
     track: Track = untracked,
-) -> Identification:
+) -> Identified:
     """Simulate the logs of a data set with an estimate, and others; InputError if unusable."""
     estimate = data.simulations.settled(estimate)
     horizon = data.simulations.horizon(estimate)
@@ -185,7 +185,7 @@ def simulated(
     looped = [run for run in (*runs, *held) if run.log.closed]
     opened = [each for part in (data, data.test_logs) if part for each in _opened(part, estimate)]
     manifest = data.whole_manifest
-    return Identification(
+    return Identified(
         estimate=estimate,
         estimator=estimate.method,
         origin=data.about | {"manifest": manifest and manifest.model_dump(mode="json")},

@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
-from butterfly.identification.identification import Identification
+from butterfly.identification.identified import Identified
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.report.figures import (
@@ -52,7 +52,7 @@ class IdentificationPlots:
         With its logs.
     """
 
-    identification: Identification
+    identification: Identified
 
     def parameters(self, truth: LumpedParameters | None = None) -> Figure:
         """Draw the estimates with their intervals on one axis, in per cent: a forest plot.

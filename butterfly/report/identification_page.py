@@ -6,17 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import Identification
+from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import Parameter
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.forest import Axis, Whisker, forest, forest_caption
 from butterfly.report.format import counted, fit_text, times_text
+from butterfly.report.identification_figures import IdentificationPlots
 from butterfly.report.inspection import STATES, conditions_text
 from butterfly.report.live import live_section
 from butterfly.report.log_figures import (
@@ -61,10 +64,14 @@ _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
 
 def identification_page(
-    identification: Identification, truth: LumpedParameters | None = None
+    identification: Identified,
+    notes: Sequence[str],
+    numbers: dict[str, Any],
+    truth: LumpedParameters | None = None,
 ) -> Page:
     """Put together the report of an identification, beside the truth where it is known."""
-    data, residuals, plots = identification.data, identification.residuals, identification.plot
+    data, residuals = identification.data, identification.residuals
+    plots = IdentificationPlots(identification)
     runs, fits = identification.free_runs, identification.fit_of_logs
     chosen = middle(fits)
     states = [health.condition for health in data.health]
@@ -81,7 +88,7 @@ def identification_page(
             text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.drive_fits),
             series={"time": time_series(runs, bands)},
         ),
-        live_section(data, identification.estimate, identification.origin, fits),
+        live_section(identification),
         Section(
             title="Residuals",
             text="\n".join([*residual_sentences(residuals), _RESIDUALS]),
@@ -111,9 +118,9 @@ def identification_page(
     ]
     return replace(
         first_screen(identification, truth),
-        summary=identification.notes,
+        summary=notes,
         sections=sections,
-        numbers=identification.to_dict(truth),
+        numbers=numbers,
         place=_place(identification),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
@@ -126,14 +133,14 @@ def identification_page(
     )
 
 
-def first_screen(identification: Identification, truth: LumpedParameters | None = None) -> Page:
+def first_screen(identification: Identified, truth: LumpedParameters | None = None) -> Page:
     """Put together what is seen first: verdict, tiles and parameters."""
     origin, parameters = identification.origin, identification.estimate.table(truth)
     return Page(
         name=origin["name"],
         description=origin.get("description", ""),
         kind="identification",
-        verdict=identification.judged,
+        verdict=estimate_verdict(identification.estimate),
         facts=_facts(identification),
         lead=_lead(parameters, identification.estimate.joint, with_truth=truth is not None),
         summary=(),
@@ -142,13 +149,13 @@ def first_screen(identification: Identification, truth: LumpedParameters | None 
     )
 
 
-def _place(identification: Identification) -> str:
+def _place(identification: Identified) -> str:
     """Return the folder of the logs; nothing if they came from no files."""
     root = (identification.origin["manifest"] or {}).get("root")
     return "" if root is None else str(root)
 
 
-def _facts(identification: Identification) -> list[Fact]:
+def _facts(identification: Identified) -> list[Fact]:
     fit, fits = identification.fit, identification.fits
     worst = min(fits, key=lambda name: fits[name])
     return [
@@ -160,7 +167,7 @@ def _facts(identification: Identification) -> list[Fact]:
     ]
 
 
-def _added(identification: Identification) -> str:
+def _added(identification: Identified) -> str:
     """Say which masses were added; nothing if none was, or of a result that was loaded."""
     masses = [] if identification.logs is None else identification.logs.masses
     if len(masses) > 1:
@@ -168,7 +175,7 @@ def _added(identification: Identification) -> str:
     return "".join(str(mass) for mass in masses if mass.mass)
 
 
-def _of_logs(identification: Identification) -> list[Fact]:
+def _of_logs(identification: Identified) -> list[Fact]:
     """Say how large the error is; nothing of a result that was loaded, without its logs."""
     if identification.logs is None:
         return []
@@ -206,8 +213,8 @@ def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool
     return Section(title="Parameters", text=text, tables=(table,))
 
 
-def _correlations(identification: Identification) -> list[Section]:
-    drawn = identification.plot.correlations()
+def _correlations(identification: Identified) -> list[Section]:
+    drawn = IdentificationPlots(identification).correlations()
     if drawn is None:
         return []
     text = (
@@ -217,7 +224,7 @@ def _correlations(identification: Identification) -> list[Section]:
     return [Section(title="Parameter correlations", text=text, figures={"map": drawn})]
 
 
-def _logs_table(identification: Identification) -> PageTable:
+def _logs_table(identification: Identified) -> PageTable:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
     order = np.argsort(identification.fit_of_logs).tolist()
@@ -251,7 +258,7 @@ def _logs_table(identification: Identification) -> PageTable:
     )
 
 
-def _physical(identification: Identification) -> list[Section]:
+def _physical(identification: Identified) -> list[Section]:
     found = identification.separated()
     title, headers, rows = physical_table(found)
     text = "\n".join(physical_sentences(found))
@@ -268,7 +275,7 @@ def _physical(identification: Identification) -> list[Section]:
     return [Section(title=title, text=text, tables=(table,) if rows else ())]
 
 
-def _resonances_table(identification: Identification) -> PageTable:
+def _resonances_table(identification: Identified) -> PageTable:
     """Tabulate the resonance of each added mass; without gravity there is none."""
     estimate, data = identification.estimate, identification.data
     headers = ["added mass", "resonance in rad/s, of small swings"]
@@ -283,7 +290,7 @@ def _resonances_table(identification: Identification) -> PageTable:
     return PageTable(headers=(*headers, "rest angle in rad"), rows=rows)
 
 
-def _against_table(identification: Identification) -> PageTable:
+def _against_table(identification: Identified) -> PageTable:
     """Tabulate what the identification was compared with, below itself."""
     found = [each for each in identification.estimate.table() if not each.known]
     own = {each.name: parameter_texts(each)["value"] for each in found}
@@ -301,7 +308,7 @@ def _fits(fit: FitSummary) -> list[str]:
     return [fit_text(each) for each in (fit.median, fit.mean, fit.worst)]
 
 
-def _held_out_table(identification: Identification) -> PageTable:
+def _held_out_table(identification: Identified) -> PageTable:
     rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
     caption = "Logs that were not used for the fit, simulated with its values."
     return PageTable(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)

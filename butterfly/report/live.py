@@ -11,7 +11,6 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -19,6 +18,7 @@ from markupsafe import Markup
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.servo_drive import needs_loop
 from butterfly.model.terms import LOOP_TERMS, TERMS
@@ -76,23 +76,19 @@ class Slider:
         return max(self.value - reach, least), self.value + reach
 
 
-def live_section(
-    data: DataSet, estimate: Estimate, origin: dict[str, Any], fits: Samples
-) -> Section:
-    """Return the section, or one that says in a line why the page cannot simulate.
-
-    It is of an estimate, the ``origin`` of its data, and the (n,) FIT of each log in per cent.
-    """
+def live_section(found: Identified) -> Section:
+    """Return the section, or one that says in a line why the page cannot simulate."""
+    data, estimate = found.data, found.estimate
     try:
         if reason := _not_here(data, estimate):
             return Section(title=_TITLE, text=f"No sliders: {reason}")
         sliders = [Slider.of(row) for row in estimate.table() if not row.known]
-        twin = Twin.identified(estimate, origin, lambda: data)
+        twin = Twin.identified(found)
         program = as_javascript(_every_term(twin, data, sliders))
     except NotImplementedError as error:
         reason = f"the page cannot simulate this model ({error})."
         return Section(title=_TITLE, text=f"No sliders: {reason}")
-    logs, which = _carried(data, estimate, fits, sliders)
+    logs, which = _carried(data, estimate, found.fit_of_logs, sliders)
     if not logs:
         return Section(title=_TITLE, text="No sliders: the simulation follows none of the logs.")
     markup = _rendered(twin, program, sliders, logs, which)

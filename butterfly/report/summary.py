@@ -13,7 +13,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import Identification
+from butterfly.identification.identified import Identified
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
@@ -39,7 +39,7 @@ LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
 """Of the table of `loop_rows`."""
 
 
-def summary(identification: Identification) -> list[str]:
+def summary(identification: Identified) -> list[str]:
     """Return the verdict, then all that was found, gravest first."""
     data, estimate = identification.data, identification.estimate
     known = ", ".join(f"{name} = {value}" for name, value in estimate.given.values.items())
@@ -60,7 +60,7 @@ def summary(identification: Identification) -> list[str]:
     ]
 
 
-def _basis(identification: Identification) -> str:
+def _basis(identification: Identified) -> str:
     """Say which logs and which method the values come from."""
     data = identification.data
     inputs = {"torque": "torque input", "none": "no input, free swing"}
@@ -73,7 +73,7 @@ def _basis(identification: Identification) -> str:
     return f"{counted(len(data.logs), 'log')}, {added}, {drive}, method {method}."
 
 
-def _fit(identification: Identification) -> str:
+def _fit(identification: Identified) -> str:
     """Say how well free runs reproduce the logs."""
     fit, data = identification.fit, identification.data
     measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
@@ -90,7 +90,7 @@ def _fit(identification: Identification) -> str:
     )
 
 
-def tables(identification: Identification, truth: LumpedParameters | None) -> list[TextTable]:
+def tables(identification: Identified, truth: LumpedParameters | None) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
     columns = {
@@ -128,7 +128,7 @@ def tables(identification: Identification, truth: LumpedParameters | None) -> li
     return found
 
 
-def loop_rows(identification: Identification) -> list[tuple[str, ...]]:
+def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
     """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
     rows = []
     for which, fits in {"": identification.fits, ", held out": identification.held_out}.items():
@@ -143,7 +143,7 @@ def loop_rows(identification: Identification) -> list[tuple[str, ...]]:
     return rows
 
 
-def _drive_alone(identification: Identification) -> list[str]:
+def _drive_alone(identification: Identified) -> list[str]:
     """Say what servos' logs are off by in the loop, and how they are followed without it."""
     rows = [row for row in loop_rows(identification) if "held out" not in row[0]]
     if not rows:

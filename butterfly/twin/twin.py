@@ -7,14 +7,13 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from butterfly.errors import ButterflyError
-from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
+from butterfly.identification.identified import Identified
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import (
     GRAVITY,
@@ -63,18 +62,14 @@ class Twin:
 
     @classmethod
     def identified(
-        cls,
-        estimate: Estimate,
-        origin: dict[str, Any],
-        data: Callable[[], DataSet],
-        added: AddedMass = NO_ADDED_MASS,
-        mass: float | None = None,
+        cls, found: Identified, added: AddedMass = NO_ADDED_MASS, mass: float | None = None
     ) -> Twin:
-        """Return the twin of an estimate of data of an ``origin``, with a load and a mass in kg."""
+        """Return the twin of what was learnt, with a load and a mass in kg."""
+        estimate, origin = found.estimate, found.origin
 
         def recorded() -> Sequence[tuple[Log, Setting]]:
             try:
-                logs = data()
+                logs = found.data
             except ButterflyError:
                 return ()
             settings = (logs.simulations.setting(k, estimate) for k in range(len(logs.logs)))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import butterfly as bf
+from butterfly.api.identification import Identification
 from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.identification import Identification
 from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
 
 

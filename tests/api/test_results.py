@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 import butterfly as bf
-from butterfly.api.identified_model import IdentifiedModel
+from butterfly.api.identification import IdentifiedModel
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.splits import Split

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 import butterfly as bf
+from butterfly.api.identification import Identification
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import perform as performing
 from butterfly.experiment.perform import execute, perform
@@ -18,7 +19,6 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
-from butterfly.identification.identification import Identification
 from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import (
     SINGLE,

@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 import butterfly as bf
+from butterfly.api.identification import Identification
 from butterfly.experiment.perform import perform
 from butterfly.experiment.simulate import planned_logs, simulate, write_logs
 from butterfly.experiment.source import read_experiment
@@ -152,7 +153,7 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(short, tmp_path
     (identification,) = performed.identifications.values()
     _assert_found(identification, truth, 5e-3)
     assert identification.fit.worst > 99
-    identification.report(tmp_path / "report.html", truth=truth)
+    Identification.of(identification).report(tmp_path / "report.html", truth=truth)
 
 
 def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import yaml
 
+from butterfly.api.verbs import identify
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.identify import identify
 from butterfly.identification.physical import physical_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.verdict import Level

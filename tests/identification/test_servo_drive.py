@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from butterfly.api.identification import Identification
 from butterfly.errors import InputError
 from butterfly.identification.chosen_terms import offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.estimators.start import servo_start, starts
-from butterfly.identification.identification import Identification
 from butterfly.identification.identify import simulated
 from butterfly.identification.segments import is_segmented
 from butterfly.identification.servo_drive import driven, driven_alone
@@ -25,7 +25,6 @@ from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import LAWS, Output, ServoLoop
 from butterfly.model.terms import LOOP_TERMS
 from butterfly.report.format import fit_text
-from butterfly.report.identification_page import identification_page
 from butterfly.report.summary import loop_rows
 
 TIME = np.arange(0.0, 1.2, 0.004) + np.random.default_rng(0).uniform(0, 5e-4, 300)
@@ -274,7 +273,7 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
     values = np.array([getattr(off, name) for name in names])
     told = {"covariance": 1e-6 * np.eye(4), "lower": 0.9 * values, "upper": 1.1 * values}
     estimate = Estimate(method="oe", names=names, values=values, fixed={"p3": 0.3}, **told)
-    found = simulated(data, estimate)
+    found = Identification.of(simulated(data, estimate))
     runs = {log.name: log for part in (data, data.test_logs) for log in part.logs}
     for name, log in runs.items():
         for moved, told in ((log, found.mean_errors), (log.opened, found.drive_fits)):
@@ -290,7 +289,7 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
     assert rows["by the drive alone, held out"][0] == fit_text(found.drive_fits["1"])
     (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]
     assert f"{rows['in the loop'][3]} mrad off on average; by the drive alone" in line
-    drawn = identification_page(found).series["time"]
+    drawn = found.page().series["time"]
     assert [trace.get("name") for trace in drawn.data][-1] == "set-point"
 
 

@@ -13,7 +13,6 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.identify import identify
 from butterfly.identification.inference.infer import conditioning_of
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
@@ -248,7 +247,7 @@ def test_free_decays_need_no_delay_to_be_known():
         assert estimate.parameters.p1 == pytest.approx(7.6e-3, rel=1e-3)
         assert estimate.fixed["delay"] == 0.0
     free = [replace(log, input_kind=InputKind.NONE) for log in logs]
-    found = identify(DataSet.of(free, known=Prior.of({"p3": 0.21})), PLAIN)
+    found = bf.identify(DataSet.of(free, known=Prior.of({"p3": 0.21})), PLAIN)
     np.testing.assert_array_equal(found.estimate.values, estimate.values)
     assert "p4, delay cannot be estimated" in " ".join(summary(found))
     assert {row.name for row in found.estimate.table()} == {"p1", "p2", "coulomb", "p3"}
@@ -268,7 +267,7 @@ def test_what_is_told_of_a_slide_is_in_its_units_and_completed_by_what_is_known(
     rows = dict(health_rows(*examine(slide.logs[0])))
     assert rows["angle"].endswith(" m")
     assert "rad" not in rows["amplitude"]
-    found = identify(slide, WeakForm(terms=()))
+    found = bf.identify(slide, WeakForm(terms=()))
     units = {row["parameter"]: row["unit"] for row in Changed.of(found, found).rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.api.verbs import identify
 from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.identify import identify
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters

@@ -12,18 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import butterfly.report
+from butterfly.api.verbs import identify
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
-from butterfly.identification.identify import identify
 from butterfly.identification.segments import Segments
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
-from butterfly.report.identification_page import identification_page
 from butterfly.report.live_log import Column, LiveLog
-from butterfly.report.page import write_page
 from butterfly.twin import c
 from butterfly.twin.javascript import as_javascript
 from tests.orbit.setting import plant
@@ -177,7 +175,7 @@ def seen(tmp_path_factory):
     seeds = np.random.SeedSequence(0).spawn(len(runs))
     data = DataSet.of(list(simulate_runs(rig, runs, 20.0, seeds)), name="four sines")
     page = folder / "r.html"
-    write_page(identification_page(identify(data)), page)
+    identify(data).report(page)
     text, reader = page.read_text(encoding="utf-8"), READER.read_text(encoding="utf-8")
     text = text.replace("<head>", f"<head><script>{HEARD}</script>", 1)
     page.write_text(text.replace("</body>", f"<script>{reader}</script></body>", 1), "utf-8")

@@ -28,7 +28,6 @@ from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
-from butterfly.report.identification_page import identification_page
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep_page import sweep_page
@@ -116,7 +115,7 @@ def pages(data, found, residuals, tmp_path_factory):
     compared = compare_three(data, found, (0, 3, 4))  # each mass, each sine
     entries = leaderboard([data], [Thesis(), Linear(), HarmonicBalance()])
     return {
-        "identification": identification_page(identified, ROUGH.robot.lumped),
+        "identification": identified.page(ROUGH.robot.lumped),
         "three-way": Compared.of(data, None, compared, residuals, found).page(),
         "leaderboard": Leaderboard.of(entries).page(),
         "orbit": _orbit_page(),

@@ -8,10 +8,10 @@ import re
 import numpy as np
 import pytest
 
+from butterfly.api.verbs import identify
 from butterfly.experiment.source import read_experiment
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import Linear
-from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.health import examine
@@ -21,7 +21,6 @@ from butterfly.report.figures import grams, mass_looks, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.forest import Marks, forest
 from butterfly.report.identification_figures import swings_between
-from butterfly.report.identification_page import identification_page
 from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
     correlation_figure,
@@ -47,7 +46,8 @@ def simulated(quick_data):
 @pytest.fixture(scope="module")
 def told(simulated):
     """The page, before it is written."""
-    return identification_page(*simulated)
+    result, truth = simulated
+    return result.page(truth)
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +297,7 @@ def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated, t
         else run
         for k, run in enumerate(result.free_runs)
     ]
-    away = identification_page(dataclasses.replace(result, runs=tuple(runs)))
+    away = dataclasses.replace(result, runs=tuple(runs)).page()
     section, whole = (
         next(each for each in page.sections if each.title == "FIT log by log")
         for page in (away, told)
@@ -371,7 +371,7 @@ def test_a_footer_says_what_was_run_on_which_data_when_and_with_what(simulated, 
     for said in ("made from Python", "quickstart", "output-error", "<dt>date</dt>", "numpy "):
         assert said in footer
     monkeypatch.setattr("sys.argv", ["/bin/butterfly", "identify", "my logs", "-r", "x.html"])
-    origin = identification_page(simulated[0]).origin
+    origin = simulated[0].page().origin
     assert origin["command"] == "butterfly identify 'my logs' -r x.html"
     assert list(origin) == ["command", "folder", "data", "options", "date", "versions"]
 

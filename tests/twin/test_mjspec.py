@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from butterfly.api.identified_model import IdentifiedModel
+from butterfly.api.identification import IdentifiedModel
 from butterfly.model.parameters import LumpedParameters
 from tests.twin.moving import MASS, PARAMETERS, STEP, moved
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from butterfly.api.identified_model import IdentifiedModel
+from butterfly.api.identification import IdentifiedModel
 from butterfly.api.inspected import robot_of
 from butterfly.errors import InputError
 from butterfly.identification.free_run import Setting

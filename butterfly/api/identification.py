@@ -1,0 +1,484 @@
+"""The result of `identify`, and the identified model for control and export."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from butterfly.files import write_document
+from butterfly.identification.diagnostics.residuals import residual_units
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.identified import Identified
+from butterfly.identification.parameter import or_nan
+from butterfly.logs.log import InputKind, Log
+from butterfly.logs.manifest import Manifest
+from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+)
+from butterfly.model.prior import Prior
+from butterfly.outputs import call
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, require_possible
+from butterfly.report.format import fit_text
+from butterfly.report.numbers import (
+    chosen_options,
+    estimate_numbers,
+    finding_numbers,
+    residual_numbers,
+)
+from butterfly.report.page import Page, write_page
+from butterfly.report.parameter_table import (
+    Separated,
+    parameter_texts,
+    physical_numbers,
+    physical_sentences,
+)
+from butterfly.report.summary import summary, tables
+from butterfly.result import Result, TextTable, document, text, texts
+from butterfly.twin.forms import DEFAULTS, Options
+from butterfly.verdict import Verdict
+
+if TYPE_CHECKING:
+    import control
+    import mujoco
+    from plotly.graph_objects import Figure
+
+    from butterfly.report.identification_figures import IdentificationPlots
+    from butterfly.twin.twin import Twin, Written
+
+_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+    ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
+)
+_SAVED = ("summary", "chosen", "against", "residuals")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identification(Identified, Result):
+    """What was learnt from a data set."""
+
+    kind: ClassVar[str] = "identification"
+    short: ClassVar[bool] = True
+
+    saved: dict[str, Any] = field(default_factory=dict)
+    """What a file said that needs the logs: summary, options, other parameters, residuals."""
+
+    @classmethod
+    def of(cls, found: Identified) -> Identification:
+        """Return what was learnt as a result."""
+        return cls(**{each.name: getattr(found, each.name) for each in fields(Identified)})
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Identification:
+        """Return what `to_dict` gave (see `Estimate.from_dict` for what is raised)."""
+        origin = dict(content["data"])
+        InputKind(origin["input"])
+        JointKind(origin.get("joint", JointKind.HINGE))
+        float(origin.get("gravity", GRAVITY))
+        int(origin["logs"])
+        if origin["manifest"] is not None:
+            manifest = origin["manifest"]
+            Manifest.model_validate({**manifest, "root": manifest["root"] or "."})
+        texts(content["summary"])
+        fits = _fits(content["fits"])
+        if not fits:
+            raise ValueError("no logs")
+        found = cls(
+            estimate=Estimate.from_dict(content).usable,
+            estimator=text(content["estimator"]),
+            origin=origin | {"name": text(origin["name"])},
+            fits=fits,
+            velocity_fits=_fits(content.get("velocity_fits", {})),
+            held_out=_fits(content.get("held_out", {})),
+            mean_errors=_fits(content.get("mean_errors", {})),
+            drive_fits=_fits(content.get("drive_fits", {})),
+            saved={key: content[key] for key in _SAVED if key in content},
+        )
+        found.separated()  # these fail where something names what there is not
+        finding_numbers(found.estimate.findings, found.estimate)
+        estimate_sentences(found.estimate)
+        return found
+
+    def to_dict(self, truth: LumpedParameters | None = None) -> dict[str, Any]:
+        """Return it as JSON can hold it, beside the truth if that is known (see `Result`)."""
+        estimate, basis = self.estimate, self.basis()
+        of_logs = {key: each for key, each in self.saved.items() if key != "summary"}
+        if self.logs is not None:
+            of_logs = {
+                "against": [each.numbers(estimate) for each in self.comparisons],
+                "residuals": residual_numbers(self.residuals, estimate),
+            }
+        return document(
+            self.kind,
+            self.title,
+            {
+                "estimator": self.estimator,
+                "data": basis["data"],
+                **estimate_numbers(estimate, truth),
+                "fit": self.fit.numbers(),
+                "fits": self.fits,
+                "velocity_fits": self.velocity_fits,
+                "held_out": self.held_out,
+                "mean_errors": self.mean_errors,
+                "drive_fits": self.drive_fits,
+                "physical": physical_numbers(self.separated()),
+                "chosen": basis["chosen"],
+                **of_logs,
+            },
+            verdict=self.judged,
+            summary=self.summary,
+            units=_UNITS | residual_units(estimate.joint) | {"mean_errors": estimate.joint.way},
+        )
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the result as JSON, which `butterfly.load` reads, with the place of its logs.
+
+        That is relative to the folder of the file, if they lie below.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        content, manifest = self.to_dict(), self.origin["manifest"]
+        folder = Path(path).resolve().parent
+        if manifest is not None and manifest["root"] is not None:
+            root = Path(manifest["root"])
+            root = root.relative_to(folder) if root.is_relative_to(folder) else root
+            content["data"]["manifest"]["root"] = root.as_posix()
+        schema = content.pop("schema")
+        write_document({"schema": schema, "saved": True, **content}, Path(path))
+
+    def basis(self) -> dict[str, Any]:
+        """Return the data and options that it rests on, without the place of its logs."""
+        manifest = self.origin["manifest"]
+        chosen = chosen_options(self.made_by, self.estimate, self.estimator)
+        return {
+            "data": {**self.origin, "manifest": manifest and {**manifest, "root": None}},
+            "chosen": self.saved.get("chosen", chosen),
+        }
+
+    @property
+    def title(self) -> str:  # type: ignore[override]
+        """Method, data, and the FIT."""
+        fit, name = self.fit, self.origin["name"]
+        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_text(fit.median)} %"
+
+    @cached_property
+    def summary(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The verdict, then all that was found, gravest first."""
+        return tuple(self.saved["summary"] if self.logs is None else summary(self))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: value, standard error, 95 % interval, unit."""
+        columns = ("value", "standard_error", "lower", "upper", "unit")
+        return [
+            {"parameter": each.name, **{name: getattr(each, name) for name in columns}}
+            for each in self.estimate.table()
+        ]
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table of parameters, rounded to their errors."""
+        columns = ("name", "value", "error", "interval", "unit", "meaning")
+        names = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
+        return [
+            {name: row[column] for name, column in zip(names, columns, strict=True)}
+            for row in map(parameter_texts, self.estimate.table())
+        ]
+
+    def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
+        """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
+        return tables(self, truth)
+
+    def paragraphs(self) -> list[str]:
+        """Return the summary; if physical parameters were given, also which remain unknown."""
+        weighed = Prior.of(self.origin.get("known", {})).physical
+        return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
+
+    def __repr__(self) -> str:
+        pairs = zip(self.estimate.names, self.estimate.values, strict=True)
+        values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
+        return f"<Identification: {self.title}{self._unless_good()}: {values}>"
+
+    @property
+    def judged(self) -> Verdict:  # type: ignore[override]
+        """The verdict on its values."""
+        return estimate_verdict(self.estimate)
+
+    @property
+    def model(self) -> IdentifiedModel:
+        """The robot that they make.
+
+        Raises
+        ------
+        UnusableError
+            If no joint has them.
+        """
+        require_possible(self.estimate)
+        return IdentifiedModel(self.parameters, self.estimate.joint, self)
+
+    def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
+        """Tell what the lumped parameters are made of, as far as it can be told.
+
+        Parameters
+        ----------
+        known
+            What is known of motor and hand besides what the data say of it, by names of
+            `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or was known before.
+        """
+        return Separated.of(self.separated(known), self.origin["name"], self.judged)
+
+    @property
+    def plot(self) -> IdentificationPlots:
+        """Its figures, as plotly's."""
+        from butterfly.report.identification_figures import IdentificationPlots  # noqa: PLC0415 - slow to import
+
+        return IdentificationPlots(self)
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+
+    def _repr_html_(self) -> str:
+        from butterfly.report.cell import cell_html  # noqa: PLC0415 - slow to import
+        from butterfly.report.identification_page import first_screen  # noqa: PLC0415 - slow to import
+
+        return cell_html(first_screen(self), None if self.logs is None else self.plot.time())
+
+    def report(
+        self,
+        path: str | PathLike[str],
+        *,
+        truth: LumpedParameters | None = None,
+        figures: bool = False,
+    ) -> None:
+        """Write the identification report: one page that opens offline, numbers beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        truth
+            True parameters, where they are known.
+        figures
+            Whether to write the figures as PNG and SVG too.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written, or the logs of a loaded result cannot be read.
+        """
+        write_page(self.page(truth), Path(path), figures=figures)
+
+    def page(self, truth: LumpedParameters | None = None) -> Page:
+        """Return the page of `report`."""
+        from butterfly.report.identification_page import identification_page  # noqa: PLC0415 - slow to import
+
+        return identification_page(self, self.notes, self.to_dict(truth), truth)
+
+
+@dataclass(frozen=True)
+class IdentifiedModel:
+    """The identified joint: p1 thdd + p2 thd + p3 sin th = p4 u and further terms."""
+
+    parameters: LumpedParameters
+    """Parameters of the bare joint in SI units."""
+
+    joint: JointKind = JointKind.HINGE
+    """Hinge or slide."""
+
+    identified: Identified | None = field(default=None, repr=False, compare=False)
+    """What was learnt of it; None for plain parameters."""
+
+    def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
+        """Return the parameters with an added mass (78)."""
+        return self.parameters.with_added_mass(added_mass)
+
+    def linearised(
+        self, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0, pade_order: int = 4
+    ) -> control.StateSpace:
+        """Return the linearisation at rest, from command to angle and velocity.
+
+        Includes the armature's lag and a Padé approximation of the delay, without Coulomb friction
+        (see `butterfly.model.control_bridge.linearised`).
+
+        Parameters
+        ----------
+        added_mass
+            Added mass.
+        angle
+            Rest angle in rad.
+        pade_order
+            Order of the approximation. With 0 or a negative delay the delay is omitted and the
+            system is named ``hand_without_delay``.
+        """
+        from butterfly.model.control_bridge import linearised  # noqa: PLC0415 - slow to import
+
+        return linearised(self.parameters, added_mass, angle=angle, pade_order=pade_order)
+
+    def discretised(
+        self, step: float, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+    ) -> control.StateSpace:
+        """Return the zero-order-hold discretisation, with the exact delay.
+
+        Earlier commands are states (see `butterfly.model.control_bridge.discretised`).
+
+        Parameters
+        ----------
+        step
+            Sample time in s.
+        added_mass
+            Added mass.
+        angle
+            Rest angle in rad.
+
+        Raises
+        ------
+        InputError
+            If the step is not a positive number.
+        """
+        from butterfly.model.control_bridge import discretised  # noqa: PLC0415 - slow to import
+
+        return discretised(self.parameters, step, added_mass, angle=angle)
+
+    def nonlinear(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.NonlinearIOSystem:
+        """Return the nonlinear equation for python-control, without the delay."""
+        from butterfly.model.control_bridge import nonlinear_system  # noqa: PLC0415 - slow to import
+
+        return nonlinear_system(self.with_added_mass(added_mass))
+
+    def frequency_response(
+        self, omega: ArrayLike, added_mass: AddedMass = NO_ADDED_MASS
+    ) -> NDArray[np.complex128]:
+        """G(jw) of the linearisation (13) in rad per unit of input, at frequencies in rad/s."""
+        return Linearisation.of(self.with_added_mass(added_mass)).response(omega)
+
+    def resonance(self, added_mass: AddedMass = NO_ADDED_MASS) -> float:
+        """Return the resonance frequency of the linearisation in rad/s; 0 without a peak."""
+        return resonance_frequency(self.with_added_mass(added_mass))
+
+    def simulate(self, log: Log, *, zero: float = 0.0, velocity: float | None = None) -> Log:
+        """Simulate a log from its initial angle with its input (free run).
+
+        Parameters
+        ----------
+        log
+            Log whose input, added mass and initial angle are used.
+        zero
+            Encoder reading in rad with the joint hanging at rest.
+        velocity
+            Initial velocity in rad/s. Default: from the log's first samples.
+        """
+        from butterfly.identification.free_run import FreeRun, Setting  # noqa: PLC0415 - slow to import
+
+        run = FreeRun.of(log, Setting(parameters=self.parameters, zero=zero, velocity=velocity))
+        return replace(log.moving_so(run.simulated), source="grey-box model")
+
+    def twin(
+        self, added_mass: AddedMass = NO_ADDED_MASS, *, hand_mass: float | None = None
+    ) -> Twin:
+        """Return the twin: the joint to export, with logs to check its accuracy."""
+        from butterfly.twin.twin import Twin  # noqa: PLC0415 - slow to import
+
+        if self.identified is not None:
+            return Twin.identified(self.identified, added_mass, hand_mass)
+        return Twin(parameters=self.parameters, added=added_mass, joint=self.joint, mass=hand_mass)
+
+    def export(
+        self,
+        path: str | PathLike[str],
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        to: str = "mjcf",
+        hand_mass: float | None = None,
+        timestep: float = DEFAULTS.timestep,
+        integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+        overwrite: bool = False,
+    ) -> Written:
+        """Export the joint (its twin), as ``butterfly export`` does.
+
+        Warns of everything that the format cannot represent; the file says so too.
+
+        Parameters
+        ----------
+        path
+            File to write.
+        added_mass
+            Added mass.
+        to
+            Format, one of `butterfly.twin.forms.FORMS`.
+        hand_mass
+            Mass of the moving body in kg; the motion does not depend on it. Default: chosen.
+        timestep
+            Time step of your simulator in s.
+        integrator
+            MuJoCo integrator.
+        overwrite
+            Whether to replace an existing file of a format that holds no mark: C, JSON.
+
+        Returns
+        -------
+        Written
+            The text, what the format cannot represent, and the error against our own simulation.
+
+        Raises
+        ------
+        InputError
+            If ``hand_mass`` is impossible, the format does not fit this joint, or the file cannot
+            be written.
+        """
+        from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
+
+        options = Options(timestep=timestep, integrator=integrator)
+        with call(overwrite=overwrite):
+            twin = self.twin(added_mass, hand_mass=hand_mass)
+            written = write_twin(to, twin, options, Path(path))
+        for sentence in written.left_out:
+            warnings.warn(sentence, stacklevel=2)
+        return written
+
+    def mjspec(
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        hand_mass: float | None = None,
+        timestep: float = DEFAULTS.timestep,
+        integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+    ) -> mujoco.MjSpec:
+        """Return the joint as an MjSpec, to attach to your robot.
+
+        Example: ``robot.attach(result.model.mjspec(), frame=frame, prefix="wrist_")``. Includes
+        body, joint, actuators and sensors, without light, floor and camera.
+
+        Parameters
+        ----------
+        added_mass, hand_mass, timestep, integrator
+            As in `export`. Use the robot's time step and integrator.
+        """
+        import mujoco  # noqa: PLC0415 - slow to import
+
+        from butterfly.plant.mjcf import text_of  # noqa: PLC0415
+        from butterfly.twin.stand_alone import stand_alone  # noqa: PLC0415
+
+        options = Options(timestep=timestep, integrator=integrator)
+        root = stand_alone(self.twin(added_mass, hand_mass=hand_mass), options).root
+        return mujoco.MjSpec.from_string(text_of(root))
+
+
+def _fits(content: dict[str, Any]) -> dict[str, float]:
+    return {str(name): float(or_nan(fit)) for name, fit in content.items()}
