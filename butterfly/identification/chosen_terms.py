@@ -18,10 +18,10 @@ from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import STRIBECK, LinearModel, candidates
 from butterfly.identification.inference.stagewise import (
     Offer,
+    as_good,
     gains_in,
     is_possible,
     offers_in,
-    said_of,
     stagewise,
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
@@ -39,11 +39,7 @@ from butterfly.model.terms import (
     offered,
 )
 
-_SPEEDS = (
-    0.03,
-    0.1,
-    0.35,
-)  # Stribeck velocities over the largest speed, at which its friction is tested
+_SPEEDS = (0.03, 0.1, 0.35)  # over the largest speed, at which Stribeck friction is tested
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 _BASE = BASE_TERMS[0]
 
@@ -167,15 +163,9 @@ class FreeRunModel:
         """Return the values with one row in place of another; None if that does not fit as well."""
         there = self._with([row], {})
         nested = _nested(there, there.about(self.problem, self.end.values))
-        own, names = np.isin(there.labels, self.problem.labels), np.array(there.labels)
-        other = ~np.isin(names, [taken, *companions({taken})])
-        values = nested.fitted(np.array([own, other]))
-        mine, its = np.sqrt(nested.costs(values))
-        worse = its - mine
-        error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
-        if not worse.mean() <= error:
-            return None
-        return dict(zip(there.labels, np.where(other, values[1], 0.0).tolist(), strict=True))
+        own = np.isin(there.labels, self.problem.labels)
+        lost = np.isin(there.labels, [taken, *companions({taken})])
+        return as_good(nested, own, ~lost)
 
 
 def _nested(problem: Problem, at: Equations) -> Submodels:
@@ -191,16 +181,14 @@ def stagewise_fit(
     model = FreeRunModel(every=every, problem=fitted.problem, end=fitted.end, rows=tuple(rows))
     found = stagewise(model, rows, rare)
     problem = found.model.problem
-    swapped = (found.model.swapped(*pair) for pair in found.ties)
-    rivals = [*(each for each in swapped if each), *(each.values for each in found.rivals)]
+    labels = problem.labels[: problem.shared]
     return Fitted(
         problem=problem,
         end=problem.descend(found.model.end.at),
         rivals=tuple(
-            np.array([each.get(label, 0.0) for label in problem.labels[: problem.shared]])
-            for each in rivals
+            np.array([each.get(label, 0.0) for label in labels]) for each in found.rival_values()
         ),
-        findings=(*fitted.findings, *said_of(found)),
+        findings=(*fitted.findings, *found.findings),
         path=found.path,
     )
 

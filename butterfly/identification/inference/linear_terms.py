@@ -15,11 +15,10 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import (
     Offer,
-    Selection,
+    as_good,
     gains_in,
     is_possible,
     offers_in,
-    said_of,
     stagewise,
 )
 from butterfly.identification.inference.submodels import Submodels
@@ -160,9 +159,7 @@ class LinearModel:
     def swapped(self, row: str, taken: str) -> dict[str, float] | None:
         """Return the values with one row in place of another; None if that does not fit as well."""
         other = replace(self, terms=self.terms - {taken} | {row})
-        worse = other.errors - self.errors
-        error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
-        return other.named if worse.mean() <= error else None
+        return as_good(self.nested, self.kept, other.kept)
 
     def refuse_undetermined(self) -> None:
         """Raise IdentifiabilityError if the equations do not determine the parameters."""
@@ -200,17 +197,8 @@ def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
     """Choose from the rows of linear equations; IdentifiabilityError if they are singular."""
     model.refuse_undetermined()
     found = stagewise(model, model.optional, rare)
-    choice = found.model.choice(rivals_of(found), said_of(found))
+    choice = found.model.choice(found.rival_values(), found.findings)
     return choice._replace(path=found.path)
-
-
-def rivals_of(found: Selection[LinearModel]) -> list[dict[str, float]]:
-    """Return the values of fits that predict as well, and of those that lack what is no chance."""
-    swapped = [found.model.swapped(*pair) for pair in found.ties]
-    return [
-        *(each for each in swapped if each),
-        *(dict(each.values) for each in found.rivals),
-    ]
 
 
 def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:

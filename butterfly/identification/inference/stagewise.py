@@ -92,6 +92,9 @@ class Model(Protocol):
     def gains(self) -> dict[str, Samples]:
         """Return by how much each of the terms predicts cells better: (k,) each."""
 
+    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
+        """Return the values with one row in place of another; None if that does not fit as well."""
+
     @property
     def errors(self) -> Samples:
         """(k,) root of the squared errors of each cell."""
@@ -111,6 +114,17 @@ class Selection(Generic[M]):
     rivals: tuple[Offer, ...]
     idle: tuple[str, ...]  # rows that were tried and are not fitted
     inseparable: tuple[str, ...]  # rows that the data cannot tell from the rest
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Which rows did not help, and which the data cannot tell from the rest."""
+        said = {FindingKind.NOT_HELPING: self.idle, FindingKind.INSEPARABLE: self.inseparable}
+        return tuple(Finding(kind, names) for kind, names in said.items() if names)
+
+    def rival_values(self) -> list[Mapping[str, float]]:
+        """Return the values, by label, of fits that predict as well, and of those with rivals."""
+        swapped = [self.model.swapped(*pair) for pair in self.ties]
+        return [*(each for each in swapped if each), *(each.values for each in self.rivals)]
 
 
 def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection[M]:
@@ -256,10 +270,15 @@ def offers_in(
     return offers
 
 
-def said_of(found: Selection[M]) -> list[Finding]:
-    """Say which rows did not help, and which the data cannot tell from the rest."""
-    said = {FindingKind.NOT_HELPING: found.idle, FindingKind.INSEPARABLE: found.inseparable}
-    return [Finding(kind, names) for kind, names in said.items() if names]
+def as_good(
+    nested: Submodels, kept: NDArray[np.bool_], other: NDArray[np.bool_]
+) -> dict[str, float] | None:
+    """Return the values of a fit with other rows; None if it fits cells worse than one."""
+    values = nested.fitted(np.array([kept, other]))
+    mine, its = np.sqrt(nested.costs(values))
+    if not (its - mine).mean() <= _standard_error(its - mine):
+        return None
+    return dict(zip(nested.names, np.where(other, values[1], 0.0).tolist(), strict=True))
 
 
 def gains_in(
