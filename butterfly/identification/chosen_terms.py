@@ -40,6 +40,7 @@ from butterfly.model.terms import (
 )
 
 _SPEEDS = (0.03, 0.1, 0.35)  # over the largest speed, at which Stribeck friction is tested
+_MORE = 12  # passes of a descent that had not converged where it took little
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 _BASE = BASE_TERMS[0]
 
@@ -132,6 +133,8 @@ class FreeRunModel:
         problem = self._with([offer.name], {**offer.settings, **moved})
         try:
             end = problem.descend(enough=SHOWS)
+            if not end.converged:
+                end = problem.descend(end.at, _MORE, SHOWS**2)
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)
@@ -140,8 +143,9 @@ class FreeRunModel:
         values = dict(zip(problem.labels, end.values.tolist(), strict=True))
         least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
+        free &= all(values[name] <= TERMS[name].most for name in problem.names if name in TERMS)
         possible = is_possible(values, [log.added_mass for log in problem.logs])
-        if not (kept and free and possible):
+        if not (end.converged and kept and free and possible):
             return None
         return None if conditioning_of(problem, end.at).singular else found
 

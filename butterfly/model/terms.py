@@ -82,6 +82,7 @@ class Term:
     offered: frozenset[str] = frozenset()
     tried: Literal["", "common", "rare"] = ""  # How common it is, if it is tried unasked
     of_servo: bool = False  # Whether it is common in servos
+    most: float = math.inf  # Above which one that was not asked for stands for something else
 
 
 def gravity_describing_function(a: Samples) -> Samples:
@@ -407,7 +408,7 @@ _ROWS = (
          lower=1.0, state="base",
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("base_damping", "base damping", "–", "damping ratio of the base, without added mass",
-         lower=0.0, state="base",
+         lower=0.0, state="base", most=2.0,
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
     Term("cogging", "cogging", "N m", "sine part of a torque periodic in the angle",
          basis=lambda m: -np.sin(m.periods * m.angle),

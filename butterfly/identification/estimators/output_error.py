@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import InputError, require_number
+from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.chosen_terms import (
     Fitted,
     offered_rows,
@@ -157,13 +157,17 @@ class OutputError(Estimator):
         self._require_told_once(known)
         settled, logs = self.settled(logs, first)
         scale = ScaleParameter.of_logs(logs, known)
-        rows = offered_rows(logs, known) if self.terms is None else ((), set[str]())
-        fitted = separable(settled.chosen(logs, first, scale.fixed, rows))
-        weighed = weighed_from(fitted.problem, fitted.end)
-        held, weighed = _with_held_shape(fitted, weighed)
-        fitted = separable(held)
-        weighed = weighed if fitted.problem is held.problem else None
-        found = settled.inferred(fitted, weighed, scale, known)
+        rows, rare = offered_rows(logs, known) if self.terms is None else ((), set[str]())
+        fitted = settled.chosen(logs, first, scale.fixed, (rows, rare))
+        try:
+            found = settled.inferred(fitted, scale, known)
+        except IdentifiabilityError:
+            fewer = tuple(name for name in rows if name not in fitted.problem.names)
+            if fewer == rows:
+                raise
+            # no term that was not asked for refuses an answer
+            fitted = settled.chosen(logs, first, scale.fixed, (fewer, rare.intersection(fewer)))
+            found = settled.inferred(fitted, scale, known)
         whole = self.horizon is None and settled.horizon == math.inf
         return replace(found, horizon=None) if whole else found
 
@@ -185,10 +189,13 @@ class OutputError(Estimator):
             return fitted
         return stagewise_fit(every[0], fitted, *rows)
 
-    def inferred(
-        self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior
-    ) -> Estimate:
+    def inferred(self, fitted: Fitted, scale: ScaleParameter, known: Prior) -> Estimate:
         """Return the estimate of a fit, its logs weighed if they scatter."""
+        fitted = separable(fitted)
+        weighed = weighed_from(fitted.problem, fitted.end)
+        held, weighed = _with_held_shape(fitted, weighed)
+        fitted = separable(held)
+        weighed = weighed if fitted.problem is held.problem else None
         problem, end, said, logs = fitted.problem, fitted.end, fitted.findings, fitted.problem.logs
         solved = cells = problem.solved(end)
         if weighed and (with_scatter := weighed_end(weighed, end)):
