@@ -36,9 +36,9 @@ def data():
 
 @pytest.mark.slow
 def test_with_time_to_spare_an_answer_is_the_same_to_the_last_digit(data):
-    plain = judged(data, OutputError())
+    _, plain = judged(data, OutputError())
     with budget(1e9) as search:
-        same = judged(data, OutputError())
+        _, same = judged(data, OutputError())
     assert same.to_dict() == plain.to_dict()
     assert not search.left_out
     assert search.simulations > 0
@@ -92,7 +92,7 @@ def test_an_answer_is_the_same_beside_busy_processes_and_with_any_number_of_thre
 def test_a_settled_estimate_whose_search_was_stopped_is_to_be_used_with_care(data):
     with budget(0.0) as search:
         search.left_out.append("something of another estimate")
-        found = judged(data, WeakForm(terms=()))
+        _, found = judged(data, WeakForm(terms=()))
     assert found.level is Level.GOOD
     assert found.with_findings(Finding(FindingKind.SEARCH_STOPPED, ("terms",))).level is Level.CARE
 

@@ -116,7 +116,7 @@ def select(
         wanted = tuple(name for name in wanted if name in able and name not in unable)
     passed = select_terms(logs, estimator, wanted, track=track)
     chosen = estimator.with_terms(passed[-1].terms)
-    found = judged(logs, chosen)
+    _, found = judged(logs, chosen)
     anew = cross_validate_choice(logs, estimator, wanted, track=track) if nested else None
     return Selection.of(logs, chosen, wanted, passed, found=found, nested=anew)
 
@@ -162,8 +162,8 @@ def validate(
                 raise InputError("validate", name, value, "no such option with several methods")
         return rank([data], method, split=how, holdout=holdout, track=track)
     logs, estimator = _prepared(data, method, options, holdout)
+    (logs, whole), drawn = judged(logs, estimator), None
     held = cross_validate(logs, estimator, how, folds=folds, track=track)
-    whole, drawn = judged(logs, estimator), None
     if bootstrap:
         drawn = bootstrap_of(logs, estimator, whole, repetitions=bootstrap, track=track)
     return Validated.of(logs, estimator, held, whole, drawn)
@@ -326,7 +326,8 @@ def _estimated(
             raise InputError("butterfly", "method", given, expected)
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
-    return logs, estimator, judged(logs, estimator)
+    logs, fitted = judged(logs, estimator)
+    return logs, estimator, fitted
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given

@@ -167,7 +167,7 @@ class RunResult:
             assert data is not None  # noqa: S101 - the schema asks for logs then
             first = experiment.all_estimators[0]
             known = self.identifications.get(first.label)
-            small_swings = known.estimate if known else judged(data, first)
+            small_swings = known.estimate if known else judged(data, first)[1]
             believed = small_swings.parameters
             of_mass = data.equilibria
             zero = of_mass.get(control.added_masses[0], float(np.mean(list(of_mass.values()))))
@@ -205,9 +205,9 @@ class RunResult:
             holdout=FitSummary.of(held_out) if held_out.size else None,
         )
         if how is not None:
-            plain, track = self._threaded(spec), self._track
+            plain, track, seen = self._threaded(spec), self._track, identified.data
             try:
-                held = cross_validate(data, plain, how.split, folds=how.folds, track=track)
+                held = cross_validate(seen, plain, how.split, folds=how.folds, track=track)
                 record = replace(record, held_out=held.summary)
             except ButterflyError as error:
                 record = replace(record, error=f"no cross-validation: {error}")

@@ -78,11 +78,11 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
 
 
-def judged(data: DataSet, estimator: Estimator) -> Estimate:
-    """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
+def judged(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
+    """Return the logs as they were used, and all that `identify` says of their estimate."""
     with counted():
         data, found = timed(data, estimator)
-        return judge(data, estimator, data.simulations.settled(found))
+        return data, judge(data, estimator, data.simulations.settled(found))
 
 
 @_UNWARNED

@@ -139,7 +139,7 @@ def test_an_identification_is_judged_over_the_horizon_that_its_logs_are_simulate
     estimator = WeakForm(terms=())
     found = identify(data, estimator)
     assert found.estimate.horizon == found.fit.horizon == 3.0
-    assert judged(data, estimator).horizon == 3.0
+    assert judged(data, estimator)[1].horizon == 3.0
 
 
 @pytest.fixture

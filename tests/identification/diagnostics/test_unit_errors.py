@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import butterfly as bf
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
@@ -343,6 +344,13 @@ def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(
         assert log.time[-1] == pytest.approx(right.time[-1], rel=1e-4)
         assert log.excitation.omega == pytest.approx(right.excitation.omega, rel=1e-4)
     assert data.test_logs.simulations.fits(found).min() > 99
+
+
+def test_what_is_held_out_is_predicted_on_the_corrected_clock(logs):
+    wrong = DataSet.of([log.timed(0.996) for log in logs])
+    held = bf.validate(wrong, SIMULATED, split="log")
+    right = bf.validate(DataSet.of(logs), SIMULATED, split="log")
+    assert held.rows()[0]["fit"] == pytest.approx(right.rows()[0]["fit"], abs=0.05)
 
 
 @pytest.mark.parametrize("wrong", ["clock", "omega"])
