@@ -99,6 +99,8 @@ VAIN = {
     "identify data --wnidow 1": "--window",
     "identify": "DATA",
     "identify data --window x": "--window",
+    "identify x.csv --budget -1": "--budget",
+    "schema --budget 1": "--budget",
     "identify data --method weekform": "weak-form",
     "schema --json -": "a command with a JSON answer",
     "design a b": "b",

@@ -133,7 +133,7 @@ def test_what_butterfly_wrote_as_the_same_kind_is_replaced(butterfly, folder):
     assert json.loads((folder / "p.json").read_text())["schema"] == "butterfly.inspection"
 
 
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("folder", "brief_twins")
 @pytest.mark.filterwarnings("ignore:The delay")
 def test_twins_and_draws_are_marked():
     found = bf.load("result.json")
