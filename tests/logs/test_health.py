@@ -39,7 +39,13 @@ def test_each_repeated_stamp_is_dropped_and_counted(sine_log, rows):
 
 @pytest.mark.parametrize(
     ("rows", "shift"),
-    [(slice(100, 103), -0.0105), (slice(100, 101), 1e4), (slice(25_000, None), -25)],
+    [
+        (slice(100, 103), -0.0105),
+        (slice(25_000, None), -25),
+        (slice(100, 101), 1e6),
+        (slice(39_000, 39_001), 5.0),
+        (slice(1, 2), 1e-2),
+    ],
 )
 def test_a_backward_stamp_is_refused_unless_allowed_and_then_counted(sine_log, rows, shift):
     time = sine_log.time.copy()
