@@ -13,7 +13,6 @@ from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
-from tests.conftest import brief_quickstart
 
 GIVEN = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
 
@@ -21,6 +20,7 @@ SAYS = {
     "identify {few} -m output-error --terms= --loss soft_l1": ("output",),
     "identify {few} -m weak-form": ("weak",),
     "identify {files} -m linear -v": ("linear", "6 logs, 3 added masses, "),
+    "identify {data} --terms= --against p1=0.004,p2=0.001,p3=0.05": ("best p4",),
     "validate {data} --terms= --split mass --bootstrap 20": (
         *("Held out by mass: as requested", "9 of 9"),
         *(r"^ +p1 .*kg m²$", "bootstrap over logs"),
@@ -95,15 +95,6 @@ def test_what_cannot_be_is_refused_in_a_line(ask, words):
     """Before any work."""
     assert_one_line_error(ask(words), REFUSED[words])
     assert ask(words)[1] == ""
-
-
-def test_simulated_logs_are_identified_like_any_folder(butterfly, tmp_path):
-    folder, quick = tmp_path / "logs", brief_quickstart(tmp_path, "grey-box", few=2)
-    assert butterfly("simulate", quick, "--out", folder)[0] == 0
-    told = ("--terms=", "--against", "p1=0.004,p2=0.001,p3=0.05", "-v")
-    out = done(butterfly("identify", folder, *told))
-    assert "4 logs, 2 added masses, " in out
-    assert "best p4" in out
 
 
 def test_the_real_logs_are_those_of_the_shipped_manifest(
@@ -185,33 +176,28 @@ def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
     assert "8 of 8" in out
 
 
-def test_both_simulators_are_compared_with_the_logs_and_reported(answer, saved, tmp_path):
-    report = tmp_path / "compare.html"
-    out = done(answer("compare", saved, "--log", "0,3", "--report", report))
-    assert "MuJoCo" in out
-    assert "grey box" in out
-    assert f"Report: {report}" in out
-    assert "residual torque" in report.read_text(encoding="utf-8").lower()
+REPORTED = {
+    "compare {saved} --log 0,3": ("comparison", "residual torque", "MuJoCo", "grey box"),
+    "compare {saved} {saved}": ("change", "", r"\ANo significant change", "logs are in both"),
+    "validate {few} {few} --method harmonic-balance,linear": (
+        *("leaderboard", "harmonic-balance"),
+        r"harmonic-balance\s+(predicts\s+held-out\s+logs\s+best|and\s+\S+\s+do\s+not\s+differ)",
+    ),
+}
+"""Kind of the answer, a word of its page, and patterns of what is said."""
 
 
-def test_two_identifications_are_compared(answer, saved, tmp_path):
-    told, page = tmp_path / "told.json", tmp_path / "c.html"
-    out = done(answer("compare", saved, saved, "--json", told, "--report", page))
-    assert out.startswith("No significant change")
-    assert "logs are in both" in out
-    assert json.loads(told.read_text())["schema"] == "butterfly.change"
-    assert page.exists()
-
-
-def test_estimators_are_ranked_over_data_sets(answer, few_data, tmp_path):
-    report = tmp_path / "board.html"
-    told = ("--method", "harmonic-balance,linear", "--report", report)
-    out = done(answer("validate", few_data, few_data, *told))
-    best = re.search(
-        r"(\S+)\s+(?:predicts\s+held-out\s+logs\s+best|and\s+\S+\s+do\s+not\s+differ)", out
-    )
-    assert best.group(1) == "harmonic-balance"
-    assert report.stat().st_size > 1e5
+@pytest.mark.parametrize("words", REPORTED)
+def test_what_is_said_has_a_page_and_its_numbers_beside_it(ask, tmp_path, words):
+    page = tmp_path / "page.html"
+    kind, word, *patterns = REPORTED[words]
+    out = done(ask(f"{words} --report {page}"))
+    for pattern in [*patterns, f"Report: {page}"]:
+        assert re.search(pattern, out), pattern
+    assert word in page.read_text(encoding="utf-8").lower()
+    assert page.stat().st_size > 1e5
+    numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    assert numbers["schema"] == f"butterfly.{kind}"
 
 
 def test_logs_are_predicted_with_bands_draws_and_a_page(answer, few_data, saved, tmp_path):

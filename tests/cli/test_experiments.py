@@ -25,12 +25,6 @@ def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path)
     assert_one_line_error(result, "common factor", "add a log with another known mass")
 
 
-def test_a_report_that_cannot_be_written_is_one_line(butterfly, quick, tmp_path):
-    (tmp_path / "file").touch()
-    result = butterfly("simulate", quick, "--out", tmp_path / "file")
-    assert_one_line_error(result, tmp_path / "file")
-
-
 def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path):
     changed(quick, duration=0.1, excitations=[{"omega": 3.9, "amplitude": 0.9}])
     code, _, err = butterfly("simulate", quick, "--out", tmp_path / "logs")

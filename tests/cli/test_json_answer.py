@@ -162,12 +162,3 @@ def test_a_command_says_what_its_budget_left_out(answer, few_data):
     assert out.startswith("Use with care: ")
     _, plain, _ = answer(*words, "--budget", "0")
     assert "Search stopped" not in plain
-
-
-@pytest.mark.parametrize(
-    "words", [("identify", "x.csv", "--budget", "-1"), ("schema", "--budget", "1")]
-)
-def test_a_budget_is_a_time_and_of_commands_that_search(answer, words):
-    code, _, err = answer(*words)
-    assert code == ExitCode.BAD_INPUT
-    assert "--budget" in err

@@ -1,6 +1,5 @@
 """The robot: watched, drawn, told and exported."""
 
-import gc
 import json
 import re
 
@@ -12,16 +11,10 @@ from PIL import Image
 from scipy.io import loadmat
 
 import butterfly as bf
-from butterfly.experiment.simulate import simulate, write_logs
-from butterfly.experiment.source import read_experiment
-from butterfly.files import shipped
-from butterfly.model.parameters import AddedMass
-from butterfly.plant.robot import Robot
 from butterfly.plant.watch import picture
-from butterfly.plant.watch.picture import Painter, RenderingError
 from tests.cli.one_line import assert_one_line_error, done
-from tests.conftest import ROBOT
-from tests.experiment.setting import changed, written
+from tests.experiment.setting import changed
+from tests.plant.setting import skip_where_nothing_is_drawn
 
 
 @pytest.fixture
@@ -72,40 +65,12 @@ def test_a_film_draws_the_log_that_simulate_writes(
     np.testing.assert_array_equal(painted, np.interp(instants, time, angle))
     assert np.ptp(painted) > 0.01
     with Image.open(film) as picture:
-        assert picture.n_frames == len(painted)
+        assert (picture.n_frames, picture.size) == (len(painted), (32, 32))
 
 
-@pytest.fixture(scope="module")
-def drawing():
-    """Skip where nothing can be drawn."""
-    try:
-        Painter(Robot.of_lumped(ROBOT), AddedMass(), 32).__exit__()
-    except RenderingError as error:
-        pytest.skip(str(error))
-
-
-# imageio-ffmpeg leaves the pipes to its encoder to be closed by the garbage collector.
-@pytest.mark.filterwarnings(
-    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
-@pytest.mark.usefixtures("drawing")
-@pytest.mark.parametrize("ending", [".gif", ".mp4"])
-def test_a_run_is_filmed(butterfly, quick, tmp_path, ending):
-    iio = pytest.importorskip("imageio.v3", reason="the extra 'video' is not installed")
-    film = tmp_path / f"hand{ending}"
-    asked = ("--run", 1, "--seconds", 1, "--fps", 4, "--size", 64)
-    code, out, err = butterfly("show", quick, "--out", film, *asked)
-    assert (code, out) == (0, f"Film: {film}\n"), err
-    frames = iio.imread(film)
-    gc.collect()
-    assert frames.shape == (4, 64, 64, 3)
-    assert frames[0].std() > 10
-    assert np.abs(frames[0].astype(float) - frames[-1]).max() > 30
-
-
-@pytest.mark.usefixtures("drawing")
 def test_a_robot_is_drawn_and_turns_with_its_angle(butterfly, saved, tmp_path):
     """Be it an experiment's or an identified one."""
+    skip_where_nothing_is_drawn()
     pictures = []
     quick, path = "quickstart", tmp_path / "drawn.png"
     for source, added, angle in (
@@ -156,28 +121,20 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
     )
 
 
-@pytest.fixture
-def heavy_data(tmp_path):
-    """Logs of an ordinary joint: no hand of 0.3 kg has its p1 and p3."""
-    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
-    lumped = {"p1": 0.012, "p2": 0.02, "p3": 0.62, "p4": 1.0}
-    sines = [{"omega": omega, "amplitude": 0.05} for omega in (4.0, 6.0, 7.5, 9.0)]
-    masses = [{"mass": 0.0}, {"mass": 0.1, "arm": 0.104}]
-    content |= {"duration": 12.0, "excitations": sines, "added_masses": masses}
-    content["plant"] = {"lumped": lumped, "simulator": "grey-box"}
-    experiment = read_experiment(written(tmp_path / "heavy.yaml", **content))
-    return write_logs(experiment, simulate(experiment), tmp_path / "data").parent
-
-
 @pytest.mark.usefixtures("brief_twins")
-def test_a_hand_gets_a_mass_that_its_parameters_allow_and_no_other(butterfly, heavy_data, tmp_path):
-    out = done(butterfly("export", heavy_data, "--out", tmp_path / "t.xml"))
+def test_a_hand_gets_a_mass_that_its_parameters_allow_and_no_other(butterfly, saved, tmp_path):
+    """No hand of 0.3 kg has the p1 and p3 of an ordinary joint."""
+    content, heavy = json.loads(saved.read_text()), tmp_path / "heavy.json"
+    for name, value in {"p1": 0.012, "p2": 0.02, "p3": 0.62, "p4": 1.0}.items():
+        content["parameters"][name]["value"] = value
+    heavy.write_text(json.dumps(content))
+    out = done(butterfly("export", heavy, "--out", tmp_path / "t.xml"))
     assert "(change: export --hand-mass)" in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     hand = model.joint("hinge").bodyid[0]
     about = model.body_inertia[hand, 0] + model.body_mass[hand] * model.body_ipos[hand, 2] ** 2
     assert about == pytest.approx(0.012, rel=0.02)
-    ran = butterfly("export", heavy_data, "--out", tmp_path / "t.xml", "--hand-mass", 0.3)
+    ran = butterfly("export", heavy, "--out", tmp_path / "t.xml", "--hand-mass", 0.3)
     assert_one_line_error(ran, "--hand-mass", "0.33")
 
 

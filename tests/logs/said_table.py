@@ -28,8 +28,28 @@ class Cell(NamedTuple):
     place: str
     told: dict
 
+    @property
+    def rows(self):
+        return np.column_stack([*self.columns.values()]).tolist()
 
-OWN = {"time": "s", "input": "V", "angle": "rad"}
+    @property
+    def named(self):
+        return dict(zip(self.names, self.columns.values(), strict=True))
+
+    @property
+    def keys(self):
+        """What is said beside the columns, by key."""
+        place = self.place.removeprefix("schema ").removeprefix("pandas ")
+        ways = IN_KEYS | {"meta": lambda told: {"meta": told}, "top": dict}
+        return ways[place](self.told) if place in ways else {}
+
+    @property
+    def texts(self):
+        """The same as texts."""
+        return {k: v if isinstance(v, str) else json.dumps(v) for k, v in self.keys.items()}
+
+
+OWN = {"time": "s", "input": "V", "angle": "rad", "velocity": "rad/s"}
 SPELLINGS = {  # by kind of quantity
     "time": {"s": 1, "sec": 1, "seconds": 1, "ms": 1e-3, "milliseconds": 1e-3, "msec": 1e-3}
     | {"us": 1e-6, "µs": 1e-6, "microseconds": 1e-6, "ns": 1e-9, "min": 60, "millisecond": 1e-3},
@@ -46,6 +66,15 @@ SPELLINGS = {  # by kind of quantity
     | {"deg s-1": DEGREE, "degrees per second": DEGREE, "rad.s-1": 1, "1/min": math.pi / 30}
     | {"radian / second": 1, "rev/min": math.pi / 30, "mrad/s": 1e-3},
     "length": {"mm": 1e-3, "millimeter": 1e-3},
+}
+ALONE = {  # which are read where no word of the name is beside them
+    "time": {"S": 1, "MS": 1e-3, "minutes": 60, "h": 3600, "hours": 3600},
+    "voltage": {"v": 1, "volts": 1, "KV": 1e3, "kilovolts": 1e3, "µV": 1e-6, "MV": 1e6},
+    "angle": {"Radians": 1, "DEG": DEGREE, "Degrees": DEGREE, "degree": DEGREE}
+    | {"mdeg": DEGREE / 1e3, "gon": math.pi / 200, "arcsec": DEGREE / 3600, "Turns": 2 * math.pi}
+    | {"ticks/1000": 2 * math.pi / 1000, "2048 counts/rev": 2 * math.pi / 2048},
+    "torque": {"NM": 1, "N cm": 1e-2, "kgf cm": 0.0980665, "kg·cm": 0.0980665}
+    | {"A": 1, "mA": 1e-3, "amps": 1, "%": 0.01, "percent": 0.01},
 }
 KINDS = {"time": "time", "input": "voltage", "angle": "angle", "velocity": "rate"}
 CASES = [("voltage", field, own, kind) for field, own in KINDS.items() for kind in SPELLINGS]
@@ -93,24 +122,18 @@ COMMENTS = {
 ROWS = ("row", "row in brackets", "commented row above", "commented row below", "units: a, b")
 
 
-def _row(names, units):
-    return [units.get(name, "-") for name in names]
-
-
 def _text(ending, mark):
     def write(folder, cell):
         path = folder / f"log{ending}"
-        body = [
-            mark.join(map(repr, row))
-            for row in np.column_stack(list(cell.columns.values())).tolist()
-        ]
-        head, row = mark.join(cell.names), _row(cell.columns, cell.units)
+        body = [mark.join(map(repr, row)) for row in cell.rows]
+        head, row = mark.join(cell.names), [cell.units.get(name, "-") for name in cell.columns]
         lines = {
             "row": [head, mark.join(row)],
             "row in brackets": [head, mark.join(f"[{each}]" for each in row)],
             "commented row above": ["# " + mark.join(row), head],
             "commented row below": [head, "# " + mark.join(row)],
             "units: a, b": ["# units: " + ", ".join(row), head],
+            "prose": [*cell.told, head],
         }.get(cell.place, [head])
         if cell.place in COMMENTS:
             own = [COMMENTS[cell.place].format(*pair) for pair in cell.told.items()]
@@ -136,25 +159,22 @@ IN_KEYS = {
 
 def _json(folder, cell):
     path = folder / "log.json"
-    content = dict(zip(cell.names, (each.tolist() for each in cell.columns.values()), strict=True))
+    content = {name: each.tolist() for name, each in cell.named.items()}
     if cell.place.startswith("beside"):
         key = cell.place.split()[1]
         content |= {k: {key: v, "values": content[k]} for k, v in cell.told.items()}
-    path.write_text(
-        json.dumps(content | (IN_KEYS[cell.place](cell.told) if cell.place in IN_KEYS else {}))
-    )
+    path.write_text(json.dumps(content | cell.keys))
     return path
 
 
 def _records(ending):
     def write(folder, cell):
         path = folder / f"log{ending}"
-        rows = np.column_stack(list(cell.columns.values())).tolist()
         more = {
             "per row": {f"{k}_unit": v for k, v in cell.told.items()},
             "units per row": {"units": dict(cell.told)},
-        }.get(cell.place, {})
-        records = [dict(zip(cell.names, row, strict=True)) | more for row in rows]
+        }.get(cell.place, cell.keys)
+        records = [dict(zip(cell.names, row, strict=True)) | more for row in cell.rows]
         lines = [json.dumps(each) for each in records]
         path.write_text("\n".join(lines) + "\n" if ending == ".jsonl" else f"[{','.join(lines)}]")
         return path
@@ -168,51 +188,41 @@ IN_FIELD = ("unit", "units", "UNIT", "uom", "astropy:unit", "description", "long
 def _parquet(folder, cell):
     path = folder / "log.parquet"
     if cell.place.startswith("pandas"):
-        frame = _frame(folder, cell._replace(place=cell.place.removeprefix("pandas ")))
-        frame.to_parquet(path)
+        _frame(folder, cell).to_parquet(path)
         return path
-    key, many = cell.place.split()[-1], cell.place == "long description"
-    own = {k: f"filtered, in {v}" if many else v for k, v in cell.told.items()}
-    fields = [
-        pa.field(
-            n, pa.float64(), metadata={key: own[c]} if cell.place in IN_FIELD and c in own else None
-        )
-        for n, c in zip(cell.names, cell.columns, strict=True)
-    ]
-    meta = IN_KEYS.get(cell.place.removeprefix("schema "), lambda _: {})(cell.told)
-    meta = {k: v if isinstance(v, str) else json.dumps(v) for k, v in meta.items()}
-    table = pa.table(list(cell.columns.values()), schema=pa.schema(fields, metadata=meta))
+    key, long = cell.place.split()[-1], cell.place == "long description"
+    said = {k: {key: f"filtered, in {v}" if long else v} for k, v in cell.told.items()}
+    said = said if cell.place in IN_FIELD else cell.told if cell.place == "each field" else {}
+    pairs = zip(cell.names, cell.columns, strict=True)
+    fields = [pa.field(name, pa.float64(), metadata=said.get(k)) for name, k in pairs]
+    meta = cell.texts if cell.place not in IN_FIELD else {}
+    table = pa.table([*cell.columns.values()], schema=pa.schema(fields, metadata=meta))
     parquet.write_table(table, path)
     return path
 
 
 def _frame(_, cell):
-    frame = pd.DataFrame(dict(zip(cell.names, cell.columns.values(), strict=True)))
-    frame.attrs = IN_KEYS[cell.place](cell.told) if cell.place in IN_KEYS else {}
+    frame = pd.DataFrame(cell.named)
+    frame.attrs = cell.keys
     return frame
 
 
 def _mat(folder, cell):
-    path = folder / "log.mat"
+    path, told = folder / "log.mat", dict(cell.told)
     data = {k: np.asarray(v) for k, v in cell.columns.items()}
     if cell.place == "struct.units":
-        data = {
-            k: {"values": v, "units": cell.told[k]} if k in cell.told else v
-            for k, v in data.items()
-        }
-    more = {
-        "top-level units": {"units": dict(cell.told)},
-        "key_unit": {f"{k}_unit": v for k, v in cell.told.items()},
-        "data.units": {"units": dict(cell.told)},
-        "DataInfo": {},
-    }.get(cell.place, {})
-    if cell.place == "DataInfo":
-        data = {
-            k: {"Data": v, "DataInfo": {"Units": cell.told[k]}} if k in cell.told else v
-            for k, v in data.items()
-        }
-    inside = cell.place == "data.units"
-    savemat(path, {"data": {**data, **more}} if inside else {**data, **more})
+        data |= {k: {"values": data[k], "units": unit} for k, unit in told.items()}
+    elif cell.place == "DataInfo":
+        data |= {k: {"Data": data[k], "DataInfo": {"Units": unit}} for k, unit in told.items()}
+    elif cell.place == "key_unit":
+        data |= IN_KEYS["key_unit"](told)
+    elif cell.place == "top-level units":
+        data |= {"units": told}
+    elif cell.place == "data.units":
+        data = {"data": data | {"units": told}}
+    elif cell.place == "top":
+        data |= told
+    savemat(path, data)
     return path
 
 
@@ -236,11 +246,8 @@ def _hdf5(folder, cell):
 
 
 def _npz(folder, cell):
-    path = folder / "log.npz"
-    told = IN_KEYS[cell.place](cell.told) if cell.place in IN_KEYS else {}
-    texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in told.items()}
-    np.savez(path, **dict(zip(cell.names, cell.columns.values(), strict=True)), **texts)
-    return path
+    np.savez(folder / "log.npz", **cell.named, **cell.texts)
+    return folder / "log.npz"
 
 
 def _xlsx(folder, cell):
@@ -284,29 +291,25 @@ def ambiguous(form, place, spelling):
     return in_words or (form == "blanks" and " " in spelling) or (form, place) == ("tsv", ROWS[1])
 
 
-def written(folder, where, field, spelling, factor):
-    """Write a file; return what to read, its columns, and the true values."""
+def written(folder, where, columns, told):
+    """Write columns, of some of which a unit is told; return what to read, and their names."""
     form, place = where
-    true = signals()
-    if field != "velocity":
-        del true["velocity"]
-    columns = dict(true)
-    columns[field] = true[field] / (factor or 1)
-    told = {field: spelling}
-    pattern = (IN_NAMES | GLUED).get(place)
-    long = place == "glued" and spelling.isalpha() and len(spelling) > 4
-    word = spelling[:1].upper() + spelling[1:] if long else spelling
-    names = [pattern.format(k, word) if pattern and k == field else k for k in columns]
-    units = {k: {**OWN, "velocity": "rad/s"}[k] for k in columns} | told
+    pattern = (IN_NAMES | GLUED).get(place, "{}")
+    words = {k: _capital(unit) if place == "glued" else unit for k, unit in told.items()}
+    names = [pattern.format(k, words[k]) if k in told else k for k in columns]
+    units = {k: OWN[k] for k in columns} | told
     source = WRITERS[form][0](folder, Cell(columns, names, units, place, told))
-    chosen = dict(zip(columns, names, strict=True))
     if place == "data.units":
-        chosen = {k: f"data.{k}" for k in columns}
-    elif place == "struct.units" or place.startswith("beside"):
-        chosen[field] += ".values"
-    elif place == "DataInfo":
-        chosen[field] += ".Data"
-    return source, chosen, true
+        return source, {k: f"data.{k}" for k in columns}
+    inside = {"struct.units": ".values", "DataInfo": ".Data"}.get(place, "")
+    inside = ".values" if place.startswith("beside") else inside
+    chosen = {k: f"{name}{inside * (k in told)}" for k, name in zip(columns, names, strict=True)}
+    return source, chosen
+
+
+def _capital(unit):
+    """As inputMilliVolt has it, where it is a word."""
+    return unit[:1].upper() + unit[1:] if unit.isalpha() and len(unit) > 4 else unit
 
 
 # Files that say nothing of units, though words and letters of theirs may be some.
@@ -335,7 +338,8 @@ measured in May in Rome | wiring: red = V+, black = 0 V, g = ground | state: s0;
 ).split(" | ")
 
 
-INNOCENT = ("csv", "above", "json", "jsonl", "parquet", "field", "frame", "mat", "hdf5")
+INNOCENT = ("csv", "tsv", "json", "jsonl", "parquet", "field", "frame", "mat", "mat 7.3")
+FIELD = ("description", "comment")
 
 
 def innocent(folder, number):
@@ -345,32 +349,15 @@ def innocent(folder, number):
     columns = {k: v for k, v in signals().items() if k != "velocity"}
     keyed = {f"note {k}": each for k, each in enumerate(lines)}
     keyed |= dict(each.split(": ", 1) for each in lines if ": " in each)
-    form = INNOCENT[number % len(INNOCENT)]
-    if form in {"csv", "above"}:
-        path = folder / "log.csv"
-        mark = ("# ", "% ", "// ")[number % 3]
-        rows = [",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()]
-        above = [mark + each for each in lines]
-        path.write_text("\n".join([*above, ",".join(columns), *rows, ""]))
-    elif form in {"json", "jsonl"}:
-        path = folder / f"log.{form}"
-        content = {k: v.tolist() for k, v in columns.items()} | {"meta": keyed}
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        texts = [json.dumps(each | {"note": lines[0]}) for each in rows]
-        path.write_text(json.dumps(content) if form == "json" else "\n".join([*texts, ""]))
-    elif form in {"parquet", "field"}:
-        path = folder / "log.parquet"
-        own = {"description": lines[0], "comment": lines[1]} if form == "field" else None
-        fields = [pa.field(k, pa.float64(), metadata=own) for k in columns]
-        schema = pa.schema(fields, metadata=None if form == "field" else keyed)
-        parquet.write_table(pa.table([*columns.values()], schema=schema), path)
-    elif form == "frame":
-        path = pd.DataFrame(columns)
-        path.attrs = keyed
-    elif form == "mat":
-        path = folder / "log.mat"
-        savemat(path, {**columns, "note": "\n".join(lines), "info": {"by": lines[0], "axis": "m"}})
-    else:
-        path = folder / "log.mat"
-        _hdf5(folder, Cell(columns, [], {}, "comment", {"angle": lines[0], "input": lines[1]}))
-    return path, columns
+    form, mark = INNOCENT[number % len(INNOCENT)], ("# ", "% ", "// ")[number % 3]
+    place, told = {
+        "csv": ("prose", [mark + each for each in lines]),
+        "tsv": ("prose", [mark + each for each in lines]),
+        "json": ("meta", keyed),
+        "jsonl": ("top", {"note": lines[0]}),
+        "field": ("each field", {k: dict(zip(FIELD, lines, strict=False)) for k in columns}),
+        "mat": ("top", {"note": "\n".join(lines), "info": {"by": lines[0], "axis": "m"}}),
+        "mat 7.3": ("comment", {"angle": lines[0], "input": lines[1]}),
+    }.get(form, ("top", keyed))
+    write, _ = WRITERS["parquet" if form == "field" else form]
+    return write(folder, Cell(columns, [*columns], {}, place, told)), columns

@@ -66,7 +66,21 @@ def test_typed_dates_keep_their_digits(zone, tmp_path):
     stamps = pd.to_datetime(NANOS).tz_localize(zone)
     for form, error in {"log.parquet": 0, "frame": 0, **dict.fromkeys(JSON, 1e-3)}.items():
         np.testing.assert_allclose(_read(tmp_path, form, stamps).time, TIME, 1e-12, error)
-    np.testing.assert_allclose(_read(tmp_path, "frame", stamps - stamps[0]).time, TIME, 1e-12)
+    for form in ("log.parquet", "frame"):
+        np.testing.assert_allclose(_read(tmp_path, form, stamps - stamps[0]).time, TIME, 1e-12)
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+def test_dates_that_index_a_table_are_of_its_type_and_a_clock_alone(unit, tmp_path):
+    index = pd.DatetimeIndex(pd.to_datetime(NANOS // 10**6 * 10**6), name="time").as_unit(unit)
+    frame, path = pd.DataFrame(SIGNALS, index=index), tmp_path / "log.parquet"
+    frame.to_parquet(path)
+    log = read_log(path)
+    np.testing.assert_allclose(log.time, TIME, rtol=1e-12)
+    assert log.reading.columns["time"].text == f'column 2 "time", {unit} (type)'
+    frame.assign(input=frame.index).to_parquet(path)
+    with pytest.raises(bf.InputError, match="input: got a column of timestamp"):
+        read_log(path)
 
 
 @pytest.mark.parametrize("first", [738_000.25, 45_000.25], ids=["MATLAB", "Excel"])

@@ -21,8 +21,11 @@ TABLE = np.column_stack(
 )
 
 
-def _lines(separator=",", decimal=".", table=TABLE):
-    return [separator.join(repr(v).replace(".", decimal) for v in row) for row in table.tolist()]
+def _lines(separator=",", decimal="."):
+    return [separator.join(repr(v).replace(".", decimal) for v in row) for row in TABLE.tolist()]
+
+
+ROWS = _lines(";")
 
 
 def _read(folder, lines, columns=None, encoding="utf-8"):
@@ -31,30 +34,9 @@ def _read(folder, lines, columns=None, encoding="utf-8"):
     return read_csv(path, columns, **KIND)
 
 
-def _same(log, table=TABLE):
-    for name, column in zip(NAMES, table.T, strict=True):
+def _same(log):
+    for name, column in zip(NAMES, TABLE.T, strict=True):
         np.testing.assert_array_equal(getattr(log, name), column[: log.time.size])
-
-
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
-def test_two_bytes_to_a_letter_are_read_in_either_order_with_and_without_a_mark(tmp_path, encoding):
-    log = _read(tmp_path, [HEAD, *_lines()], encoding=encoding)
-    _same(log)
-    assert log.reading.layout == ("UTF-16",)
-
-
-def test_numpys_commented_header_is_the_header(tmp_path):
-    path = tmp_path / "log.txt"
-    np.savetxt(path, TABLE, header="bench 2\ntime input angle", fmt="%.17g")
-    log = read_csv(path, **KIND)
-    _same(log)
-    assert log.reading.layout == ("blanks between columns", "comment lines: 2")
-
-
-def test_lines_above_the_header_are_told(tmp_path):
-    log = _read(tmp_path, ["Bench 2", "by: me", "time;input;angle", *_lines(";")])
-    _same(log)
-    assert log.reading.layout == ("semicolons between columns", "lines above the table: 2")
 
 
 @pytest.mark.parametrize(
@@ -74,7 +56,6 @@ def test_a_last_line_that_was_cut_off_is_dropped_and_counted_and_no_whole_one(tm
         assert (log.time.size, log.reading.cut_lines) == (24, 0)
 
 
-ROWS = _lines(";")
 T_U = {"time": "t", "input": "u"}
 
 
@@ -108,11 +89,6 @@ def test_what_cannot_be_read_is_named_with_its_place(tmp_path, lines, message, c
         _read(tmp_path, lines, columns)
 
 
-def test_columns_may_be_told_by_number_with_and_without_a_header(tmp_path):
-    for head in ([], [HEAD]):
-        _same(_read(tmp_path, [*head, *_lines()], FIRST_THREE | {"input": "1"}))
-
-
 @pytest.mark.parametrize("cell", ["", "-", "nan"])
 def test_a_velocity_without_numbers_that_nobody_asked_for_is_left_out(tmp_path, cell):
     rows = [f"{line},{cell}" for line in _lines()]
@@ -120,14 +96,6 @@ def test_a_velocity_without_numbers_that_nobody_asked_for_is_left_out(tmp_path, 
     assert log.velocity is None
     assert "velocity" in log.reading.layout[-1]
     _same(log)
-
-
-def test_other_columns_may_hold_texts_and_the_wanted_ones_any_order(tmp_path):
-    lines = [",".join([*line.split(",")[::-1], "x"]) for line in _lines()]
-    columns = {"time": "t_s", "input": "volts", "angle": "angle_rad"}
-    _same(_read(tmp_path, ["angle_rad,volts,t_s,extra", *lines], columns))
-    lines = [f"2024-01-05 10:00;{line};OK" for line in _lines(";", ",")]
-    _same(_read(tmp_path, ["date;time;input;angle;state", *lines]))
 
 
 @pytest.mark.parametrize(
@@ -151,29 +119,54 @@ def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monk
 
 R_ROWS = [f'"{k + 1}",{line}' for k, line in enumerate(_lines())]
 PANDAS_ROWS = [f"{k},{line}" for k, line in enumerate(_lines())]
+NAMED_ROWS = ("row names in the first column",)
+TURNED = [",".join([*line.split(",")[::-1], "x"]) for line in _lines()]
+OTHER_NAMES = {"time": "t_s", "input": "volts", "angle": "angle_rad"}
+STATED = [f"2024-01-05 10:00;{line};OK" for line in _lines(";", ",")]
+LAID_OUT = {  # lines, what is told of them, the columns that are asked for
+    "numpy's commented header": (
+        ["# bench 2", "# time input angle", *_lines(" ")],
+        ("blanks between columns", "comment lines: 2"),
+        None,
+    ),
+    "lines above the header": (
+        ["Bench 2", "by: me", "time;input;angle", *ROWS],
+        ("semicolons between columns", "lines above the table: 2"),
+        None,
+    ),
+    "columns by number": (_lines(), None, FIRST_THREE | {"input": "1"}),
+    "columns by number below a header": ([HEAD, *_lines()], (), FIRST_THREE | {"input": "1"}),
+    "any order": (["angle_rad,volts,t_s,extra", *TURNED], None, OTHER_NAMES),
+    "texts in other columns": (["date;time;input;angle;state", *STATED], None, None),
+    "R": ([HEAD, *R_ROWS], NAMED_ROWS, None),
+    "R, blanks": ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None, None),
+    "texts as row names": ([HEAD, *(f"run {each}" for each in PANDAS_ROWS)], NAMED_ROWS, None),
+    "pandas": ([",".join(["", *NAMES]), *PANDAS_ROWS], (), None),
+    "a comma behind the header": ([",".join([*NAMES, ""]), *_lines()], (), None),
+    "two commas behind the header": ([",".join([*NAMES, "", ""]), *_lines()], (), None),
+    "a comma behind the rows": ([HEAD, *(f"{line}," for line in _lines())], (), None),
+    "R, units": ([HEAD, "s,V,rad", *R_ROWS], None, None),
+    "a comma behind the rows, units": (
+        [HEAD, "s,V,rad", *(f"{line}," for line in _lines())],
+        (),
+        None,
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    ("lines", "layout"),
-    [
-        ([HEAD, *R_ROWS], ("row names in the first column",)),
-        ([" ".join(NAMES), *(each.replace(",", " ") for each in R_ROWS)], None),
-        (
-            [HEAD, *(f"run {each}" for each in PANDAS_ROWS)],
-            ("row names in the first column",),
-        ),
-        ([",".join(["", *NAMES]), *PANDAS_ROWS], ()),
-        ([",".join([*NAMES, ""]), *_lines()], ()),
-        ([",".join([*NAMES, "", ""]), *_lines()], ()),
-        ([HEAD, *(f"{line}," for line in _lines())], ()),
-        ([HEAD, "s,V,rad", *R_ROWS], None),
-        ([HEAD, "s,V,rad", *(f"{line}," for line in _lines())], ()),
-    ],
-)
-def test_a_header_of_another_length_is_told_from_row_names(tmp_path, lines, layout):
-    log = _read(tmp_path, lines)
+@pytest.mark.parametrize("how", LAID_OUT)
+def test_however_the_lines_are_laid_out_the_columns_are_found(tmp_path, how):
+    lines, layout, columns = LAID_OUT[how]
+    log = _read(tmp_path, lines, columns)
     _same(log)
     assert layout is None or log.reading.layout == layout
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_two_bytes_to_a_letter_are_read_in_either_order_with_and_without_a_mark(tmp_path, encoding):
+    log = _read(tmp_path, [HEAD, *_lines()], encoding=encoding)
+    _same(log)
+    assert log.reading.layout == ("UTF-16",)
 
 
 def test_a_row_with_one_known_unit_is_a_row_of_units(tmp_path):

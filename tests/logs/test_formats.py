@@ -1,20 +1,15 @@
 """Logs in files of every format: what was written is read, in little more than its own memory."""
 
 import itertools
-import json
 import threading
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pyarrow import parquet
-from scipy.io import savemat
 
 from butterfly.errors import InputError
 from butterfly.files import write_file
@@ -26,17 +21,9 @@ from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.logs.thinning import thinned
 from butterfly.logs.units import Units
+from tests.logs.said_table import written
 
 KIND = {"input_kind": InputKind.TORQUE}
-COLUMN_WRITERS = {
-    ".mat": lambda columns, path: savemat(path, columns),
-    ".json": lambda columns, path: path.write_text(
-        json.dumps({name: each.tolist() for name, each in columns.items()})
-    ),
-    ".parquet": lambda columns, path: parquet.write_table(pa.table(columns), path),
-    ".csv": lambda columns, path: pd.DataFrame(columns).to_csv(path, index=False),
-    ".tsv": lambda columns, path: pd.DataFrame(columns).to_csv(path, index=False, sep="\t"),
-}
 WRITERS = {
     "mat": write_mat,
     "csv": write_csv,
@@ -73,21 +60,15 @@ def test_any_numbers_are_read_back_bit_for_bit(tmp_path_factory, ending, columns
 
 
 @pytest.mark.parametrize("ending", KINDS)
-def test_a_missing_number_among_others_stays_missing(tmp_path, sine_log, ending):
-    log = sine_log.take(np.arange(100))
-    log.angle[[3, 7]] = np.nan
-    write_log(log, tmp_path / f"log{ending}")
-    np.testing.assert_array_equal(read_log(tmp_path / f"log{ending}", **KIND).angle, log.angle)
-
-
-@pytest.mark.parametrize("ending", KINDS)
-def test_a_log_that_was_read_is_named_by_its_file_whatever_the_case_of_its_ending(
+def test_a_log_is_named_by_its_file_whatever_the_case_and_what_is_missing_stays_so(
     tmp_path, sine_log, ending
 ):
-    path = tmp_path / f"log{ending.upper()}"
-    write_log(sine_log.take(np.arange(100)), path)
-    log = read_log(path, **KIND)
-    assert (log.name, log.source) == (path.name, str(path))
+    log, path = sine_log.take(np.arange(100)), tmp_path / f"log{ending.upper()}"
+    log.angle[[3, 7]] = np.nan
+    write_log(log, path)
+    read = read_log(path, **KIND)
+    assert (read.name, read.source) == (path.name, str(path))
+    np.testing.assert_array_equal(read.angle, log.angle)
     assert read_log(path, name="mine", **KIND).name == "mine"
 
 
@@ -104,18 +85,15 @@ def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
     np.testing.assert_allclose(read.angle, np.radians(log.velocity))
 
 
-@pytest.mark.parametrize("ending", COLUMN_WRITERS)
+@pytest.mark.parametrize("form", ["mat", "json", "parquet", "csv", "tsv"])
 @pytest.mark.parametrize("lacking", ["angle", "input", "angle and input"])
-def test_a_velocity_stands_for_the_angle_and_none_for_the_input(
-    tmp_path, sine_log, ending, lacking
-):
-    log, path = sine_log.take(np.arange(100)), tmp_path / f"log{ending}"
+def test_a_velocity_stands_for_the_angle_and_none_for_the_input(tmp_path, sine_log, form, lacking):
+    log = sine_log.take(np.arange(100))
     log = replace(log, velocity=log.input + 1.0)
     columns = {name: each for name, each in log.columns().items() if name not in lacking}
     about = KIND | ({"input_kind": "none"} if "input" in lacking else {})
-    COLUMN_WRITERS[ending](columns, path)
-    names = {name: name for name in columns} if ending == ".mat" else None
-    read = read_log(path, names, **about)
+    path, names = written(tmp_path, (form, "no unit"), columns, {})
+    read = read_log(path, names if form == "mat" else None, **about)
     assert read.integrated is ("angle" in lacking)
     assert read.input_kind == about["input_kind"]
     for name, values in columns.items():

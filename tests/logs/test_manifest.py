@@ -44,14 +44,6 @@ def drafted(tmp_path, sine_log):
     return draft(tmp_path, HOW)
 
 
-def test_an_entry_becomes_a_log_with_its_properties(drafted):
-    log = read_entry(drafted, drafted.logs[0])
-    assert (log.added_mass.mass, log.added_mass.arm) == (0.052, 0.104)
-    assert log.input_kind is InputKind.TORQUE
-    assert log.intersample is Intersample.FIRST_ORDER_HOLD
-    assert log.excitation.omega == 10.0
-
-
 def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path, drafted):
     backwards = drafted.model_copy(update={"sign": -1})
     write_manifest(backwards, tmp_path / "manifest.yaml")

@@ -1,6 +1,5 @@
 """ROS 2 bags in MCAP, written by the library that others write them with."""
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,10 +98,3 @@ def test_a_bag_cut_or_damaged_anywhere_is_one_line(tmp_path):
         except InputError:
             continue
         np.testing.assert_array_equal(log.angle, ANGLE)
-
-
-def test_without_the_extra_it_is_named(tmp_path, monkeypatch):
-    path = _write(tmp_path / "bag.mcap")
-    monkeypatch.setitem(sys.modules, "mcap.reader", None)
-    with pytest.raises(InputError, match=r"pip install 'butterfly-testbed\[mcap\]'"):
-        read_log(path, **KIND)

@@ -40,9 +40,8 @@ def test_what_is_no_parquet_is_one_typed_error(tmp_path, content):
 
 
 def test_a_file_that_tells_of_more_rows_than_it_can_hold_is_refused(tmp_path, monkeypatch):
-    path = tmp_path / "constant.parquet"
     columns = {name: np.zeros(5000) for name in ("time", "input", "angle")}
-    parquet.write_table(pa.table(columns), path)
+    path = _write(tmp_path / "constant.parquet", **columns)
     assert read_parquet(path).time.size == 5000
     monkeypatch.setattr("butterfly.files._FREE", 0)
     monkeypatch.setattr("butterfly.files._PACKED", 1)
@@ -69,20 +68,3 @@ def test_pandas_index_is_a_column(tmp_path, name):
     np.testing.assert_array_equal(log.angle, RAMP)
     frame.reset_index(names="time").to_parquet(path, index=True)
     np.testing.assert_array_equal(read_parquet(path, **KIND).time, 0.5 * RAMP)
-
-
-@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
-def test_stamps_with_a_date_count_from_the_first(tmp_path, unit):
-    path = tmp_path / "a.parquet"
-    stamps = pd.to_datetime(1_700_000_000_123_456_000 + 2_000_000 * np.arange(20))
-    index = pd.DatetimeIndex(stamps, name="time").as_unit(unit)
-    frame = pd.DataFrame({"angle": RAMP, "input": RAMP}, index=index)
-    frame.to_parquet(path)
-    log = read_parquet(path, **KIND)
-    np.testing.assert_allclose(log.time, 2e-3 * RAMP, rtol=1e-12)
-    assert log.reading.columns["time"].text == f'column 2 "time", {unit} (type)'
-    frame.assign(input=frame.index).to_parquet(path)
-    with pytest.raises(InputError, match="input: got a column of timestamp"):
-        read_parquet(path, **KIND)
-    frame.set_index(index - index[0]).rename_axis("time").to_parquet(path)
-    np.testing.assert_allclose(read_parquet(path, **KIND).time, 2e-3 * RAMP, rtol=1e-12)

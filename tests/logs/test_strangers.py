@@ -12,7 +12,7 @@ from scipy.io import savemat
 import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.logs.formats import read_log
-from tests.logs.written import write_objects, write_sheets
+from tests.logs.written import MARK73, write_objects, write_sheets
 
 SHARED = Path(__file__).parents[3] / "shared/data/cases/strangers/not_text_files"
 TIME = 0.02 * np.arange(60)
@@ -190,12 +190,25 @@ def test_objects_of_matlabs_are_read(tmp_path, version):
     _assert_read(path)
 
 
-def test_without_an_extra_it_is_named(tmp_path, monkeypatch):
+EXTRAS = {  # and what is said to be installed without them
+    "b.mat": "matlab",
+    "v73.mat": "hdf5",
+    "bag.mcap": "mcap",
+    "logs/a.xlsx": "excel",
+    "logs": "excel",
+}
+
+
+@pytest.mark.parametrize("name", EXTRAS)
+def test_without_an_extra_it_is_named(tmp_path, monkeypatch, name):
     write_objects(tmp_path / "b.mat", {"D": pd.DataFrame(COLUMNS)}, "v7")
+    (tmp_path / "v73.mat").write_bytes(MARK73 + bytes(600))
+    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n")
     (folder := tmp_path / "logs").mkdir()
     write_sheets(folder / "a.xlsx", {"a": TABLE})
-    for package in ("openpyxl", "matio"):
+    for package in ("openpyxl", "matio", "h5py", "mcap.reader"):
         monkeypatch.setitem(sys.modules, package, None)
-    for path, extra in (("b.mat", "matlab"), ("logs/a.xlsx", "excel"), ("logs", "excel")):
-        with pytest.raises(InputError, match=rf"extra {extra} .*'butterfly-testbed\[{extra}"):
-            bf.read(tmp_path / path)
+    way = ".*'-v7'" if EXTRAS[name] == "hdf5" else ""
+    said = rf"pip install 'butterfly-testbed\[{EXTRAS[name]}\]'{way}"
+    with pytest.raises(InputError, match=said):
+        bf.read(tmp_path / name)

@@ -138,9 +138,7 @@ def that_has_no_end(handler, name):
 
 
 def that_comes_drop_by_drop(handler, name):
-    handler.send_response(200)
-    handler.send_header("Content-Length", str(len(CONTENTS[name])))
-    handler.end_headers()
+    handler.reply(b"", length=len(CONTENTS[name]))
     with suppress(OSError):
         for k in range(30):
             handler.wfile.write(CONTENTS[name][k : k + 1])

@@ -1,54 +1,54 @@
-"""Files of a joint with known parameters: every format, place of the unit and spelling of it.
+"""Units are read wherever a file says them, however spelt, and prose that holds a letter says none.
 
 What is written is read end to end and identified: the estimate is that of the joint, or there is an
-error that names the word. Factors are written anew here, from the SI brochure's tables 4, 7 and 8.
+error that names the word.
 """
 
 import html
 import json
-import math
-from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from scipy.io import savemat
 
 import butterfly as bf
-from butterfly.logs.formats import read_log
+from butterfly.logs.formats import log_of_table, read_log
 from butterfly.logs.health import examine
 from tests.independent.integrator import Joint, motion
+from tests.logs import said_table as table
+from tests.logs.said_table import DEGREE, SPELLINGS
 from tests.logs.written import mat73, put73
 
 P1, P2, P3, P4 = 0.00325, 0.00145, 0.04905, 0.025
 STEP, SAMPLES = 0.02, 150
 FIELDS = ("time", "input", "angle")
-DEGREE = math.pi / 180
-SPELLINGS = {
-    "time": {"s": 1, "sec": 1, "seconds": 1, "S": 1, "ms": 1e-3, "milliseconds": 1e-3, "MS": 1e-3}
-    | {"msec": 1e-3, "us": 1e-6, "µs": 1e-6, "microseconds": 1e-6, "ns": 1e-9, "min": 60}
-    | {"minutes": 60, "h": 3600, "hours": 3600},
-    "input": {"V": 1, "v": 1, "volts": 1, "Volt": 1, "mV": 1e-3, "mv": 1e-3, "millivolts": 1e-3}
-    | {"kV": 1e3, "KV": 1e3, "kilovolts": 1e3, "uV": 1e-6, "µV": 1e-6, "MV": 1e6},
-    "angle": {"rad": 1, "Radians": 1, "mrad": 1e-3, "deg": DEGREE, "DEG": DEGREE, "°": DEGREE}
-    | {"Degrees": DEGREE, "degree": DEGREE, "mdeg": DEGREE / 1e3, "gon": math.pi / 200}
-    | {"arcmin": DEGREE / 60, "arcsec": DEGREE / 3600, "rev": 2 * math.pi, "Turns": 2 * math.pi}
-    | {"counts/4096": 2 * math.pi / 4096, "ticks/1000": 2 * math.pi / 1000}
-    | {"2048 counts/rev": 2 * math.pi / 2048},
-}
-TORQUES = {"Nm": 1, "N m": 1, "N·m": 1, "N*m": 1, "N-m": 1, "NM": 1, "mNm": 1e-3, "mN m": 1e-3}
-TORQUES |= {"Ncm": 1e-2, "N cm": 1e-2, "kgf cm": 0.0980665, "kg·cm": 0.0980665, "A": 1, "mA": 1e-3}
-TORQUES |= {"amps": 1, "%": 0.01, "percent": 0.01}
 REFUSED = {
     "time": ("samples", "weeks", "deg"),
     "input": ("PWM", "Mv", "Nm", "A", "%"),
     "angle": ("counts", "ticks", "grad", "mm", "V", "counts/0"),
 }
-OWN = dict(zip(FIELDS, ("s", "V", "rad"), strict=True))
+OWN = {name: table.OWN[name] for name in FIELDS}
 ONES = dict.fromkeys(FIELDS, 1)
 COLUMNS = {name: name for name in FIELDS}
+IN_NAMES, TOLD = ("bracket", "parenthesis", "tight"), ("option", "manifest")
+FORMS = {
+    "csv": (*IN_NAMES, "row"),
+    "semicolons": ("parenthesis", "row"),
+    "tsv": ("bracket", "row"),
+    "parquet": (*IN_NAMES, "unit"),
+    "mat": (),
+    "mat 7.3": ("units",),
+    "jsonl": IN_NAMES,
+    "json": (*IN_NAMES, "units"),
+    "frame": IN_NAMES,
+}
+PLACES = [(form, place) for form, own in FORMS.items() for place in own]
+TABLE = PLACES + [(form, place) for form in FORMS for place in TOLD[: 2 - (form == "frame")]]
+SAID = {("parquet", "unit"): "metadata unit", ("mat 7.3", "units"): "attribute units"}
+SAID |= {("json", "units"): "units", "row": "row of units", "option": "given", "manifest": "given"}
 
 
 def _moved(samples):
@@ -64,88 +64,11 @@ def joint():
     return _moved(SAMPLES)
 
 
-def _named(columns, units, place):
-    """Names as the place has them, the units if the file itself has to say them elsewhere."""
-    brackets = {"bracket": "{} [{}]", "parenthesis": "{} ({})", "tight": "{}[{}]"}
-    return [brackets.get(place, "{}").format(name, units[name]) for name in columns]
-
-
-def _rows(columns):
-    return np.column_stack(list(columns.values())).tolist()
-
-
-def _text(dialect, folder, columns, units, place):
-    ending, separator = dialect
-    path = folder / f"log{ending}"
-    heads = [_named(columns, units, place)]
-    heads += [[units[name] for name in columns]] if place == "row" else []
-    lines = [*heads, *([repr(each) for each in row] for row in _rows(columns))]
-    path.write_text("".join(f"{separator.join(line)}\n" for line in lines))
-    return path
-
-
-def _parquet(folder, columns, units, place):
-    names, path = _named(columns, units, place), folder / "log.parquet"
-    said = {name: {"unit": units[name]} if place == "metadata" else None for name in columns}
-    fields = zip(names, columns, strict=True)
-    schema = pa.schema([pa.field(name, pa.float64(), metadata=said[key]) for name, key in fields])
-    parquet.write_table(pa.table(list(columns.values()), schema=schema), path)
-    return path
-
-
-def _hdf5(folder, columns, units, place):
-    path = folder / "log.mat"
-    with mat73(path) as file:
-        put73(file, columns)
-        for name in columns if place == "attribute" else ():
-            file[name].attrs["units"] = units[name]
-    return path
-
-
-def _records(folder, columns, units, place):
-    path, names = folder / "log.jsonl", _named(columns, units, place)
-    records = (json.dumps(dict(zip(names, row, strict=True))) for row in _rows(columns))
-    path.write_text("".join(f"{each}\n" for each in records))
-    return path
-
-
-def _json(folder, columns, units, place):
-    path, names = folder / "log.json", _named(columns, units, place)
-    content = dict(zip(names, (each.tolist() for each in columns.values()), strict=True))
-    path.write_text(json.dumps(content | ({"units": units} if place == "units" else {})))
-    return path
-
-
-def _mat(folder, columns, *_):
-    savemat(folder / "log.mat", columns)
-    return folder / "log.mat"
-
-
-def _frame(_, columns, units, place):
-    return pd.DataFrame(dict(zip(_named(columns, units, place), columns.values(), strict=True)))
-
-
-IN_NAMES, TOLD = ("bracket", "parenthesis", "tight"), ("option", "manifest")
-WRITERS = {
-    "csv": (partial(_text, (".csv", ",")), (*IN_NAMES, "row")),
-    "semicolons": (partial(_text, (".txt", ";")), ("parenthesis", "row")),
-    "tsv": (partial(_text, (".tsv", "\t")), ("bracket", "row")),
-    "parquet": (_parquet, (*IN_NAMES, "metadata")),
-    "mat": (_mat, ()),
-    "mat 7.3": (_hdf5, ("attribute",)),
-    "records": (_records, IN_NAMES),
-    "json": (_json, (*IN_NAMES, "units")),
-    "frame": (_frame, IN_NAMES),
-}
-PLACES = [(form, place) for form, (_, own) in WRITERS.items() for place in own]
-TABLE = PLACES + [(form, place) for form in WRITERS for place in TOLD[: 2 - (form == "frame")]]
-
-
 def _read(cell, joint, units, factors, given=None, **description):
     """Write a file in units, and read it as who is told what the file does not say."""
     folder, form, place = cell
     columns = {name: values / factors[name] for name, values in joint.items()}
-    source = WRITERS[form][0](folder, columns, units, place)
+    source, _ = table.written(folder, (form, place), columns, {} if place in TOLD else units)
     if form.startswith("mat"):
         description["columns"] = COLUMNS
     if place == "manifest":
@@ -165,33 +88,82 @@ def _assert_same(data, joint):
         np.testing.assert_allclose(read, values, rtol=1e-12, atol=1e-14, err_msg=name)
 
 
-def _spelt(number, spellings):
+def _spelt(number, kind="voltage"):
     """One spelling of each column and its factor; numbers in a row use them all in turn."""
-    pairs = {name: [*each.items()][number % len(each)] for name, each in spellings.items()}
-    units, factors = zip(*pairs.values(), strict=True)
-    return dict(zip(FIELDS, units, strict=True)), dict(zip(FIELDS, factors, strict=True))
-
-
-def _said(place):
-    others = {"row": "row of units", "metadata": "metadata unit", "attribute": "attribute units"}
-    others |= dict.fromkeys(TOLD, "given") | {"units": "units"}
-    return others.get(place, "name")
+    pairs = {}
+    for name, quantity in zip(FIELDS, ("time", kind, "angle"), strict=True):
+        known = [pair for pair in (SPELLINGS[quantity] | table.ALONE[quantity]).items() if pair[1]]
+        pairs[name] = known[number % len(known)]
+    return {k: unit for k, (unit, _) in pairs.items()}, {k: f for k, (_, f) in pairs.items()}
 
 
 @pytest.mark.parametrize("kind", ["voltage", "torque"])
 @pytest.mark.parametrize(("form", "place"), TABLE)
 def test_a_unit_is_read_wherever_and_however_it_is_said(tmp_path, joint, form, place, kind):
-    spellings = SPELLINGS | ({"input": TORQUES} if kind == "torque" else {})
-    units, factors = _spelt(TABLE.index((form, place)), spellings)
+    units, factors = _spelt(TABLE.index((form, place)), kind)
     data = _read((tmp_path, form, place), joint, units, factors, input_kind=kind)
     _assert_same(data, joint)
-    assert {each.said for each in data.health[0].columns.values()} == {_said(place)}
+    said = SAID.get((form, place), SAID.get(place, "name"))
+    assert {each.said for each in data.health[0].columns.values()} == {said}
+
+
+def _read_columns(source, columns, kind="voltage"):
+    read = read_log if isinstance(source, Path) else log_of_table
+    return read(source, columns, input_kind=kind)
+
+
+def _cells(form):
+    """Yield each place of a format with a case and a spelling, in turn."""
+    for number, (_, place) in enumerate(cell for cell in table.CELLS if cell[0] == form):
+        for fits in (True, False):
+            cases = [case for case in table.CASES if (case[2] == case[3]) is fits]
+            kind, field, _, said = cases[number % len(cases)]
+            spellings = [(s, f) for s, f in table.SPELLINGS[said].items() if f or not fits]
+            spelling, factor = spellings[(7 * number + fits) % len(spellings)]
+            if kind == "torque" and said == "current":
+                continue  # which makes a torque
+            if not table.ambiguous(form, place, spelling):
+                yield place, kind, field, spelling, factor, fits
+
+
+@pytest.mark.parametrize("form", table.WRITERS)
+def test_one_unit_is_read_or_refused_at_every_place_that_a_format_has(form, tmp_path):
+    for place, kind, field, spelling, factor, fits in _cells(form):
+        true = {k: v for k, v in table.signals().items() if k != "velocity" or field == k}
+        columns = true | {field: true[field] / (factor or 1)}
+        source, names = table.written(tmp_path, (form, place), columns, {field: spelling})
+        cell = (form, place, field, spelling)
+        if not fits:
+            with pytest.raises(bf.InputError):
+                print(cell, _read_columns(source, names, kind).reading.columns)
+            continue
+        log = _read_columns(source, names, kind)
+        for name, values in true.items():
+            np.testing.assert_allclose(getattr(log, name), values, rtol=1e-9, err_msg=str(cell))
+
+
+@pytest.mark.parametrize("form", table.INNOCENT)
+def test_prose_says_no_unit(form, tmp_path):
+    step = len(table.INNOCENT)
+    for number in range(table.INNOCENT.index(form), 34 * step, step):
+        source, columns = table.innocent(tmp_path, number)
+        log = _read_columns(source, {name: name for name in columns})
+        assert {each.factor for each in log.reading.columns.values()} == {1.0}, number
+
+
+@pytest.mark.parametrize("content", [{"unit": "furlong"}, {"meta": {"input units": "PWM"}}])
+def test_a_word_under_a_key_of_units_is_a_unit_or_told(content, tmp_path):
+    path = tmp_path / "log.json"
+    path.write_text(json.dumps({k: v.tolist() for k, v in table.signals().items()} | content))
+    with pytest.raises(bf.InputError, match=r"input: got the unit '(furlong|PWM)' of input \("):
+        bf.read(path)
+    assert bf.read(path, units={"input": "V"}).logs
 
 
 def test_the_estimate_is_that_of_the_joint_whatever_the_units(tmp_path):
     joint = _moved(400)
     for number, cell in enumerate([("csv", "row"), ("json", "units"), ("mat", "manifest")]):
-        data = _read((tmp_path, *cell), joint, *_spelt(number + 3, SPELLINGS))
+        data = _read((tmp_path, *cell), joint, *_spelt(number + 3))
         found = bf.identify(data, "weak-form", terms=[]).estimate.parameters
         assert (found.p1, found.p4) == pytest.approx((P1, P4), rel=1e-3), cell
         assert found.p2 == pytest.approx(P2, rel=1e-2), cell
@@ -229,15 +201,34 @@ def test_two_units_that_differ_are_refused_and_the_same_in_other_words_are_not(
         np.testing.assert_allclose(data.logs[0].angle, sign * joint["angle"], rtol=1e-12)
 
 
-def test_the_bracket_and_the_metadata_must_agree(tmp_path, joint):
-    schema = pa.schema(
-        [pa.field(name, pa.float64(), metadata={"unit": "deg"}) for name in ("time [s]", "input")]
-        + [pa.field("angle [rad]", pa.float64(), metadata={"unit": "deg"})]
-    )
-    parquet.write_table(pa.table(list(joint.values()), schema=schema), tmp_path / "log.parquet")
-    units = {"time": 1.0, "input": 1.0}
+def test_units_that_differ_are_refused_with_their_places(tmp_path, joint):
+    names, units = ("time [s]", "input", "angle [rad]"), (None, None, {"unit": "deg"})
+    fields = [pa.field(n, pa.float64(), metadata=m) for n, m in zip(names, units, strict=True)]
+    parquet.write_table(pa.table([*joint.values()], pa.schema(fields)), tmp_path / "log.parquet")
     with pytest.raises(bf.InputError, match=r"rad \(name\) and deg \(metadata unit\) of angle"):
-        bf.read(tmp_path / "log.parquet", units=units)
+        bf.read(tmp_path / "log.parquet")
+    content = {name: values.tolist() for name, values in joint.items()}
+    more = {"units": {"input": "mV"}, "input_unit": "V"}
+    (tmp_path / "log.json").write_text(json.dumps(content | more))
+    with pytest.raises(bf.InputError, match=r"mV \(units\) and V \(input_unit\) of input"):
+        bf.read(tmp_path / "log.json")
+
+
+def test_scale_and_offset_of_netcdf_are_applied_before_the_unit(tmp_path):
+    columns = {k: v for k, v in table.signals().items() if k != "velocity"}
+    packed = columns | {"input": (columns["input"] / 1e-3 - 2) / 0.5}
+    with mat73(tmp_path / "log.mat") as file:
+        put73(file, packed)
+        file["input"].attrs.update({"UNITS": "mV", "scale_factor": 0.5, "add_offset": [2.0]})
+    data = bf.read(tmp_path / "log.mat", columns={name: name for name in columns})
+    np.testing.assert_allclose(data.logs[0].input, columns["input"], atol=1e-12)
+    said = data.health[0].columns["input"].text
+    assert said == '"input", mV (attribute UNITS, scale_factor 0.5 and add_offset 2)'
+    with mat73(tmp_path / "log.mat") as file:
+        put73(file, packed)
+        file["input"].attrs["scale_factor"] = 0.0
+    with pytest.raises(bf.InputError, match="scale_factor: got 0"):
+        bf.read(tmp_path / "log.mat", columns={name: name for name in columns})
 
 
 def test_what_was_read_stands_in_the_record_and_on_the_page(tmp_path, joint, butterfly):

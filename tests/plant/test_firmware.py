@@ -53,6 +53,12 @@ def _identified(log, rig, delay=0.0):
     return Simulation(driven(log), parameters), parameters
 
 
+def _assert_identified_alike(log, rig, delay=0.0):
+    simulation, parameters = _identified(log, rig, delay)
+    found = simulation.run(parameters, 0.0, REST).at(log.time)
+    np.testing.assert_allclose(found, log.angle, atol=1e-9)
+
+
 @pytest.mark.parametrize("law", LOOPS)
 def test_without_friction_mujoco_and_the_grey_box_follow_a_set_point_alike(law):
     rig = _rig(law)
@@ -62,9 +68,7 @@ def test_without_friction_mujoco_and_the_grey_box_follow_a_set_point_alike(law):
     assert np.array_equal(log.enabled == 0, (log.time >= 1.0) & (log.time < 1.3))
     assert np.ptp(log.angle) > 0.3
     np.testing.assert_allclose(grey.angle, log.angle, atol=1e-9)
-    simulation, parameters = _identified(log, rig)
-    found = simulation.run(parameters, 0.0, REST).at(log.time)
-    np.testing.assert_allclose(found, log.angle, atol=1e-9)
+    _assert_identified_alike(log, rig)
 
 
 @pytest.mark.parametrize(
@@ -126,9 +130,7 @@ def test_a_delay_is_one_of_the_set_point_and_flaws_of_the_drive_lie_behind_the_f
     path = CommandPath(delay=0.013, dead_zone=0.2, compression=0.1)
     rig = replace(_rig("pid-voltage", Simulator.GREY_BOX), path=path)
     log = _log(rig, signal=TABLE)
-    simulation, parameters = _identified(log, rig, path.delay)
-    found = simulation.run(parameters, 0.0, REST).at(log.time)
-    np.testing.assert_allclose(found, log.angle, atol=1e-9)
+    _assert_identified_alike(log, rig, path.delay)
     plain = _log(replace(rig, path=CommandPath()), signal=TABLE)
     assert np.abs(plain.angle - log.angle).max() > 0.01
 
@@ -138,9 +140,7 @@ def test_a_supply_that_sags_is_recorded_and_multiplies_the_duty():
     rig = replace(_rig("dynamixel-x"), supply=sagging)
     log = _log(rig, 1.0)
     assert set(log.supply) == {11.0, 7.0}
-    simulation, parameters = _identified(log, rig)
-    found = simulation.run(parameters, 0.0, REST).at(log.time)
-    np.testing.assert_allclose(found, log.angle, atol=1e-9)
+    _assert_identified_alike(log, rig)
     assert np.abs(_log(replace(rig, supply=None), 1.0).angle - log.angle).max() > 1e-3
 
 

@@ -1,12 +1,9 @@
 from dataclasses import replace
-from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
-from PIL import Image
 
-from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
@@ -14,8 +11,7 @@ from butterfly.plant.mjcf import compile_model, disc_radius
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
-from butterfly.plant.watch.picture import Painter, render
-from tests.plant.setting import FINE, mjcf, mujoco_alone, skip_where_nothing_is_drawn
+from tests.plant.setting import FINE, mjcf, mujoco_alone
 
 ROBOT = Robot(
     hand=Hand(mass=0.1 + 1e-13, com_distance=1 / 30, inertia=0.003 * (1 + 1e-12)),
@@ -92,60 +88,6 @@ def test_the_sensors_read_state_and_motor_torque():
     assert data.sensor("velocity").data[0] == 2.0
     torque = 0.05 / 2 * (1.5 - 0.03 * 2.0)
     assert data.sensor("torque").data[0] == pytest.approx(torque, rel=1e-12)
-
-
-@pytest.fixture(scope="module", name="frames")
-def _frames():
-    """Draw ROBOT with an added mass at some angles, as arrays; what is drawn is kept."""
-    skip_where_nothing_is_drawn()
-
-    @cache
-    def draw(added, *angles):
-        with Painter(ROBOT, added, 200) as painter:
-            return [np.asarray(painter.frame(angle)).astype(int) for angle in angles]
-
-    return draw
-
-
-def _pixels(image, colour):
-    """Rows and columns of the pixels of the plates, or of the added mass."""
-    excess = image[..., 2] - image[..., 0]
-    return np.argwhere(excess > 50 if colour == "blue" else excess < -80)
-
-
-def test_a_picture_shows_the_hand_turned_and_its_mass(frames, tmp_path):
-    hanging, turned = frames(ADDED, 0.0, 1.5)
-    height, width = np.ptp(_pixels(hanging, "blue"), axis=0)
-    assert height > 1.5 * width
-    height, width = np.ptp(_pixels(turned, "blue"), axis=0)
-    assert width > 1.3 * height
-    assert _pixels(hanging, "orange")[:, 0].mean() > 110
-    render(ROBOT, ADDED, 0.5, tmp_path / "hand.png", 100)
-    with Image.open(tmp_path / "hand.png") as picture:
-        assert picture.size == (100, 100)
-
-
-def test_up_and_down_look_different_and_an_added_mass_by_its_size(frames):
-    down, up = frames(AddedMass(), 0.0, np.pi)
-    assert (np.abs(up - down).max(axis=2) > 60).mean() > 0.003
-    small, _ = frames(ADDED, 0.0, 1.5)
-    (large,) = frames(AddedMass(mass=0.154, arm=0.104), 0.0)
-    none, few, many = (len(_pixels(each, "orange")) for each in (down, small, large))
-    assert none == 0
-    assert 30 < few < 0.6 * many
-
-
-def test_an_added_mass_far_beyond_the_plate_stays_in_the_picture(frames):
-    for picture in frames(AddedMass(mass=2.0, arm=0.6), 0.0, 1.5, 3.0):
-        seen = _pixels(picture, "orange")
-        assert len(seen) > 30
-        assert seen.min() > 0
-        assert seen.max() < 199
-
-
-def test_a_picture_of_an_unknown_format_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"got \.foo"):
-        render(ROBOT, ADDED, 0.5, tmp_path / "hand.foo")
 
 
 def test_the_disc_is_of_brass_not_too_small_and_drawn_where_the_added_mass_is_if_any():

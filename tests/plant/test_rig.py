@@ -31,18 +31,13 @@ ASSISTED = {
     "bristles": Rig(robot=robot(**STICKS, bristle_stiffness=1.0)),
 }
 PLAY = Clutch(backlash=0.01, rotor_inertia=1e-3)
-RIGS = (
-    UNEVEN
-    | ASSISTED
-    | {
-        "plain": PLAIN,
-        "clutch": Rig(robot=robot(clutch=PLAY, coulomb=3e-4)),
-        "shaped commands": replace(
-            PLAIN, encoder=FINE, path=CommandPath(limit=0.2, resolution=0.01)
-        ),
-        "compression, noise, faults": ROUGH,
-    }
-)
+RIGS = UNEVEN | ASSISTED
+RIGS |= {
+    "plain": PLAIN,
+    "clutch": Rig(robot=robot(clutch=PLAY, coulomb=3e-4)),
+    "shaped commands": replace(PLAIN, encoder=FINE, path=CommandPath(limit=0.2, resolution=0.01)),
+    "compression, noise, faults": ROUGH,
+}
 
 
 RUNS = [

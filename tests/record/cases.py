@@ -1,6 +1,5 @@
 """What is recorded: each case by its name, as a function without arguments."""
 
-import csv
 import os
 import subprocess
 import sys
@@ -8,6 +7,8 @@ import tempfile
 from functools import cache, partial
 from math import pi
 from pathlib import Path
+
+import numpy as np
 
 from tests.record import program
 
@@ -18,11 +19,14 @@ SEED = 1
 QUICK_START = "experiments/quickstart.yaml"
 ORBIT = "experiments/orbit-recalibration.yaml"
 
-PENDULUM = {"input": "torque", "columns": {"time": "time", "input": "torque", "angle": "position"}}
+PENDULUM = {
+    "input_kind": "torque",
+    "columns": {"time": "time", "input": "torque", "angle": "position"},
+}
 THREE = ["ddp.csv", "direct_collocation.csv", "ilqr.csv"]
 OTHERS = ["energy_shaping.csv", "pd_system_identification.csv", "energy_shaping_1kg.csv"]
 DRIVE = {
-    "input": "voltage",
+    "input_kind": "voltage",
     "columns": {"time": "timestep (8Hz)", "input": "voltage", "angle": "position"},
     "units": {"time": 1 / 8000, "angle": "turns"},
     "gravity": 0,
@@ -151,13 +155,8 @@ def _logs(folder):
 
 
 def _of_files(whose, files, told, method, known, **options):
-    data = program.read([_strangers() / whose / file for file in files], **_told(told, known))
+    data = program.read([_strangers() / whose / file for file in files], **told, known=known)
     return program.identification(program.identify(data, method, **options), data)
-
-
-def _told(told, known):
-    names = {"input": "input_kind"}
-    return {names.get(key, key): value for key, value in told.items()} | {"known": known}
 
 
 def _of_family(family, number, method):
@@ -184,15 +183,13 @@ def write_servo(source, folder):
     folder.mkdir()
     files = [f"sin_{name}_kp{gain}" for name in ("sin", "time_square") for gain in (100, 200, 800)]
     for file in files:
-        with (source / f"{file}.csv").open(encoding="utf-8") as lines:
-            rows = [{key: float(x) for key, x in row.items()} for row in csv.DictReader(lines)]
+        log = np.genfromtxt(source / f"{file}.csv", delimiter=",", names=True)
         gain = float(file.rpartition("kp")[2]) * 4096 / (2 * pi) / (256 * 885)
-        with (folder / f"{file}.csv").open("w", encoding="utf-8") as out:
-            out.write("time,input,angle\n")
-            for row in rows:
-                duty = max(-1.0, min(1.0, gain * (row["goal_rad"] - row["angle_rad"])))
-                voltage = row["supply_V"] * duty * row["torque_enabled"]
-                out.write(f"{row['time_s']!r},{voltage!r},{row['angle_rad']!r}\n")
+        duty = np.clip(gain * (log["goal_rad"] - log["angle_rad"]), -1.0, 1.0)
+        voltage = log["supply_V"] * duty * log["torque_enabled"]
+        rows = np.column_stack([log["time_s"], voltage, log["angle_rad"]])
+        names = "time,input,angle"
+        np.savetxt(folder / f"{file}.csv", rows, "%.17g", ",", header=names, comments="")
     listed = "".join(f"  - {{file: {file}.csv}}\n" for file in files)
     told = f"name: xl330\ninput: voltage\nknown: {{p3: {0.49 * 9.81 * 0.1:.6g}}}\nlogs:\n{listed}"
     (folder / "manifest.yaml").write_text(told, encoding="utf-8")

@@ -21,6 +21,7 @@ from tests.plant.setting import ADDED, robot
 
 GUARD = browser.Guard(8001, "known-to-one")
 HOST = {"Host": "127.0.0.1:8001"}
+LOCAL = {"Host": "localhost:8001"}
 COOKIE = {"Cookie": GUARD.cookie.partition(";")[0]}
 
 
@@ -50,37 +51,31 @@ def test_the_browser_tells_time_and_angle(front, monkeypatch):
     assert said == ["t = 2.50 s\nangle = -0.125 rad"]
 
 
-def test_who_knows_the_token_is_admitted():
-    local = {"Host": "localhost:8001"} | COOKIE | {"Origin": "http://localhost:8001"}
-    for path, headers in (
-        (f"/?token={GUARD.token}", HOST),
-        ("/model", HOST | COOKIE),
-        ("/ui?sid=1", HOST | COOKIE | {"Origin": "http://127.0.0.1:8001"}),
-        ("/", local),
-    ):
-        assert GUARD.refusal(path, headers) is None
-
-
 @pytest.mark.parametrize(
-    ("path", "headers"),
+    ("path", "headers", "admitted"),
     [
-        ("/", HOST),
-        ("/?token=", HOST),
-        (f"/?token={GUARD.token[:-1]}", HOST),
-        ("//[?token=x", HOST),
-        ("/", COOKIE),
-        ("/", {"Host": "evil.example:8001"} | COOKIE),
-        ("/", {"Host": "127.0.0.1:8002"} | COOKIE),
-        ("/ui", HOST | COOKIE | {"Origin": "http://evil.example"}),
-        ("/ui", HOST | COOKIE | {"Origin": "null"}),
-        ("/ui", HOST | COOKIE | {"Origin": "http://["}),
-        ("/ui", HOST | COOKIE | {"Origin": "https://127.0.0.1:8001"}),
-        ("/", HOST | {"Cookie": "butterfly-viewer-8001=guess"}),
-        ("/", HOST | {"Cookie": "\x00=;;=,["}),
+        (f"/?token={GUARD.token}", HOST, True),
+        ("/model", HOST | COOKIE, True),
+        ("/ui?sid=1", HOST | COOKIE | {"Origin": "http://127.0.0.1:8001"}, True),
+        ("/", LOCAL | COOKIE | {"Origin": "http://localhost:8001"}, True),
+        ("/", HOST, False),
+        ("/?token=", HOST, False),
+        (f"/?token={GUARD.token[:-1]}", HOST, False),
+        ("//[?token=x", HOST, False),
+        ("/", COOKIE, False),
+        ("/", {"Host": "evil.example:8001"} | COOKIE, False),
+        ("/", {"Host": "127.0.0.1:8002"} | COOKIE, False),
+        ("/ui", HOST | COOKIE | {"Origin": "http://evil.example"}, False),
+        ("/ui", HOST | COOKIE | {"Origin": "null"}, False),
+        ("/ui", HOST | COOKIE | {"Origin": "http://["}, False),
+        ("/ui", HOST | COOKIE | {"Origin": "https://127.0.0.1:8001"}, False),
+        ("/", HOST | {"Cookie": "butterfly-viewer-8001=guess"}, False),
+        ("/", HOST | {"Cookie": "\x00=;;=,["}, False),
     ],
 )
-def test_everybody_else_is_refused(path, headers):
-    assert GUARD.refusal(path, headers)
+def test_who_knows_the_token_is_admitted_and_nobody_else(path, headers, admitted):
+    refusal = GUARD.refusal(path, headers)
+    assert refusal is None if admitted else refusal
 
 
 def test_two_viewers_in_one_browser_do_not_lock_each_other_out():
