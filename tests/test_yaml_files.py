@@ -15,10 +15,10 @@ from butterfly.files import shipped, shipped_experiments
 from butterfly.yaml_files import StrictModel, load_yaml, validate, yaml_text
 
 
-def _content(folder, text):
+def _read(folder, text, errors="strict"):
     path = folder / "a.yaml"
-    path.write_text(text, encoding="utf-8")
-    return load_yaml(path).content
+    path.write_text(text, encoding="utf-8", errors=errors)
+    return load_yaml(path)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def _content(folder, text):
     ],
 )
 def test_a_value_is_what_yaml_1_2_says(tmp_path, text, value):
-    content = _content(tmp_path, f"a: {text}\n")
+    content = _read(tmp_path, f"a: {text}\n").content
     assert content == {"a": value}
     assert type(content["a"]) is type(value)
 
@@ -97,7 +97,7 @@ DEEP = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 
 )
 def test_what_cannot_be_read_is_one_error_with_its_line(tmp_path, text, message):
     with pytest.raises(InputError) as caught:
-        _content(tmp_path, text)
+        _read(tmp_path, text)
     assert str(caught.value).startswith(f"{tmp_path}/a.yaml:{message}")
 
 
@@ -114,16 +114,12 @@ def test_a_place_that_holds_no_text_is_named(tmp_path):
 
 @given(st.text())
 def test_any_text_is_a_mapping_or_one_error(tmp_path, text):
-    path = tmp_path / "a.yaml"
-    path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with suppress(InputError):
-        assert isinstance(load_yaml(path).content, dict)
+        assert isinstance(_read(tmp_path, text, "surrogatepass").content, dict)
 
 
 def test_a_merged_mapping_gives_its_values_and_lines(tmp_path):
-    path = tmp_path / "a.yaml"
-    path.write_text("a: &base\n  b: 1\n  c: 2\nd:\n  <<: *base\n  c: 3\n")
-    document = load_yaml(path)
+    document = _read(tmp_path, "a: &base\n  b: 1\n  c: 2\nd:\n  <<: *base\n  c: 3\n")
     assert document.content["d"] == {"b": 1, "c": 3}
     assert document.line(["d", "b"]) == 2
     assert document.line(["d", "c"]) == 6
@@ -145,9 +141,7 @@ VALUES = st.recursive(
 @example(content={"": [": '"]}, flow=True)
 @example(content={"a\n": " \u2028#", "yes": "no", "- a": "1e3"}, flow=True)
 def test_written_values_read_back_the_same_in_their_order(tmp_path, content, flow):
-    path = tmp_path / "a.yaml"
-    path.write_text(yaml_text(content, flow=flow), encoding="utf-8")
-    read = load_yaml(path).content
+    read = _read(tmp_path, yaml_text(content, flow=flow)).content
     assert read == content
     assert list(read) == list(content)
 
@@ -195,9 +189,7 @@ class Drawing(StrictModel):
     ],
 )
 def test_a_field_reads_as_the_document_has_it_without_the_kinds_of_unions(tmp_path, text, message):
-    path = tmp_path / "a.yaml"
-    path.write_text(text)
-    document = load_yaml(path)
+    document = _read(tmp_path, text)
     with pytest.raises(InputError) as caught:
         validate([document], document.content, Drawing)
     assert str(caught.value).startswith(f"{tmp_path}/a.yaml:{message}")
