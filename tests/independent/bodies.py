@@ -179,6 +179,14 @@ def damped(rng, body: Body) -> Body:
     return body.having(viscous=float(viscous), delay=float(delay))
 
 
+def sizes_of(rng, body: Body) -> list[float]:
+    """Draw torques that move a body with each of its masses."""
+    return [
+        body.torque_of(mass, 0.6 * body.pace_of(mass), rng.uniform(0.15, 0.4))
+        for mass in body.masses
+    ]
+
+
 def dry(rng, body: Body, sizes) -> Body:
     """Draw Coulomb friction that torques of these sizes overcome, and some drag now and then."""
     drag = 0.0

@@ -22,6 +22,7 @@ from tests.independent.bodies import (
     hinge,
     moves,
     record,
+    sizes_of,
     slide,
     with_gain,
     write_set,
@@ -111,14 +112,6 @@ def _known_gain(rng, body, sizes, number):
     return body, {"p4": {"value": float(said), "uncertainty": float(said * share)}}
 
 
-def _sizes(rng, body):
-    """Torques that move a body with each of its masses."""
-    return [
-        body.torque_of(mass, 0.6 * body.pace_of(mass), rng.uniform(0.15, 0.4))
-        for mass in body.masses
-    ]
-
-
 def _somewhere(rng, joint):
     """Angle at which friction holds a joint at rest, if gravity pulls it."""
     if joint.gravity == 0.0:
@@ -128,7 +121,7 @@ def _somewhere(rng, joint):
 
 def driven(rng, body, inputs, each):
     """``each`` runs of every mass, by inputs in turn."""
-    sizes = _sizes(rng, body)
+    sizes = sizes_of(rng, body)
     body = dry(rng, body, sizes)
     runs = []
     for mass, size in zip(body.masses, sizes, strict=True):

@@ -22,6 +22,7 @@ from tests.independent.bodies import (
     Recording,
     Run,
     moves,
+    sizes_of,
     with_gain,
 )
 from tests.independent.drives import chirp, clock, log_uniform, multisine, sine
@@ -155,11 +156,7 @@ def _with_other_terms(body, drive, speed, rng):
 
 def _other_inputs(_, body, rng):
     """Sums of sines, chirps and free decays; at least one log of each mass is driven."""
-    paces = [body.pace_of(mass) for mass in body.masses]
-    sizes = [
-        body.torque_of(mass, 0.6 * pace, rng.uniform(0.15, 0.4))
-        for mass, pace in zip(body.masses, paces, strict=True)
-    ]
+    sizes = sizes_of(rng, body)
     body = body.having(coulomb=min(sizes) * rng.uniform(0.0, MOST_FRICTION))
     if rng.integers(2):
         drag = rng.uniform(0.1, 1.0) * body.joint.viscous / rng.uniform(0.5, 2.0)
@@ -167,13 +164,15 @@ def _other_inputs(_, body, rng):
     driven = [[multisine], [chirp], [multisine, chirp]][int(rng.integers(3))]
     kinds = [*driven, *[None] * int(rng.integers(2))]
     runs = []
-    for mass, pace, least in zip(body.masses, paces, sizes, strict=True):
+    for mass, least in zip(body.masses, sizes, strict=True):
         for k in range(max(len(kinds), int(rng.integers(2, 5)))):
             make, size = kinds[k % len(kinds)], least + 4 / np.pi * body.joint.coulomb
             if make is None:  # a free decay
                 run = {"torque": np.zeros_like, "size": size, "start": rng.uniform(0.4, 1.2)}
             else:
-                run = dict(zip(("torque", "size"), make(pace, size, rng), strict=True))
+                run = dict(
+                    zip(("torque", "size"), make(body.pace_of(mass), size, rng), strict=True)
+                )
             runs.append(Run(mass=mass, **run))
     return body, runs
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.independent.bodies import GRAVITY, Mass, entry_of, write_set
+from tests.independent.bodies import GRAVITY, Body, Mass, entry_of, write_set
 from tests.independent.drives import clock, log_uniform, multisine, steps
 from tests.independent.integrator import Joint
 from tests.independent.servo import CASCADE, DAMPED, PID, VELOCITY, Firmware, run
@@ -177,18 +177,17 @@ def _drawn(rng, law, number):
         masses *= 2
         own = rng.uniform(0.15, 0.5)
     servo = servo._replace(gravity=own * strength)
+    body = Body(joint=servo, masses=tuple(masses), pace=1.0)
     softer = 1.0 if weighed else rng.uniform(0.3, 0.6)
     recordings = []
     for condition, mass in enumerate(masses):
         share = 1.0 if condition == 0 else softer
         own_gains = _register(rule, [share * gain for gain in gains])
         set_firmware = _with_gains(firmware, rule, own_gains)
-        joint = servo._replace(
-            inertia=servo.inertia + mass.mass * mass.arm**2,
-            gravity=servo.gravity + mass.mass * GRAVITY * mass.arm,
-        )
         for plan in (_waves, _levels if condition == 0 else _sweep, _lift_and_drop):
-            seen = _recorded(rng, joint, set_firmware, plan, gains=own_gains, mass=mass)
+            seen = _recorded(
+                rng, body.carrying(mass), set_firmware, plan, gains=own_gains, mass=mass
+            )
             angle = seen.angle - firmware.zero
             if np.abs(angle).max() > _WIDEST or angle.std() < _LEAST:
                 return None
@@ -217,7 +216,7 @@ def _drawn(rng, law, number):
         law=law,
         number=number,
         truth={name: float(value) for name, value in truth.items()},
-        heaviest=max(each.mass * GRAVITY * each.arm for each in masses),
+        heaviest=body.heaviest,
         firmware=firmware,
         told=told,
         known={} if weighed else {"p3": float(servo.gravity)},

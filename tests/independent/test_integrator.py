@@ -1,13 +1,13 @@
 """The independent integrator against SciPy's, a closed form, and its own convergence."""
 
-import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from tests.independent.integrator import Joint, Law, motion, tracking
+from tests.plant.setting import integrated
 
 OTHERS = {"drag": 2e-4, "back_emf": 5e-4, "bias": 1e-3, "gravity_beside": 2e-3, "delay": 3.3e-3}
 JOINT = Joint(inertia=3e-3, viscous=1e-3, gravity=0.04, gain=0.02, **OTHERS)
@@ -27,28 +27,24 @@ def _by_scipy(joint, stamps, inputs, angle):
     """Angles at the stamps, the equation without dry friction solved between all changes."""
     edges = np.unique(np.concatenate([stamps, stamps + joint.delay]))
     edges = edges[edges <= stamps[-1]]
-    state, found = np.array([angle, 0.0, 0.0, 0.0]), {0.0: angle}
-    for begin, end in itertools.pairwise(edges):
-        latest = np.searchsorted(stamps + joint.delay, begin, "right") - 1
-        drive = joint.gain * inputs[latest] if latest >= 0 else 0.0
-        share = 1.0 + joint.wear * (begin + end) / 2.0
+    latest = np.searchsorted(stamps + joint.delay, edges, "right") - 1
+    drives = np.where(latest >= 0, joint.gain * inputs[latest], 0.0)
+    shares = 1.0 + joint.wear * (edges + np.append(edges[1:], 0.0)) / 2.0
 
-        def rates(_, now, drive=drive, share=share):
-            x, v, b, w = now
-            torque = drive + joint.bias - joint.gravity * math.sin(x)
-            torque -= joint.gravity_beside * math.cos(x) + joint.spring * (x - joint.spring_rest)
-            torque -= joint.back_emf * v + share * (joint.viscous + joint.drag * abs(v)) * v
-            force = joint.imbalance * math.sin(x) * v**2
-            force -= joint.base_viscous * w + joint.base_spring * b
-            coupled = joint.imbalance * math.cos(x)
-            inertias = [[joint.inertia, coupled], [coupled, joint.base or 1.0]]
-            a, c = np.linalg.solve(inertias, [torque, force])
-            return [v, a, w, c]
+    def rates(_, state, held):
+        (x, v, b, w), (drive, share) = state, held
+        torque = drive + joint.bias - joint.gravity * math.sin(x)
+        torque -= joint.gravity_beside * math.cos(x) + joint.spring * (x - joint.spring_rest)
+        torque -= joint.back_emf * v + share * (joint.viscous + joint.drag * abs(v)) * v
+        force = joint.imbalance * math.sin(x) * v**2
+        force -= joint.base_viscous * w + joint.base_spring * b
+        coupled = joint.imbalance * math.cos(x)
+        inertias = [[joint.inertia, coupled], [coupled, joint.base or 1.0]]
+        a, c = np.linalg.solve(inertias, [torque, force])
+        return [v, a, w, c]
 
-        solved = solve_ivp(rates, (begin, end), state, "DOP853", rtol=1e-12, atol=1e-14)
-        state = solved.y[:, -1]
-        found[end] = state[0]
-    return np.array([found[stamp] for stamp in stamps])
+    driven = SimpleNamespace(time=edges, input=np.column_stack([drives, shares]))
+    return integrated(driven, rates, (angle, 0.0, 0.0, 0.0))[np.isin(edges, stamps)]
 
 
 @pytest.mark.parametrize("joint", [JOINT, SHAKEN])
