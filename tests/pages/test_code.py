@@ -1,5 +1,7 @@
-"""All code on the pages runs, or it is said here why not."""
+"""All code on the pages runs, or it is said here why not; what is between marks is printed."""
 
+import importlib.util
+import os
 import re
 import shlex
 import subprocess
@@ -10,15 +12,15 @@ import butterfly as bf
 from butterfly.cli.app import program
 from butterfly.files import shipped
 from tests.conftest import brief_quickstart
-from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
+from tests.pages.blocks import PAGES, QUOTATION, ROOT, blocks_of, commands_of
 
 ELSEWHERE = {
     "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
     "docs/hardware.md": "tests/plant/test_bench.py, with a drive on loopback",
-    "docs/others-logs.md": "tests/examples/test_others_logs_page.py, where the logs are",
-    "docs/servo.md": "tests/examples/test_servo_page.py, where the logs are",
+    "docs/others-logs.md": "tests/examples/test_pages.py, where the logs are",
+    "docs/servo.md": "tests/examples/test_pages.py, where the logs are",
     "docs/start.md": "below",
-    "docs/torque-joint.md": "tests/examples/test_torque_joint_page.py; to record takes minutes",
+    "docs/torque-joint.md": "tests/examples/test_pages.py; to record takes minutes",
 }
 """Pages whose code is run by tests of their own."""
 
@@ -118,7 +120,7 @@ def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, robots, tmp_path
 
 @pytest.mark.slow
 def test_start_runs_from_top_to_bottom(butterfly, tmp_path, monkeypatch):
-    """With a quick start of its own; test_outputs compares what is printed."""
+    """With a quick start of its own; what is printed is compared below."""
     monkeypatch.chdir(tmp_path)
     text = shipped("experiments/quickstart.yaml").read_text(encoding="utf-8")
     quickstart = tmp_path / "quickstart.yaml"
@@ -152,3 +154,23 @@ def test_what_is_not_run_still_stands_on_a_page():
     commands = [command for page in PAGES for command in commands_of(page)]
     for beginning in NOT_RUN:
         assert any(command.startswith(beginning) for command in commands), beginning
+
+
+_SPEC = importlib.util.spec_from_file_location("outputs", ROOT / "docs/site/outputs.py")
+outputs = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(outputs)
+
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+LOGS = ROOT.parent / "shared/data/strangers"
+MARKED = [page for page in PAGES if outputs.MARK.search((ROOT / page).read_text(encoding="utf-8"))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", MARKED)
+def test_a_page_shows_what_the_program_prints_digits_that_noise_moves_apart(page, monkeypatch):
+    monkeypatch.setenv("BUTTERFLY_STRANGERS", os.environ.get("BUTTERFLY_STRANGERS") or str(LOGS))
+    shown = (ROOT / page).read_text(encoding="utf-8")
+    printed = outputs.written(shown)
+    assert NUMBER.sub("#", shown) == NUMBER.sub("#", printed)
+    before, now = ([float(each) for each in NUMBER.findall(text)] for text in (shown, printed))
+    assert before == pytest.approx(now, rel=0.1, abs=0.05)
