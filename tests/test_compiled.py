@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import butterfly
+from tests.conftest import brief_quickstart
 
 SOURCES = {
     "inner": """
@@ -140,11 +141,9 @@ print(rehearsed["differentiate"] - before["differentiate"])
 """
 
 
-def test_what_is_rehearsed_is_all_that_an_identification_calls(quick):
-    assert (
-        _start(Path(__file__).parent, REHEARSED.replace("PATH", str(quick)), cache=None)
-        == "[]\n2\n"
-    )
+def test_what_is_rehearsed_is_all_that_an_identification_calls(tmp_path):
+    code = REHEARSED.replace("PATH", str(brief_quickstart(tmp_path, "grey-box", few=2)))
+    assert _start(Path(__file__).parent, code, cache=None) == "[]\n2\n"
 
 
 ALONE = f"""
