@@ -102,13 +102,13 @@ def test_what_is_tried_one_after_the_other_is_left_out_and_said(data):
     with budget(0.0) as search:
         held = cross_validate(data, balance)
         drawn = bootstrap(data, Linear(), Linear()(data), repetitions=100)
-        passed = select_terms(data, HarmonicBalance(), ("drag", "bias"))
+        passed = select_terms(data, OutputError(), ("drag", "bias"))
         answer = bf.validate(data, "linear")
     assert len(held.estimates) == 1
     assert np.isnan(held.fits).any()
     assert len(drawn.values) == 20
     assert [each.terms for each in passed] == [()]
-    for part in ("parts of the cross-validation", "repetitions", "further terms"):
+    for part in ("parts of the cross-validation", "repetitions", "the selection of terms"):
         assert any(part in each for each in search.left_out)
     assert sum(line.startswith(STOPPED) for line in answer.summary) == 1
 

@@ -78,6 +78,7 @@ class FreeRunModel:
     end: Minimum
     rows: tuple[str, ...]  # that may be absent
     negligible: float = NEGLIGIBLE
+    simulates: bool = True
 
     @property
     def terms(self) -> frozenset[str]:
@@ -115,7 +116,8 @@ class FreeRunModel:
         if not at.is_finite:
             return []
         kept = np.isin(there.labels, self.problem.labels)
-        return offers_in(_nested(there, at), kept, rows, settings=settings)
+        masses = [log.added_mass for log in there.logs]
+        return offers_in(_nested(there, at), kept, rows, masses=masses, settings=settings)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
         """Return the problem with more rows, first guesses by label being as given."""

@@ -144,6 +144,8 @@ def select_terms(
     passed: list[Structure] = []
     before: CrossValidation | None = None
     for terms in track(path, "Comparing the structures"):
+        if passed and out_of_time("further terms"):
+            break
         fixed = estimator.with_terms(terms)
         found = fixed(data)
         held = {each: cross_validate(data, fixed.near(found), each) for each in splits}

@@ -227,7 +227,7 @@ def _over(terms, fixed, horizon):
 def test_fits_of_servos_begin_with_the_delay_of_their_set_points():
     data = _simulated(GOAL, joint=replace(SIMPLE, delay=0.018))
     first = starts(data, ())[0]
-    begun, _ = servo_start(_over, ((), ()), data.logs, first, data.known)
+    begun = servo_start(_over, ((), ()), data.logs, first, data.known)
     assert begun.parameters.delay == pytest.approx(0.018, abs=1e-3)
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.03)
     assert begun.parameters.motor_friction == begun.parameters.load_friction == 0.0  # not asked
@@ -238,7 +238,7 @@ def test_a_first_guess_without_gravity_and_damping_is_one_to_begin_with():
     first = starts(data, ())[0]
     poor = replace(first.parameters, p1=1.5 * SIMPLE.p1, p2=0.0, p3=0.0)
     guess = replace(first, parameters=poor)
-    begun, _ = servo_start(_over, ((), ()), data.logs, guess, Prior.of({"p4": 0.09}))
+    begun = servo_start(_over, ((), ()), data.logs, guess, Prior.of({"p4": 0.09}))
     assert begun.parameters.p1 == pytest.approx(SIMPLE.p1, rel=0.05)
 
 

@@ -140,7 +140,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
     for seed in range(DRAWS):
         for sign in (1, -1):
             logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
-            plain = fitted_terms(logs, _windows(logs), (), NO_PRIOR)[0].values
+            plain = fitted_terms(_windows(logs), (), NO_PRIOR)[0].values
             free = WeakForm(terms=()).of_logs(logs, AT_ZERO).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [PLAIN.p3, PLAIN.p4] - 1
@@ -149,7 +149,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
 
 
 def test_without_noise_they_change_nothing(clean):
-    plain = fitted_terms(clean, _windows(clean), (), NO_PRIOR)[0].solved.values
+    plain = fitted_terms(_windows(clean), (), NO_PRIOR)[0].solved.values
     through = WeakForm(terms=()).of_logs(clean, AT_ZERO).values
     np.testing.assert_allclose(through[:4], plain[:4], rtol=1e-3)
 
@@ -159,7 +159,7 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
     robot = replace(PLAIN, p3=0.0, coulomb=6e-3)
     known = Prior.of({"p3": 0.0, "p4": robot.p4})
     logs = wild(robot)
-    plain = fitted_terms(logs, _windows(logs), (), known)[0].values
+    plain = fitted_terms(_windows(logs), (), known)[0].values
     free = WeakForm(terms=()).of_logs(logs, AT_ZERO, known).parameters
     assert plain["p1"] > 1.001 * robot.p1
     assert free.p1 == pytest.approx(robot.p1, rel=3e-4)
@@ -171,7 +171,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
     for parameters in (replace(PLAIN, p1=-0.01), replace(PLAIN, p4=-0.5)):
         pairs = seen(clean, windows, parameters, AT_ZERO)
         assert all(each.instruments is each.windows for each in pairs)
-    fit = fitted_terms(clean, windows, (), NO_PRIOR)[0]
+    fit = fitted_terms(windows, (), NO_PRIOR)[0]
     kept = refined(fit, pairs).solved.values
     np.testing.assert_allclose(kept, fit.solved.values, rtol=1e-5, atol=1e-7)
     pairs = seen(clean, windows, PLAIN, AT_ZERO)

@@ -126,7 +126,7 @@ class OutputError(Estimator):
         first = starts(data, candidates)
         settled, logs = offering.settled(data.logs, first)
         scale = ScaleParameter.of_logs(logs, data.known)
-        return settled.chosen(logs, first, scale.fixed, (candidates, {*RARE})).path
+        return settled.chosen(logs, first, scale.fixed, (candidates, {*RARE})).path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""

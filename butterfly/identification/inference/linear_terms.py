@@ -17,7 +17,6 @@ from butterfly.identification.inference.stagewise import (
     Offer,
     as_good,
     gains_in,
-    is_possible,
     offers_in,
     stagewise,
 )
@@ -91,6 +90,7 @@ class LinearModel:
     optional: tuple[str, ...]  # rows that may be absent
     terms: frozenset[str] = frozenset()  # rows that are fitted
     masses: Sequence[AddedMass] = ()
+    simulates: bool = False
 
     @property
     def nested(self) -> Submodels:
@@ -133,7 +133,10 @@ class LinearModel:
                 offer
                 for k, own in scanned
                 for offer in offers_in(
-                    own.about(self.values), self.kept, [row], settings=own.settings, model=k
+                    *(own.about(self.values), self.kept, [row]),
+                    masses=self.masses,
+                    settings=own.settings,
+                    model=k,
                 )
             ]
             found += [max(tried, key=lambda each: each.share)] if tried else []
@@ -143,10 +146,7 @@ class LinearModel:
         """Return the fit with a row more; None if no joint has it."""
         more = replace(self, number=offer.model, terms=self.terms | {offer.name})
         place = more.nested.names.index(offer.name)
-        bound = more.nested.equations.lower[place]
-        if not (np.isfinite(more.values).all() and more.values[place] > bound):
-            return None
-        return more if is_possible(more.named, self.masses) else None
+        return more if more.values[place] > more.nested.equations.lower[place] else None
 
     def without(self, name: str) -> LinearModel:
         """Return the fit without a term."""

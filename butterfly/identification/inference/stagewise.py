@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -52,7 +52,7 @@ class Offer:
     share: float  # of the squared errors that it explains
     gain: Samples  # (k,) by how much the error of each cell is less, predicted by the others
     values: Mapping[str, float]  # of all unknowns a step away, by label
-    settings: Mapping[str, float] = field(default_factory=dict)  # at which it was tested
+    settings: Mapping[str, float]  # at which it was tested
     model: int = 0  # number of the linear equations, where there are several
 
     @property
@@ -71,6 +71,10 @@ class Offer:
 
 class Model(Protocol):
     """A fit in some terms, to which one can be added."""
+
+    @property
+    def simulates(self) -> bool:
+        """Whether that takes simulations, for which there may be no time."""
 
     @property
     def terms(self) -> frozenset[str]:
@@ -104,7 +108,7 @@ M = TypeVar("M", bound=Model)
 
 
 @dataclass(frozen=True)
-class Selection(Generic[M]):
+class ChosenTerms(Generic[M]):
     """A fit in chosen terms, and what speaks for others."""
 
     model: M
@@ -127,7 +131,7 @@ class Selection(Generic[M]):
         return [*(each for each in swapped if each), *(each.values for each in self.rivals)]
 
 
-def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection[M]:
+def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTerms[M]:
     """Add and take away terms of some rows until none helps; of rare ones more is asked."""
     gone: set[str] = set()
     ties: list[tuple[str, str]] = []
@@ -136,7 +140,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection
         absent = [name for name in rows if name not in model.terms | gone]
         asked = [name for name in absent if is_simulated_beside(name, model.terms)]
         offers = model.offers(asked) if asked else []
-        last = added == _ROUNDS or out_of_time("the selection of terms")
+        last = added == _ROUNDS or (model.simulates and out_of_time("the selection of terms"))
         found = None if last else _best(model, offers, rare, gone, ties)
         added += found is not None
         if found is None:
@@ -149,7 +153,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> Selection
         path.append(_ordered(model.terms, rows))
     felt = {each.name for each in offers}
     holm = _holm(offers)
-    return Selection(
+    return ChosenTerms(
         model=model,
         path=tuple(path),
         ties=tuple(each for each in ties if each[0] in felt and each[1] in model.terms),
@@ -234,7 +238,8 @@ def offers_in(
     kept: NDArray[np.bool_],
     rows: Collection[str],
     *,
-    settings: Mapping[str, float] | None = None,
+    masses: Iterable[AddedMass],
+    settings: Mapping[str, float],
     model: int = 0,
 ) -> list[Offer]:
     """Test rows on equations that have them all, about the end of the fit of what is ``kept``.
@@ -254,16 +259,17 @@ def offers_in(
     offers = []
     for k, (name, chance) in enumerate(chances.items(), 1):
         gain = errors[0] - errors[k]
+        values = dict(zip(nested.names, fits[k].tolist(), strict=True))
         able = np.isfinite(fits[k]).all() and np.isfinite(gain).all()
-        possible = bool(able and fits[k, nested.names.index(name)] != 0)
+        possible = bool(able and values[name] != 0 and is_possible(values, masses))
         offers.append(
             Offer(
                 name=name,
                 chance=chance if possible else 1.0,
                 share=float(1 - left[k] / left[0]) if possible and left[0] > 0 else 0.0,
                 gain=gain if possible else np.zeros_like(gain),
-                values=dict(zip(nested.names, fits[k].tolist(), strict=True)),
-                settings=settings or {},
+                values=values,
+                settings=settings,
                 model=model,
             )
         )
