@@ -84,10 +84,11 @@ def select(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Selection:
-    """Choose friction terms by cross-validation over added masses, or over logs.
+    """Choose terms as `identify` does, and show what each choice predicts.
 
-    Adds the most helpful term, and repeats until the gain is within its standard error. The verdict
-    is on the model with the chosen terms.
+    Each round adds the term that predicts held-out logs best, or takes one away that does not help.
+    Every set of terms has its FIT in sample and on held-out added masses, or logs. The verdict is
+    on the model with the chosen terms.
 
     Parameters
     ----------

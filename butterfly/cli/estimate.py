@@ -83,12 +83,12 @@ def select(
     holdout: Holdout = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
-    """Choose friction terms by cross-validation.
+    """Choose terms as identify does, and show what each choice predicts.
 
-    Holds out one added mass (or some logs) at a time. Adds the most helpful term, and repeats until
-    the gain is within its standard error. The verdict is on the model with the chosen terms.
+    Each round adds the term that predicts held-out logs best, or takes one away that does not help.
+    Every set of terms has its FIT in sample and on held-out added masses (or logs).
 
-    Example: butterfly select real-logs --candidates coulomb,drag,stribeck
+    Example: butterfly select real-logs --candidates drag,stribeck
 
     Parameters
     ----------

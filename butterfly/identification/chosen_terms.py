@@ -145,7 +145,7 @@ class FreeRunModel:
         values = dict(zip(problem.labels, end.values.tolist(), strict=True))
         least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
-        free &= all(values[name] <= TERMS[name].most for name in problem.names if name in TERMS)
+        free &= all(values[name] <= TERMS[name].most for name in problem.labels if name in TERMS)
         possible = is_possible(values, [log.added_mass for log in problem.logs])
         if not (end.converged and kept and free and possible):
             return None

@@ -535,7 +535,7 @@ def companions(names: Iterable[str]) -> set[str]:
     return {row.name for row in _ROWS if row.follows & leaders}
 
 
-def is_simulated_beside(name: str, others: Container[str]) -> bool:
+def is_simulated_with(name: str, others: Container[str]) -> bool:
     """Whether a term is simulated with others: friction of gears is not on a base that moves."""
     base = BASE_TERMS[0]
     against = {base} if name in GEAR else {*GEAR} if name == base else set()

@@ -25,7 +25,7 @@ from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATTERS
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import companions, is_simulated_beside
+from butterfly.model.terms import companions, is_simulated_with
 from butterfly.progress import out_of_time
 
 _ROUNDS = 4  # of terms that are added one after the other
@@ -122,8 +122,8 @@ class ChosenTerms(Generic[M]):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Which rows did not help, and which the data cannot tell from the rest."""
-        said = {FindingKind.NOT_HELPING: self.idle, FindingKind.INSEPARABLE: self.inseparable}
-        return tuple(Finding(kind, names) for kind, names in said.items() if names)
+        rows = {FindingKind.NOT_HELPING: self.idle, FindingKind.INSEPARABLE: self.inseparable}
+        return tuple(Finding(kind, names) for kind, names in rows.items() if names)
 
     def rival_values(self) -> list[Mapping[str, float]]:
         """Return the values, by label, of fits that predict as well, and of those with rivals."""
@@ -138,7 +138,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
     path, added = [_ordered(model.terms, rows)], 0
     while True:
         absent = [name for name in rows if name not in model.terms | gone]
-        asked = [name for name in absent if is_simulated_beside(name, model.terms)]
+        asked = [name for name in absent if is_simulated_with(name, model.terms)]
         offers = model.offers(asked) if asked else []
         last = added == _ROUNDS or (model.simulates and out_of_time("the selection of terms"))
         found = None if last else _best(model, offers, rare, gone, ties)
@@ -169,6 +169,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
 
 
 def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
+    """Return the rows that are among some terms, in their order."""
     return tuple(name for name in rows if name in terms)
 
 
@@ -230,6 +231,7 @@ def _holm(offers: Sequence[Offer]) -> dict[str, float]:
 
 
 def _standard_error(values: Samples) -> float:
+    """Return that of the mean of (k,) values; infinite of one."""
     return float(np.std(values, ddof=1)) / values.size**0.5 if values.size > 1 else np.inf
 
 
@@ -284,22 +286,17 @@ def as_good(
     mine, its = np.sqrt(nested.costs(values))
     if not (its - mine).mean() <= _standard_error(its - mine):
         return None
-    return dict(zip(nested.names, np.where(other, values[1], 0.0).tolist(), strict=True))
+    return dict(zip(nested.names, values[1].tolist(), strict=True))
 
 
 def gains_in(
     nested: Submodels, kept: NDArray[np.bool_], terms: Iterable[str]
 ) -> dict[str, Samples]:
     """Return by how much each term of a fit predicts cells better than the fit without it: (k,)."""
-    asked, own = [*terms], np.array(nested.names)
-    if not asked:
-        return {}
-    fewer = [kept & ~np.isin(own, [name, *companions({name})]) for name in asked]
-    whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer])))
-    return {
-        name: np.nan_to_num(each - whole, nan=np.inf)
-        for name, each in zip(asked, errors, strict=True)
-    }
+    fewer = {n: kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms}
+    whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer.values()])))
+    gains = (np.nan_to_num(each - whole, nan=np.inf) for each in errors)
+    return dict(zip(fewer, gains, strict=True))
 
 
 def is_possible(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:
