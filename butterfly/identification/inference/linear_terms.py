@@ -165,13 +165,12 @@ class LinearModel:
         """Raise IdentifiabilityError if the equations do not determine the parameters."""
         if np.isfinite(self.values).all():
             return
-        own = self.nested.equations
-        alone = self.nested.restricted(self.kept, np.where(self.kept, own.values, 0.0))
-        known = None if alone.prior is None else alone.prior.active
-        there = alone.values, alone.residuals.ravel()
-        raise Conditioning.of(
-            alone.rows.reshape(there[1].size, -1), alone.names, known, there
-        ).refusal
+        kept, own = self.kept, self.nested.equations
+        alone = self.nested.about(np.where(kept, own.values, 0.0)).equations
+        known = None if own.prior is None else own.prior.active[kept]
+        names = tuple(np.array(own.names)[kept].tolist())
+        rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
+        raise Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
 
     def choice(
         self, rivals: Iterable[Mapping[str, float]] = (), findings: Iterable[Finding] = ()

@@ -84,20 +84,6 @@ class Submodels:
         bent = np.einsum("tn,knt->tk", steps, own.curvature @ steps.T)
         return np.asarray(np.maximum(own.cost + 2 * steps @ own.gradient.T + bent, 0.0))
 
-    def restricted(self, kept: NDArray[np.bool_], values: Samples) -> CellEquations:
-        """Return the equations of a fit with some of the parameters, by a mask, about its end."""
-        own = self.equations
-        return replace(
-            own,
-            names=tuple(name for name, each in zip(self.names, kept, strict=True) if each),
-            values=values[kept],
-            lower=own.lower[kept],
-            on_bound=(values <= own.lower)[kept],
-            rows=own.rows[:, :, kept],
-            residuals=own.residuals + own.rows @ (values - own.values),
-            prior=None if own.prior is None else own.prior.take(kept),
-        )
-
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
         # what says nothing without another one stays as it is when absent
