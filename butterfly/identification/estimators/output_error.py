@@ -37,7 +37,12 @@ from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infe
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.segments import horizon_of
-from butterfly.identification.weighed_logs import WeighedLogs, weighed_end, weighed_from
+from butterfly.identification.weighed_logs import (
+    WeighedLogs,
+    chosen_by_weight,
+    weighed_end,
+    weighed_from,
+)
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -126,7 +131,7 @@ class OutputError(Estimator):
         first = starts(data, candidates)
         settled, logs = offering.settled(data.logs, first)
         scale = ScaleParameter.of_logs(logs, data.known)
-        return settled.chosen(logs, first, scale.fixed, (candidates, {*RARE})).path or ((),)
+        return settled.chosen(logs, first, scale.fixed, (candidates, {*RARE}))[0].path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
@@ -158,16 +163,17 @@ class OutputError(Estimator):
         settled, logs = self.settled(logs, first)
         scale = ScaleParameter.of_logs(logs, known)
         rows, rare = offered_rows(logs, known) if self.terms is None else ((), set[str]())
-        fitted = settled.chosen(logs, first, scale.fixed, (rows, rare))
+        fitted, weighed = settled.chosen(logs, first, scale.fixed, (rows, rare))
         try:
-            found = settled.inferred(fitted, scale, known)
+            found = settled.inferred(fitted, weighed, scale, known)
         except IdentifiabilityError:
             fewer = tuple(name for name in rows if name not in fitted.problem.names)
             if fewer == rows:
                 raise
             # no term that was not asked for refuses an answer
-            fitted = settled.chosen(logs, first, scale.fixed, (fewer, rare.intersection(fewer)))
-            found = settled.inferred(fitted, scale, known)
+            others = fewer, rare.intersection(fewer)
+            fitted, weighed = settled.chosen(logs, first, scale.fixed, others)
+            found = settled.inferred(fitted, weighed, scale, known)
         whole = self.horizon is None and settled.horizon == math.inf
         return replace(found, horizon=None) if whole else found
 
@@ -177,22 +183,31 @@ class OutputError(Estimator):
         first: Sequence[Start],
         known: Prior,
         rows: tuple[tuple[str, ...], set[str]],
-    ) -> Fitted:
-        """Descend from the best of some first guesses, and choose from rows, some of them rare."""
+    ) -> tuple[Fitted, WeighedLogs | None]:
+        """Descend from the best first guess, choose from rows, some of them rare, weigh logs."""
         if any(log.closed for log in logs):
             asked = (self.terms, self.fixed)
             first = [servo_start(self._over, asked, logs, first[0], known), *first]
         every = [self.problem(logs, each, known) for each in first]
         enough = SHOWS if rows[0] else ROUNDING  # of a fit that is but the first
         fitted = lowest_end([each.beginning_with(rows[0]) for each in every], enough)
-        if not rows[0] or out_of_time("the selection of terms"):
-            return fitted
-        return stagewise_fit(every[0], fitted, *rows)
-
-    def inferred(self, fitted: Fitted, scale: ScaleParameter, known: Prior) -> Estimate:
-        """Return the estimate of a fit, its logs weighed if they scatter."""
-        fitted = separable(fitted)
+        choosing = bool(rows[0]) and not out_of_time("the selection of terms")
+        fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
         weighed = weighed_from(fitted.problem, fitted.end)
+        hidden = chosen_by_weight(every[0], weighed, fitted.end, rows[1]) if choosing else None
+        if hidden is None:
+            return fitted, weighed
+        names = {*hidden.problem.names}
+        said = (
+            replace(each, parameters=tuple(n for n in each.parameters if n not in names))
+            for each in fitted.findings
+        )
+        return Fitted(problem=hidden.problem, end=hidden.end, findings=tuple(said)), hidden
+
+    def inferred(
+        self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior
+    ) -> Estimate:
+        """Return the estimate of a fit, its logs weighed if they scatter."""
         held, weighed = _with_held_shape(fitted, weighed)
         fitted = separable(held)
         weighed = weighed if fitted.problem is held.problem else None
@@ -311,7 +326,7 @@ def _with_held_shape(
         weighed = weighed and weighed.taking(problem).settled_within(FEW)
         fitted = Fitted(
             problem=problem,
-            end=problem.descend(),
+            end=weighed.end if weighed and weighed.end.at.is_finite else problem.descend(),
             rivals=tuple(np.delete(each, at) for each in fitted.rivals),
             findings=(*fitted.findings, said),
         )
