@@ -1,7 +1,7 @@
-"""Mistakes of whoever recorded or described the logs: wrong units, columns, omegas and masses.
+"""Hypotheses about wrong units, columns, omegas and masses, and those that inputs alone show.
 
-Each has its name and its text; those of clocks, omegas and columns show in the inputs alone. One is
-named only where undoing it makes the logs agree with a joint, or with their manifest.
+Each has a row in a table, with its text. It is named only where the logs without it agree with a
+joint, or with their manifest.
 """
 
 from __future__ import annotations
@@ -51,132 +51,147 @@ class UnitError(StrEnum):
     GEAR = "gear"
 
 
-class Unit(NamedTuple):
-    """A unit in which numbers were recorded or described, and are not said to be."""
+class Hypothesis(NamedTuple):
+    """A row of the table: a mistake that logs or their manifest may have."""
 
-    column: str  # of what
-    factor: float  # that makes SI units of it
-    name: str
-    key: str  # by which it is said
-    times: str  # the factor, as a person would write it
+    column: str  # that is wrong
+    text: str  # template of the sentence (see `unit_error_text`)
+    factors: tuple[float, ...] = ()  # that are tried, one of which makes the column right
 
 
-_LOOKS = {
-    "angle": "The angle looks",
-    "time": "The timestamps look",
-    "omega": "The omegas in the manifest look",
-    "arm": "The arms look",
+_AGREE = "the logs agree with a joint"
+_OF_COLUMN = {  # how the sentence on a unit begins, and what holds in SI units
+    "angle": ("The angle looks", _AGREE),
+    "time": ("The timestamps look", _AGREE),
+    "omega": ("The omegas in the manifest look", "they are the frequencies of the recorded inputs"),
+    "arm": ("The arms look", _AGREE),
 }
 
-TABLE = {
-    UnitError.DEGREES: Unit("angle", math.pi / 180, "degrees", "deg", "pi/180 (0.01745)"),
-    UnitError.TURNS: Unit("angle", 2 * math.pi, "turns", "turns", "2 pi (6.283)"),
-    UnitError.MILLISECONDS: Unit("time", 1e-3, "milliseconds", "ms", "0.001"),
-    UnitError.MICROSECONDS: Unit("time", 1e-6, "microseconds", "us", "1e-6"),
-    UnitError.PER_MINUTE: Unit(
-        "omega", 2 * math.pi / 60, "revolutions per minute", "rpm", "2 pi/60 (0.1047)"
+
+def _advice(column: str, key: str) -> str:
+    """Return the template of the sentence on how a unit is given."""
+    return f"Set --units {column}={key}, or units: {{{{{column}: {key}}}}} in the manifest."
+
+
+def _unit(column: str, name: str, key: str, times: str, *factors: float) -> Hypothesis:
+    """Return the hypothesis that a column is in a unit, whose factor to SI is written `times`."""
+    looks, holds = _OF_COLUMN[column]
+    text = f"{looks} like {name}: multiplied by {times}, {holds}. {_advice(column, key)}"
+    return Hypothesis(column, text, factors)
+
+
+# counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees
+_COUNTS = {2**k for k in range(6, 25)} | {
+    a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)
+} - {360}
+# of common gears
+_RATIOS = (*range(2, 11), 12, 15, 16, 20, 25, 30, 36, 40, 50, 64, 80, 100, 120, 150, 200)
+
+HYPOTHESES = {
+    UnitError.DEGREES: _unit("angle", "degrees", "deg", "pi/180 (0.01745)", math.pi / 180),
+    UnitError.TURNS: _unit("angle", "turns", "turns", "2 pi (6.283)", 2 * math.pi),
+    UnitError.COUNTS: _unit(
+        "angle",
+        "encoder counts",
+        "counts/{turn:.0f}",
+        "{number:.4g} (2 pi/{turn:.0f})",
+        *(2 * math.pi / each for each in sorted(_COUNTS)),
     ),
-    UnitError.HERTZ: Unit("omega", 2 * math.pi, "Hz", "Hz", "2 pi"),
-    UnitError.MILLIMETRES: Unit("arm", 1e-3, "millimetres", "mm", "0.001"),
-    UnitError.CENTIMETRES: Unit("arm", 1e-2, "centimetres", "cm", "0.01"),
-    UnitError.DIAMETER: Unit("arm", 0.5, "diameters", "0.5", "0.5"),
+    UnitError.MILLISECONDS: _unit("time", "milliseconds", "ms", "0.001", 1e-3),
+    UnitError.MICROSECONDS: _unit("time", "microseconds", "us", "1e-6", 1e-6),
+    UnitError.SWAPPED: Hypothesis(
+        "columns",
+        f"Input and angle look swapped: exchanged, {_AGREE}. Set columns in the manifest, or "
+        "--columns.",
+        (1.0,),
+    ),
+    UnitError.PER_MINUTE: _unit(
+        "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)", 2 * math.pi / 60
+    ),
+    UnitError.HERTZ: _unit("omega", "Hz", "Hz", "2 pi", 2 * math.pi),
+    UnitError.OMEGA: Hypothesis(
+        "omega",
+        "The omega in the manifest looks wrong for {logs}: multiplied by {number:.4g}, it is the "
+        "frequency of the recorded input{right}.",
+    ),
+    UnitError.MILLIMETRES: _unit("arm", "millimetres", "mm", "0.001", 1e-3),
+    UnitError.CENTIMETRES: _unit("arm", "centimetres", "cm", "0.01", 1e-2),
+    UnitError.DIAMETER: _unit("arm", "diameters", "0.5", "0.5", 0.5),
+    UnitError.MASS: Hypothesis(
+        "mass",
+        f"The added masses contradict each other: {_AGREE} if {{given}} is really "
+        "{thousandths:.3g} g{in_logs}.{others}",
+    ),
+    UnitError.GRAMS: Hypothesis(
+        "mass",
+        "Is an added mass of {number:.4g} kg right? The motion cannot tell kilograms from grams. "
+        "If it is in grams, all values except the delay are a thousand times too large. "
+        + _advice("mass", "g"),
+    ),
+    UnitError.LATE: Hypothesis(
+        "delay",
+        "In {logs} the input looks {early} relative to the angle: shifted by {thousandths:.3g} ms, "
+        f"{_AGREE}.",
+    ),
+    UnitError.SETPOINT: Hypothesis(
+        "input",
+        "The input looks like a set-point that the joint follows. In the manifest, set input: "
+        "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
+    ),
+    UnitError.GAIN: Hypothesis(
+        "loop",
+        "The P gain of the servo's loop looks wrong: multiplied by {number:.3g}, "
+        f"{_AGREE}. Check law and kp of the loop.",
+    ),
+    UnitError.GEAR: Hypothesis(
+        "angle",
+        f"The angle looks measured on the other side of a gear: multiplied by {{number:.4g}}, "
+        f"{_AGREE}. In the manifest, set the side with encoder and the ratio with known: "
+        "{{gear_ratio: ...}}.",
+        tuple(1 / each for each in _RATIOS),
+    ),
 }
-"""What is mistaken for SI units; all else has a text of its own."""
-
-_OF_INPUT = {
-    UnitError.SWAPPED: "Input and angle look swapped: exchanged, the logs agree with a joint. Set "
-    "columns in the manifest, or --columns.",
-    UnitError.SETPOINT: "The input looks like a set-point that the joint follows. In the manifest, "
-    "set input: setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
-    UnitError.GAIN: "The P gain of the servo's loop looks wrong: multiplied by {:.3g}, the logs "
-    "agree with a joint. Check law and kp of the loop.",
-    UnitError.GEAR: "The angle looks measured on the other side of a gear: multiplied by {:.4g}, "
-    "the logs agree with a joint. In the manifest, set the side with encoder and the ratio with "
-    "known: {{gear_ratio: ...}}.",
-}
-
-RATIOS = (*range(2, 11), 12, 15, 16, 20, 25, 30, 36, 40, 50, 64, 80, 100, 120, 150, 200)
-"""Of common gears."""
-
-COUNTS = tuple(
-    sorted(
-        {2**k for k in range(6, 25)}
-        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
-        - {360}
-    )
-)
-"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
+"""The table of hypotheses; without factors if what is right follows from the logs."""
 
 
 def unit_error(
-    error: UnitError, factor: float, *more: str, logs: Iterable[Log] = (), moves: bool = True
+    error: UnitError, factor: float, *more: str, logs: Iterable[str] = (), moves: bool = True
 ) -> Finding:
     """Return the finding that names a mistake, what undoes it, and whether that moves values."""
     kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED
-    return Finding(kind, (error, *more), number=factor, logs=tuple(log.name for log in logs))
+    return Finding(kind, (error, *more), number=factor, logs=tuple(logs))
 
 
 def unit_error_text(finding: Finding) -> str:
-    """Name the mistake that a finding is about, and what undoes it."""
+    """Return the sentence that names the mistake of a finding, and what undoes it."""
     error, *more = finding.parameters
-    number, where = finding.number or 0.0, listed(finding.logs)
-    match UnitError(error):
-        case UnitError.SWAPPED | UnitError.SETPOINT | UnitError.GAIN | UnitError.GEAR as kind:
-            return _OF_INPUT[kind].format(number)
-        case UnitError.OMEGA:
-            at = f" ({more[0]})" if more else ""
-            return (
-                f"The omega in the manifest looks wrong for {where}: multiplied by {number:.4g}, "
-                f"it is the frequency of the recorded input{at}."
-            )
-        case UnitError.MASS:
-            given, ways = more
-            choice = (
-                "" if ways == "1" else f" This is one of {ways} explanations: weigh the masses."
-            )
-            return (
-                "The added masses contradict each other: the logs agree with a joint if "
-                f"{given} is really {1e3 * number:.3g} g{' in ' * bool(where)}{where}.{choice}"
-            )
-        case UnitError.LATE:
-            return (
-                f"In {where} the input looks {'early' if number < 0 else 'late'} relative to the "
-                f"angle: shifted by {1e3 * abs(number):.3g} ms, the logs agree with a joint."
-            )
-        case UnitError.GRAMS:
-            return (
-                f"Is an added mass of {number:.4g} kg right? The motion cannot tell kilograms from "
-                "grams. If it is in grams, all values except the delay are a thousand times too "
-                f"large. {_advice('mass', 'g')}"
-            )
-        case UnitError.COUNTS:
-            turn = f"{2 * math.pi / number:.0f}"
-            times = f"{number:.4g} (2 pi/{turn})"
-            unit = Unit("angle", number, "encoder counts", f"counts/{turn}", times)
-        case other:
-            unit = TABLE[other]
-    agree = "the logs agree with a joint"
-    then = "they are the frequencies of the recorded inputs" if unit.column == "omega" else agree
-    looks = f"{_LOOKS[unit.column]} like {unit.name}"
-    return f"{looks}: multiplied by {unit.times}, {then}. {_advice(unit.column, unit.key)}"
-
-
-def _advice(what: str, unit: str) -> str:
-    return f"Set --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
+    number, logs = finding.number or 0.0, listed(finding.logs)
+    given, ways = more if len(more) > 1 else ("", "1")
+    return HYPOTHESES[UnitError(error)].text.format(
+        number=number,
+        thousandths=1e3 * abs(number),
+        turn=2 * math.pi / (number or math.inf),
+        early="early" if number < 0 else "late",
+        logs=logs,
+        in_logs=f" in {logs}" if logs else "",
+        right=f" ({more[0]})" if more else "",
+        given=given,
+        others="" if ways == "1" else f" This is one of {ways} explanations: weigh the masses.",
+    )
 
 
 def with_unit_errors(error: ButterflyError, errors: Sequence[Finding]) -> ButterflyError:
-    """Return an error that names errors besides; itself if there are none."""
+    """Return an error with the sentences of unit errors at its end; itself if there are none."""
     if not errors:
         return error
-    said = " ".join(map(unit_error_text, errors))
+    texts = " ".join(map(unit_error_text, errors))
     if isinstance(error, InputError):
-        return InputError(error.source, error.field, error.value, f"{error.expected}. {said}")
-    return type(error)(f"{error}. {said}")
+        return InputError(error.source, error.field, error.value, f"{error.expected}. {texts}")
+    return type(error)(f"{error}. {texts}")
 
 
 def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
-    """Tell why the inputs of sines are not at the frequencies that the manifest gives them."""
+    """Return why the inputs of sines are not at the frequencies that the manifest gives them."""
     sines = [log for log in logs if log.excitation is not None]
     if not sines:
         return []
@@ -189,14 +204,15 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     common = float(np.median(ratios))
     if abs(common - 1) <= _DETUNED:
         return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
-    for error, unit in TABLE.items():
-        if unit.column in {"time", "omega"} and np.all(np.abs(ratios / unit.factor - 1) < PRECISE):
-            return [unit_error(error, unit.factor)]
+    for error, row in HYPOTHESES.items():
+        for factor in row.factors if row.column in {"time", "omega"} else ():
+            if np.all(np.abs(ratios / factor - 1) < PRECISE):
+                return [unit_error(error, factor)]
     return [_of_omega(common, *sines)] if np.all(np.abs(ratios / common - 1) < _DETUNED) else []
 
 
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
-    """Tell why angles stand still: of joints that were let go, the inputs do, and come to rest."""
+    """Return swapped columns if angles stand still, and the inputs come to rest as angles do."""
     still = [log.input for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
     halves = [[half.std() for half in np.array_split(each, 2)] for each in still]
     rested = bool(still) and all(2 * second < first for first, second in halves)
@@ -206,7 +222,7 @@ def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
 def unit_errors_of_omega(
     logs: Sequence[Log], points: Sequence[ResponsePoint | None]
 ) -> list[Finding]:
-    """Tell of which logs the input is next to, not at, the frequency that the manifest gives."""
+    """Return the omega of logs whose input is next to, not at, the frequency in the manifest."""
     near = [
         (log, point.detuning)
         for log, point in zip(logs, points, strict=True)
@@ -221,23 +237,23 @@ def unit_errors_of_omega(
 
 def clock_error(points: Sequence[ResponsePoint]) -> float:
     """Return by which share the sines of all logs run faster than omega; 0 within its error."""
-    apart = np.array([point.detuning for point in points])
-    if apart.size < 2:  # noqa: PLR2004 - which have a scatter
+    shares = np.array([point.detuning for point in points])
+    if shares.size < 2:  # noqa: PLR2004 - which have a scatter
         return 0.0
-    share = float(apart.mean())
-    error = float(apart.std(ddof=1)) / math.sqrt(apart.size)
-    least = max(stdtrit(apart.size - 1, 0.5 + CONFIDENCE / 2) * error, SHOWS / 2)
+    share = float(shares.mean())
+    error = float(shares.std(ddof=1)) / math.sqrt(shares.size)
+    least = max(stdtrit(shares.size - 1, 0.5 + CONFIDENCE / 2) * error, SHOWS / 2)
     return share if abs(share) > least else 0.0
 
 
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
-    """Ask whether a heavy mass was meant to be grams, which no motion can tell."""
+    """Return the question whether the heaviest mass is in grams, which no motion can tell."""
     heaviest = max(mass.mass for mass in masses)
     return [unit_error(UnitError.GRAMS, heaviest, moves=False)] if heaviest > _HEAVIEST else []
 
 
 def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:
-    """(n,) measured over given frequency of a signal of n logs, and (n,) shares it explains."""
+    """Return (n,) measured over given frequencies of n logs, and the (n,) shares they explain."""
     omegas = np.array([log.excitation.omega for log in sines if log.excitation])
     found = [dominant_frequency(log.time, getattr(log, signal)) for log in sines]
     measured, shares = np.array(found).T
@@ -245,7 +261,8 @@ def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:
 
 
 def _of_omega(ratio: float, *logs: Log, moves: bool = True) -> Finding:
-    """Name a wrong omega; of one log by what it should be too."""
+    """Return the finding of a wrong omega, with the right one in rad/s if it is of one log."""
     sines = [log.excitation for log in logs if log.excitation]
     measured = [f"{ratio * each.omega:.4g} rad/s" for each in sines] if len(logs) == 1 else []
-    return unit_error(UnitError.OMEGA, ratio, *measured, logs=logs, moves=moves)
+    names = [log.name for log in logs]
+    return unit_error(UnitError.OMEGA, ratio, *measured, logs=names, moves=moves)
