@@ -7,7 +7,6 @@ the equations about the end, whitened, are plain ones (Lindstrom & Bates, Biomet
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,11 +17,9 @@ from butterfly.identification.chosen_terms import conditioning_of
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
-from butterfly.identification.inference.stagewise import accepted, offers_in
-from butterfly.identification.inference.submodels import NEGLIGIBLE, submodels_of
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PRECISE, ROUNDING, WEIGHED
+from butterfly.identification.levels import FEW, LOST, MATTERS, PRECISE, ROUNDING, WEIGHED
 from butterfly.identification.problem import Problem
-from butterfly.model.terms import FOLLOWERS, companions, is_simulated_with
+from butterfly.model.terms import FOLLOWERS
 from butterfly.progress import out_of_time
 
 
@@ -155,31 +152,3 @@ def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
     if not LOST * found.problem.equations(weighed.values, slopes=False).cost <= told:
         return None
     return weighed
-
-
-def chosen_by_weight(
-    every: Problem, found: WeighedLogs | None, end: Minimum, rare: Collection[str]
-) -> WeighedLogs | None:
-    """Return weighed logs with the rare terms that scatter hid from the least squares, if any."""
-    chosen, masses = None, [log.added_mass for log in every.logs]
-    while found and found.findings and not out_of_time("the selection of terms"):
-        names = found.problem.names
-        asked = {name for name in rare if name not in names and is_simulated_with(name, names)}
-        wider = every.without({*every.names} - {*names, *asked, *companions({*names, *asked})})
-        there = found.next_in(wider)
-        if not asked or there is None:
-            break
-        nested = submodels_of(wider.cells(there.at, 1), masses, NEGLIGIBLE)
-        kept = np.isin(wider.labels, found.problem.labels)
-        offers = accepted(
-            offers_in(nested, kept, sorted(asked), masses=masses, settings={}), rare, NEGLIGIBLE
-        )
-        if not offers:
-            break
-        more = there.taking(wider.without(asked - {offers[0].name})).settled_within(MOST)
-        if more is None or not more.settled or LOST * more.end.at.cost > end.at.cost:
-            break
-        if conditioning_of(more.problem, more.end.at).singular:
-            break
-        chosen = found = more
-    return chosen

@@ -37,12 +37,7 @@ from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infe
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.segments import horizon_of
-from butterfly.identification.weighed_logs import (
-    WeighedLogs,
-    chosen_by_weight,
-    weighed_end,
-    weighed_from,
-)
+from butterfly.identification.weighed_logs import WeighedLogs, weighed_end, weighed_from
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -193,16 +188,7 @@ class OutputError(Estimator):
         fitted = lowest_end([each.beginning_with(rows[0]) for each in every], enough)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
         fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
-        weighed = weighed_from(fitted.problem, fitted.end)
-        hidden = chosen_by_weight(every[0], weighed, fitted.end, rows[1]) if choosing else None
-        if hidden is None:
-            return fitted, weighed
-        names = {*hidden.problem.names}
-        said = (
-            replace(each, parameters=tuple(n for n in each.parameters if n not in names))
-            for each in fitted.findings
-        )
-        return Fitted(problem=hidden.problem, end=hidden.end, findings=tuple(said)), hidden
+        return fitted, weighed_from(fitted.problem, fitted.end)
 
     def inferred(
         self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior

@@ -191,7 +191,13 @@ def _best(
     ties: list[tuple[str, str]],
 ) -> M | None:
     """Fit the row with the largest gain and those near it; return the best fit, if any holds."""
-    holm, passing = _holm(offers), accepted(offers, rare, model.negligible)
+    holm = _holm(offers)
+    passing = [
+        each
+        for each in offers
+        if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], model.negligible)
+    ]
+    passing.sort(key=lambda each: -float(each.gain.mean()))
     while passing:
         best = passing[0]
         near = [
@@ -213,17 +219,6 @@ def _best(
             return fits[taken]
         passing = [each for each in passing if each.name not in gone]
     return None
-
-
-def accepted(offers: Sequence[Offer], rare: Collection[str], negligible: float) -> list[Offer]:
-    """Return the rows that are worth trying, the one with the largest gain first."""
-    holm = _holm(offers)
-    found = [
-        each
-        for each in offers
-        if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], negligible)
-    ]
-    return sorted(found, key=lambda each: -float(each.gain.mean()))
 
 
 def _holm(offers: Sequence[Offer]) -> dict[str, float]:
