@@ -13,7 +13,6 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
-from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import STRIBECK, LinearModel, candidates
 from butterfly.identification.inference.stagewise import (
@@ -25,7 +24,7 @@ from butterfly.identification.inference.stagewise import (
     stagewise,
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
-from butterfly.identification.levels import FEW, LOST, SHOWS, SPREADS
+from butterfly.identification.levels import FEW, LOST, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.prior import Prior
@@ -242,17 +241,3 @@ def separable(fitted: Fitted) -> Fitted:
             findings=(*fitted.findings, said),
         )
     return fitted
-
-
-def untold_shape(problem: Problem, end: Minimum) -> str | None:
-    """Return what of the shape of a base's motion could as well be 0, or twice as large."""
-    names = problem.names
-    shape = [names.index(name) for name in sorted(companions({_BASE})) if name in names]
-    if not shape:
-        return None
-    found = problem.solved(end, cells=1)
-    if mute := [k for k in shape if not found.rows[:, :, k].any()]:
-        return names[mute[0]]
-    covariance, _ = cluster_covariance(found.rows, found.residuals, found.prior)
-    told = np.abs(found.values[shape]) / np.sqrt(np.diag(covariance)[shape])
-    return names[shape[int(np.argmin(told))]] if np.min(told) < SPREADS else None

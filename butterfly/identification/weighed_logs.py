@@ -17,7 +17,7 @@ from butterfly.identification.chosen_terms import conditioning_of
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
-from butterfly.identification.levels import FEW, LOST, MATTERS, PRECISE, ROUNDING, WEIGHED
+from butterfly.identification.levels import FEW, LOST, PRECISE, ROUNDING, WEIGHED
 from butterfly.identification.problem import Problem
 from butterfly.model.terms import FOLLOWERS
 from butterfly.progress import out_of_time
@@ -71,26 +71,6 @@ class WeighedLogs:
     def settled(self) -> bool:
         """Whether that is less than scatter tells."""
         return self.promised < WEIGHED
-
-    def taking(self, problem: Problem) -> WeighedLogs:
-        """Return the same of a problem in fewer unknowns."""
-        kept = np.flatnonzero([key in problem.keys for key in self.problem.keys])
-        logs = replace(self.logs, rows=self.logs.rows[:, :, kept])
-        return WeighedLogs(problem=problem, values=self.values[kept], logs=logs)
-
-    def settled_within(self, most: int) -> WeighedLogs | None:
-        """Return what logs say where no step promises much, or after so many of them."""
-        found, share = self, 1.0
-        for _ in range(most):
-            if found.settled or share < MATTERS:
-                break
-            there = found.next_in(self.problem, share)
-            if there is None:
-                return None
-            if not there.promised < found.promised:  # steps go to and fro
-                share *= LOST
-            found = there
-        return found
 
     @property
     def weighed_end(self) -> Minimum:

@@ -23,7 +23,6 @@ from butterfly.identification.chosen_terms import (
     offered_rows,
     separable,
     stagewise_fit,
-    untold_shape,
 )
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
@@ -194,9 +193,6 @@ class OutputError(Estimator):
         self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior
     ) -> Estimate:
         """Return the estimate of a fit, its logs weighed if they scatter."""
-        held, weighed = _with_held_shape(fitted, weighed)
-        fitted = separable(held)
-        weighed = weighed if fitted.problem is held.problem else None
         problem, end, said, logs = fitted.problem, fitted.end, fitted.findings, fitted.problem.logs
         solved = cells = problem.solved(end)
         if weighed and (with_scatter := weighed_end(weighed, end)):
@@ -298,25 +294,6 @@ def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None
     for (name, whose), value in zip(owned, own, strict=True):
         local.setdefault(whose, {})[name] = value
     return local
-
-
-def _with_held_shape(
-    fitted: Fitted, weighed: WeighedLogs | None
-) -> tuple[Fitted, WeighedLogs | None]:
-    """Hold what hardly shows of a base's shape, and fit again."""
-    while held := untold_shape(fitted.problem, weighed.weighed_end if weighed else fitted.end):
-        values = weighed.weighed_end.values if weighed else fitted.end.values
-        at = fitted.problem.keys.index((held, None))
-        said = Finding(FindingKind.HELD, (held,), number=float(values[at]))
-        problem = fitted.problem.holding(held, values)
-        weighed = weighed and weighed.taking(problem).settled_within(FEW)
-        fitted = Fitted(
-            problem=problem,
-            end=weighed.end if weighed and weighed.end.at.is_finite else problem.descend(),
-            rivals=tuple(np.delete(each, at) for each in fitted.rivals),
-            findings=(*fitted.findings, said),
-        )
-    return fitted, weighed
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
