@@ -75,7 +75,7 @@ def compare_three(
         else:
             states = replay_loop(joint, log, own.grid, loop)
             mujoco = zero + SimulatedMotion(((own.grid, *states),)).at(log.time)
-        greybox = predictor.run_with(number, setting).simulated
+        greybox = predictor.run(number, estimate).simulated
         found.append(
             ThreeWay(
                 log=log,

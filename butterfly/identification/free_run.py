@@ -123,13 +123,10 @@ class Setting:
 
     def simulation(self, log: Log, first: int = 0) -> Simulation:
         """Return what simulates a log, of which the samples from number ``first`` on count."""
-        return Simulation(log, self.parameters, first, self._segment_length(log, first))
+        return Simulation(log, self.parameters, first, self.segment_length(log, first))
 
-    def kind(self, log: Log) -> tuple[float, float | None]:
-        """Return on what a log's simulation depends: step, and length of segments, in s."""
-        return grid_step(log, self.parameters), self._segment_length(log)
-
-    def _segment_length(self, log: Log, first: int = 0) -> float | None:
+    def segment_length(self, log: Log, first: int = 0) -> float | None:
+        """Return how long segments with fitted starts are at most, in s (see `segment_length`)."""
         known = self.velocity is not None
         return segment_length(log, self.parameters, self.horizon, first=first, velocity_known=known)
 
@@ -190,10 +187,7 @@ class Simulations:
 
     def run(self, number: int, estimate: Estimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
-        return self.run_with(number, self.setting(number, estimate))
-
-    def run_with(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number, with the recorded input."""
+        setting = self.setting(number, estimate)
         run = setting.run(self.simulation(number, setting))
         self._fits.setdefault((number, setting), run.fit)
         self._followed[number, setting] = run.followed
@@ -204,7 +198,7 @@ class Simulations:
         keys = [(number, self.setting(number, estimate)) for number in numbers]
         for key in keys:
             if key not in self._followed:
-                self.run_with(*key)
+                self.run(key[0], estimate)
         return np.array([self._followed[key] for key in keys])
 
     def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> Samples:
@@ -227,7 +221,7 @@ class Simulations:
     def simulation(self, number: int, setting: Setting) -> Simulation:
         """Return what simulates one log, by its number; the latest of each is kept."""
         log = self._logs[number]
-        key = setting.kind(log)
+        key = grid_step(log, setting.parameters), setting.segment_length(log)
         latest = self._latest.get(number)
         if latest is None or latest[0] != key:
             self._latest[number] = latest = key, setting.simulation(log)

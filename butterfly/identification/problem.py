@@ -103,13 +103,10 @@ class Problem:
         counted = [first_counted(log, options.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
         own, few = "velocity" in {*options.per_mass, *options.per_log}, len(logs) <= FEW
-        lengths = [
-            segment_length(log, start, options.horizon, first=k, velocity_known=own, free=few)
-            for log, k in zip(logs, counted, strict=True)
-        ]
+        how, most = {"velocity_known": own, "free": few}, options.horizon
         simulations = tuple(
-            Simulation(log, start, k, length, warm=True)
-            for log, k, length in zip(logs, counted, lengths, strict=True)
+            Simulation(log, start, k, segment_length(log, start, most, first=k, **how), warm=True)
+            for log, k in zip(logs, counted, strict=True)
         )
         hangs = not known.weightless(log.added_mass for log in logs)
         keys_of = {

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -101,7 +101,7 @@ class Simulation:
         edges = [*before, *(first + k for k in after), log.time.size]
         rate = log.rms_speed / (log.rms_motion or 1.0)
         self.segments = [
-            FittedSegment(log.piece(*ends), parameters, rate, warm=warm) for ends in pairwise(edges)
+            Segment(log.piece(*ends), parameters, rate=rate, warm=warm) for ends in pairwise(edges)
         ]
         self._counted = self.segments[len(before) :]
 
@@ -168,21 +168,52 @@ class Simulation:
         return joined(counts), joined(middles), joined(inputs)
 
 
+class _About(NamedTuple):
+    """A segment's errors and derivatives about a start (see `Segment.linearised`)."""
+
+    errors: Samples
+    rows: Samples
+    directions: Samples  # (m, j) orthonormal, in which the start moves the errors
+    explained: Samples  # (j,) how far these lie along each
+    step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
+
+    @property
+    def cost(self) -> float:
+        """Mean squared error in rad^2."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(np.mean(self.errors**2))
+
+    @property
+    def settled(self) -> bool:
+        """Whether no other start makes the errors much smaller."""
+        share = float(self.explained @ self.explained) / self.errors.size
+        return share <= max(_SETTLED * self.cost, ROUNDING**2)
+
+
 class Segment:
-    """Simulates a stretch of a log from a given start, on a fixed grid.
+    """Simulates a stretch of a log on a fixed grid, from a given start or from one that is fitted.
 
     The step follows the resonance of the ``parameters`` of the bare hand and the log's drive, but
-    is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
+    is at most ``longest`` s. Errors count from the sample numbered ``first`` on. The start is
+    fitted if there is a ``rate`` in 1/s, its velocity over its angle in size. Of a segment that
+    begins at rest only the angle there is sought: friction holds a joint at rest, so that nothing
+    can be differentiated by its velocity, and how it starts is evidence of its inertia.
 
     Between two instants of the grid the input is the parabola that has the mean and the first two
     moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
     """
 
     def __init__(
-        self, log: Log, parameters: LumpedParameters, first: int = 0, longest: float = LONGEST_STEP
+        self,
+        log: Log,
+        parameters: LumpedParameters,
+        first: int = 0,
+        *,
+        longest: float = LONGEST_STEP,
+        rate: float | None = None,
+        warm: bool = False,
     ) -> None:
-        self.log = log
-        self.near = log.initial_state
+        self.log, self.near = log, log.initial_state
         self.spent = 0  # samples simulated to find its start
         self._command = log.goal if log.closed else log.command
         step, self._every = min(grid_step(log, parameters), longest), 1
@@ -190,15 +221,37 @@ class Segment:
             step, self._every = log.servo.updates(step)
         grid = uniform_grid(log.time, step)
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
-        self._first = first
+        self._first, self._warm, self._units = first, warm, np.array([1.0, rate or 0.0])
+        self._sought = 0 if rate is None else 1 if self.near.velocity == 0 else len(_START)
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
 
     def begin(
-        self, parameters: LumpedParameters, zero: float, velocity: float | None
+        self, parameters: LumpedParameters, zero: float, velocity: float | None = None
     ) -> InitialState:
-        """Return the angle in rad, from the encoder's zero, and velocity in rad/s at the start."""
-        del parameters, zero
-        return self.near if velocity is None else InitialState(float(self.log.angle[0]), velocity)
+        """Return the start: a given one, or that from which the segment is followed best."""
+        if not self._sought:
+            angle = float(self.log.angle[0])
+            return self.near if velocity is None else InitialState(angle, velocity)
+        begin = self.near
+        at = self._about(_START, parameters, zero, begin)
+        if not math.isfinite(at.cost):
+            begin = self.log.initial_state
+            at = self._about(_START, parameters, zero, begin)
+        reach, spread = 1.0, self.log.rms_measured**2
+        for tries in range(MOST):
+            hopeless = at.cost > spread or (self._warm and current_search().over)
+            if at.settled or reach < ROUNDING or (tries > _HOPEFUL and hopeless):
+                break
+            there = InitialState(*(np.array(begin) + reach * at.step).tolist())
+            tried = self._about(_START, parameters, zero, there)
+            self.spent += self.grid.size
+            if tried.cost < at.cost:
+                begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
+            else:
+                reach *= _SHORTER
+        if self._warm:
+            self.near = begin
+        return begin
 
     def run(
         self, parameters: LumpedParameters, zero: float, velocity: float | None
@@ -219,13 +272,20 @@ class Segment:
         velocity: float | None,
     ) -> tuple[Samples, Samples]:
         """Return (m,) errors and (m, n) derivatives (see `Simulation.linearised`)."""
-        begin = self.begin(parameters, zero, velocity)
-        return self._differentiated(names, parameters, zero, begin)
+        if not self._sought:
+            begin = self.begin(parameters, zero, velocity)
+            return self._differentiated(names, parameters, zero, begin)
+        found = self._about_best(names, parameters, zero)
+        rows = found.rows[:, : len(names)]
+        take_away(found.directions, rows)
+        return found.errors - found.directions @ found.explained, rows
 
     def directions(
         self, parameters: LumpedParameters, zero: float, velocity: float | None
     ) -> Samples:
         """Return (m, j) orthonormal directions in which the start moves the errors."""
+        if self._sought:
+            return self._about_best((), parameters, zero).directions
         _, rows = self.linearised(_START, parameters, zero, velocity)
         return _orthonormal(self._by_start(*rows.T))
 
@@ -245,6 +305,35 @@ class Segment:
             return None
         inputs = self._inputs(parameters)
         return loop_on_grid(self.log, parameters, zero, self.grid, inputs, self._every)
+
+    def _about_best(
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float
+    ) -> _About:
+        """Return errors and derivatives by names, and then by the start, about the best start."""
+        every = tuple(dict.fromkeys((*names, *_START)))
+        found = self._about(every, parameters, zero, self.near)
+        if found.settled:
+            return found
+        return self._about(every, parameters, zero, self.begin(parameters, zero))
+
+    def _about(
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
+    ) -> _About:
+        """Differentiate by names and start, which moves angles by 1 less what the zero does."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            expansion = self._differentiated(names, parameters, zero, begin)
+            errors, rows = expansion
+        by_start = rows[:, [names.index(each) for each in _START]]
+        columns = self._by_start(*by_start.T) * self._units
+        if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
+            return _About(*expansion, np.zeros((errors.size, 0)), np.zeros(0), np.zeros(2))
+        left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
+        felt = sizes > SHOWS * sizes[0]
+        explained = left[:, felt].T @ errors
+        step = np.zeros(len(_START))
+        step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))
+        step *= self._units
+        return _About(*expansion, left[:, felt], explained, step)
 
     def _differentiated(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
@@ -286,16 +375,16 @@ class Segment:
         if latest is None or latest[0] != key or len(latest[1]) < count:
             commands = self._command[1]
             time = self.log.arrivals(*slow) if slow[0] else self._command[0]
+            on_grid = partial(
+                hold.parabolas, edges=self.grid - parameters.delay, hold=self.log.intersample
+            )
             delivered = drive.delivered(commands)
             inputs = np.zeros((count, self.grid.size - 1, 3))
-            inputs[:2] = self._parabolas(time, delivered, parameters.delay)
+            inputs[:2] = on_grid(time, delivered)
             if count >= _DELAYS and slow[1]:
-                inputs[2] = self._parabolas(time, self._slow(delivered, slow[1]), parameters.delay)[
-                    1
-                ]
+                inputs[2] = on_grid(time, self._slow(delivered, slow[1]))[1]
             for k, name in enumerate(DRIVE[: max(count - _DELAYS, 0)], _DELAYS):
-                slope = parameters.slope(name, commands)
-                inputs[k] = self._parabolas(time, slope, parameters.delay)[0]
+                inputs[k] = on_grid(time, parameters.slope(name, commands))[0]
             self._latest = latest = key, inputs
         return latest[1][:count]
 
@@ -304,111 +393,6 @@ class Segment:
         held = self.log.intersample is Intersample.ZERO_ORDER_HOLD
         steps = np.diff(inputs, prepend=0.0 if held else inputs[0])
         return np.cumsum(steps * self.log.is_slow(limit))
-
-    def _parabolas(self, time: Samples, inputs: Samples, delay: float) -> Samples:
-        return hold.parabolas(time, inputs, self.grid - delay, self.log.intersample)
-
-
-class _About(NamedTuple):
-    """A segment's errors and derivatives about a start (see `Segment.linearised`)."""
-
-    errors: Samples
-    rows: Samples
-    directions: Samples  # (m, j) orthonormal, in which the start moves the errors
-    explained: Samples  # (j,) how far these lie along each
-    step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
-
-    @property
-    def cost(self) -> float:
-        """Mean squared error in rad^2."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return float(np.mean(self.errors**2))
-
-    @property
-    def settled(self) -> bool:
-        """Whether no other start makes the errors much smaller."""
-        share = float(self.explained @ self.explained) / self.errors.size
-        return share <= max(_SETTLED * self.cost, ROUNDING**2)
-
-
-class FittedSegment(Segment):
-    """Simulates a stretch of a log from the start with which it follows the log best.
-
-    Of one that begins at rest only the angle there is sought: friction holds a joint at rest, so
-    that nothing can be differentiated by its velocity, and how it starts tells of its inertia.
-    """
-
-    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, warm: bool) -> None:
-        super().__init__(log, parameters)
-        self._units = np.array([1.0, rate])
-        self._warm = warm
-        self._spread = log.rms_measured**2
-        self._sought = 1 if log.initial_state.velocity == 0 else len(_START)
-
-    def linearised(
-        self, names: Sequence[str], parameters: LumpedParameters, zero: float, _: float | None
-    ) -> tuple[Samples, Samples]:
-        """Return (m,) errors and (m, n) derivatives less what a change of the start explains."""
-        found = self._about_best(names, parameters, zero)
-        rows = found.rows[:, : len(names)]
-        take_away(found.directions, rows)
-        return found.errors - found.directions @ found.explained, rows
-
-    def directions(self, parameters: LumpedParameters, zero: float, _: float | None) -> Samples:
-        """Return (m, j) orthonormal directions in which the start moves the errors."""
-        return self._about_best((), parameters, zero).directions
-
-    def _about_best(
-        self, names: Sequence[str], parameters: LumpedParameters, zero: float
-    ) -> _About:
-        """Return errors and derivatives by names, and then by the start, about the best start."""
-        every = tuple(dict.fromkeys((*names, *_START)))
-        found = self._about(every, parameters, zero, self.near)
-        if found.settled:
-            return found
-        return self._about(every, parameters, zero, self.begin(parameters, zero, None))
-
-    def begin(self, parameters: LumpedParameters, zero: float, _: float | None) -> InitialState:
-        """Return the start from which a simulation follows the segment best."""
-        begin = self.near
-        at = self._about(_START, parameters, zero, begin)
-        if not math.isfinite(at.cost):
-            begin = self.log.initial_state
-            at = self._about(_START, parameters, zero, begin)
-        reach = 1.0
-        for tries in range(MOST):
-            hopeless = at.cost > self._spread or (self._warm and current_search().over)
-            if at.settled or reach < ROUNDING or (tries > _HOPEFUL and hopeless):
-                break
-            there = InitialState(*(np.array(begin) + reach * at.step).tolist())
-            tried = self._about(_START, parameters, zero, there)
-            self.spent += self.grid.size
-            if tried.cost < at.cost:
-                begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
-            else:
-                reach *= _SHORTER
-        if self._warm:
-            self.near = begin
-        return begin
-
-    def _about(
-        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
-    ) -> _About:
-        """Differentiate by names and start, which moves angles by 1 less what the zero does."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            expansion = self._differentiated(names, parameters, zero, begin)
-            errors, rows = expansion
-        by_start = rows[:, [names.index(each) for each in _START]]
-        columns = self._by_start(*by_start.T) * self._units
-        if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
-            return _About(*expansion, np.zeros((errors.size, 0)), np.zeros(0), np.zeros(2))
-        left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
-        felt = sizes > SHOWS * sizes[0]
-        explained = left[:, felt].T @ errors
-        step = np.zeros(len(_START))
-        step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))
-        step *= self._units
-        return _About(*expansion, left[:, felt], explained, step)
 
 
 def segment_length(
