@@ -11,7 +11,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.simulation import SimulatedMotion, Simulation
+from butterfly.identification.simulation import Segment, SimulatedMotion
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
@@ -65,9 +65,9 @@ def compare_three(
         # of a joint that nothing drives any gain will do
         driven = replace(parameters, p4=parameters.p4 or 1.0)
         robot, added = Robot.of_loaded(driven, log.added_mass, mass)
-        own = Simulation(log, parameters)
-        angle, velocity = own.start(zero, setting.velocity)
-        joint = MujocoJoint(robot, added, angle=angle, velocity=velocity)
+        own = Segment(log, parameters)
+        angle, velocity = own.begin(parameters, zero, setting.velocity)
+        joint = MujocoJoint(robot, added, angle=angle - zero, velocity=velocity)
         loop = own.loop(driven, zero)
         if loop is None:
             slow = parameters.slow_delay, parameters.slow_interval
@@ -75,7 +75,7 @@ def compare_three(
         else:
             states = replay_loop(joint, log, own.grid, loop)
             mujoco = zero + SimulatedMotion(((own.grid, *states),)).at(log.time)
-        greybox = predictor.run_with(number, setting).simulated
+        greybox = predictor.run(number, estimate).simulated
         found.append(
             ThreeWay(
                 log=log,

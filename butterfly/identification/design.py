@@ -22,7 +22,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.levels import LOST
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import LONGEST_STEP, Simulation
-from butterfly.logs.log import InitialState, InputKind, Log, Sine
+from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import LARGEST_SWING, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -279,11 +279,11 @@ def _responder(
         added_mass=mass,
     )
     simulation = Simulation(driven(planned), parameters)
-    begin, far = InitialState(start, 0.0), 1e3 * LARGEST_SWING
+    far = 1e3 * LARGEST_SWING
 
     def respond(moved: LumpedParameters) -> Samples:
         with np.errstate(all="ignore"):  # of a loop that is not stable
-            angle = simulation.run(moved, 0.0, begin).at(time)
+            angle = simulation.run(moved, 0.0, 0.0).at(time)
         return np.clip(np.nan_to_num(angle, nan=far), -far, far)
 
     return respond

@@ -12,8 +12,12 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.segments import Segments, horizon_of, is_segmented
-from butterfly.identification.simulation import Simulation, grid_step
+from butterfly.identification.simulation import (
+    LONGEST_STEP,
+    Simulation,
+    grid_step,
+    segment_length,
+)
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -22,6 +26,13 @@ from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
 _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
+
+GROWTH = 30.0
+"""Times by which an error at the start of a segment may grow within it."""
+
+_EVERY = 5  # steps from one beginning to the next
+# horizons, times powers of ten
+_PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,21 +121,16 @@ class Setting:
     velocity: float | None = None  # at the first sample, in rad/s; None: the log's own beginning
     horizon: float = math.inf  # longest stretch in s that is simulated at a time
 
-    def simulation(self, log: Log, first: int = 0) -> Simulation | Segments:
+    def simulation(self, log: Log, first: int = 0) -> Simulation:
         """Return what simulates a log, of which the samples from number ``first`` on count."""
-        if self._segments(log, first):
-            return Segments(log, self.parameters, self.horizon, first)
-        return Simulation(log, self.parameters, first)
+        return Simulation(log, self.parameters, first, self.segment_length(log, first))
 
-    def kind(self, log: Log) -> tuple[float, float | None]:
-        """Return on what a log's simulation depends: step in s, and horizon of segments."""
-        return grid_step(log, self.parameters), self.horizon if self._segments(log) else None
-
-    def _segments(self, log: Log, first: int = 0) -> bool:
+    def segment_length(self, log: Log, first: int = 0) -> float | None:
+        """Return how long segments with fitted starts are at most, in s (see `segment_length`)."""
         known = self.velocity is not None
-        return is_segmented(log, self.parameters, self.horizon, first=first, velocity_known=known)
+        return segment_length(log, self.parameters, self.horizon, first=first, velocity_known=known)
 
-    def run(self, simulation: Simulation | Segments) -> FreeRun:
+    def run(self, simulation: Simulation) -> FreeRun:
         """Simulate a log."""
         motion = simulation.run(self.parameters, self.zero, self.velocity)
         current_search().samples += simulation.spend()
@@ -143,7 +149,7 @@ class Simulations:
         self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], counted: Sequence[int]
     ) -> None:
         self._logs, self._zeros, self._counted = logs, zeros, counted
-        self._latest: dict[int, tuple[tuple[float, float | None], Simulation | Segments]] = {}
+        self._latest: dict[int, tuple[tuple[float, float | None], Simulation]] = {}
         self._horizons: dict[LumpedParameters, float] = {}
         self._fits: dict[tuple[int, Setting], float] = {}
         self._followed: dict[tuple[int, Setting], float] = {}
@@ -181,10 +187,7 @@ class Simulations:
 
     def run(self, number: int, estimate: Estimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
-        return self.run_with(number, self.setting(number, estimate))
-
-    def run_with(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number, with the recorded input."""
+        setting = self.setting(number, estimate)
         run = setting.run(self.simulation(number, setting))
         self._fits.setdefault((number, setting), run.fit)
         self._followed[number, setting] = run.followed
@@ -195,7 +198,7 @@ class Simulations:
         keys = [(number, self.setting(number, estimate)) for number in numbers]
         for key in keys:
             if key not in self._followed:
-                self.run_with(*key)
+                self.run(key[0], estimate)
         return np.array([self._followed[key] for key in keys])
 
     def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> Samples:
@@ -215,10 +218,10 @@ class Simulations:
         ]
         return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
 
-    def simulation(self, number: int, setting: Setting) -> Simulation | Segments:
+    def simulation(self, number: int, setting: Setting) -> Simulation:
         """Return what simulates one log, by its number; the latest of each is kept."""
         log = self._logs[number]
-        key = setting.kind(log)
+        key = grid_step(log, setting.parameters), setting.segment_length(log)
         latest = self._latest.get(number)
         if latest is None or latest[0] != key:
             self._latest[number] = latest = key, setting.simulation(log)
@@ -235,3 +238,51 @@ class Simulations:
 def fit_of(error: float, motion: float) -> float:
     """Return FIT in per cent, of rms error and motion; none of one that is still or diverges."""
     return 100 * (1 - error / motion) if motion and math.isfinite(error) else -math.inf
+
+
+def horizon_of(
+    logs: Iterable[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    """Return the longest time in s within which no small error grows by more than `GROWTH`.
+
+    Rounded down, so that little depends on the parameters; infinite where none grows so.
+    """
+    free = [log for log in logs if not log.closed]
+    found = min(
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in free), default=math.inf
+    )
+    if not math.isfinite(found):
+        return math.inf
+    decade = 10.0 ** math.floor(math.log10(found))
+    fits = _PREFERRED[_PREFERRED * decade <= found * (1 + 1e-9)]
+    return float(f"{fits[-1] * decade:.2g}")
+
+
+def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
+    loaded = parameters.with_added_mass(log.added_mass)
+    if not (loaded.p1 > 0 and loaded.p3 > 0):
+        return math.inf
+    angle = log.angle - zero
+    if max(angle.max(), -angle.min()) <= math.pi / 2 or np.cos(angle).min() >= 0:
+        return math.inf  # gravity pulls back wherever the hand is
+    grid = uniform_grid(log.time, LONGEST_STEP)
+    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
+    damping = max(loaded.p2, 0.0) / loaded.p1
+    steps = _soonest(falling, damping, math.sqrt(loaded.p1 / loaded.p3))
+    return steps * LONGEST_STEP if steps else math.inf
+
+
+def _soonest(falling: Samples, damping: float, slowest: float) -> int:
+    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does."""
+    begins = np.arange(0, falling.size - 1, _EVERY)
+    angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
+    velocity = 1 - angle
+    for count in range(1, falling.size):
+        begins = begins[begins + count < falling.size]
+        angle, velocity = angle[:, : begins.size], velocity[:, : begins.size]
+        velocity += LONGEST_STEP * (falling[begins + count] * angle - damping * velocity)
+        angle += LONGEST_STEP * velocity
+        sizes = np.abs(angle) / [[1.0], [max(count * LONGEST_STEP, slowest)]]
+        if sizes.max(initial=0.0) > GROWTH:
+            return count
+    return 0

@@ -28,8 +28,7 @@ from butterfly.identification.fit import (
     minimise_robustly,
 )
 from butterfly.identification.levels import FEW, LOST, MOST, PRECISE, ROUNDING
-from butterfly.identification.segments import Segments, is_segmented
-from butterfly.identification.simulation import FINEST, Simulation
+from butterfly.identification.simulation import FINEST, Simulation, segment_length
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -86,7 +85,7 @@ class Problem:
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
     known: Mapping[Key, Known]  # what is known of the unknowns
-    simulations: tuple[Simulation | Segments, ...]
+    simulations: tuple[Simulation, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     options: ProblemOptions
 
@@ -104,11 +103,9 @@ class Problem:
         counted = [first_counted(log, options.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
         own, few = "velocity" in {*options.per_mass, *options.per_log}, len(logs) <= FEW
-        how = {"velocity_known": own, "free": few}
+        how, most = {"velocity_known": own, "free": few}, options.horizon
         simulations = tuple(
-            Segments(log, start, options.horizon, k, warm=True)
-            if is_segmented(log, start, options.horizon, first=k, **how)
-            else Simulation(log, start, k)
+            Simulation(log, start, k, segment_length(log, start, most, first=k, **how), warm=True)
             for log, k in zip(logs, counted, strict=True)
         )
         hangs = not known.weightless(log.added_mass for log in logs)
@@ -154,6 +151,11 @@ class Problem:
         """The k logs."""
         return [each.log for each in self.simulations]
 
+    @property
+    def box(self) -> Box:
+        """What bounds the unknowns: what follows a term says nothing where that is little."""
+        return Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
+
     @cached_property
     def conditions(self) -> Conditions:
         """Under which the cells were recorded."""
@@ -177,8 +179,7 @@ class Problem:
         search.simulations += 1
         search.samples += sum(each.spend() for each in self.simulations)
         own = np.broadcast_to(values, (len(self.motion), len(self.keys)))
-        segmented = [each for each in self.simulations if isinstance(each, Segments)]
-        begins = [each.begins for each in segmented]
+        begins = [each.begins for each in self.simulations]
         simulated = partial(self._of_log, slopes=slopes)
         if self.options.workers == 1:
             found = _within(most, map(simulated, range(len(own)), own))
@@ -187,7 +188,7 @@ class Problem:
                 found = _within(most, pool.map(simulated, range(len(own)), own))
                 pool.shutdown(cancel_futures=True)
         if len(found) < len(own):  # whichever were simulated, they begin where they did
-            for each, before in zip(segmented, begins, strict=True):
+            for each, before in zip(self.simulations, begins, strict=True):
                 each.begins = before
                 each.spend()  # by whichever
             found.append(_IMPOSSIBLE)
@@ -234,12 +235,10 @@ class Problem:
     ) -> Minimum:
         """Return where a descent ends, from the first guess on (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
-        # what follows a term says nothing where it is little, and would run away
-        box = Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
         for _ in range(MOST):
             at, rest = self.weighed(at), most - evaluations
             before, loss = at, self.options.loss
-            end = minimise_robustly(self.equations, at, box, loss, most=rest, enough=enough)
+            end = minimise_robustly(self.equations, at, self.box, loss, most=rest, enough=enough)
             evaluations += end.evaluations
             at = end.at
             if not end.converged and evaluations < most:
@@ -272,13 +271,6 @@ class Problem:
         lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
         kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
-
-    def holding(self, name: str, values: Samples) -> Problem:
-        """Return the problem with an unknown held at its value of (n,)."""
-        at = self.keys.index((name, None))
-        kept = np.delete(np.arange(len(self.keys)), at)
-        fewer = self.keeping(kept, values[kept])
-        return replace(fewer, start=replace(fewer.start, **{name: float(values[at])}))
 
     def values_of(self, other: Problem, values: Samples) -> Samples:
         """Return (..., n) values at those of a problem in fewer unknowns."""
@@ -335,7 +327,7 @@ def _within(most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
 
 def _local_key(
     name: str,
-    each: Simulation | Segments,
+    each: Simulation,
     logs: Sequence[Log],
     options: ProblemOptions,
     *,
@@ -344,7 +336,7 @@ def _local_key(
     """Return an unknown of a log that is its own, its mass's, or all logs' zero; None if known."""
     log = each.log
     exact = name == "zero" and log.zero is not None and log.zero.fixed
-    if exact or (name == "velocity" and isinstance(each, Segments)):  # whose starts are their own
+    if exact or (name == "velocity" and each.fitted):
         return None
     if name in options.per_log:
         return name, log.name

@@ -17,9 +17,8 @@ from butterfly.identification.chosen_terms import conditioning_of
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
-from butterfly.identification.levels import FEW, LOST, PRECISE, ROUNDING, WEIGHED
+from butterfly.identification.levels import FEW, LOST
 from butterfly.identification.problem import Problem
-from butterfly.model.terms import FOLLOWERS
 from butterfly.progress import out_of_time
 
 
@@ -53,48 +52,16 @@ class WeighedLogs:
     @cached_property
     def step(self) -> Samples:
         """(n,) what they ask the values to move by."""
-        size = np.abs(self.values)
-        # a base that is faster still shows no frequency, and costs the more steps
-        shapes = [name in FOLLOWERS for name in self.problem.names]
-        room = np.maximum(self.problem.initial / PRECISE - self.values, ROUNDING * size)
-        highest = np.where(shapes, np.minimum(LOST * size, room), np.inf)
-        lowest = np.minimum(self.problem.lower - self.values, 0.0)
-        lowest = np.where(shapes, np.maximum(lowest, -LOST * size), lowest)
-        return self.at.step(lowest, highest)
-
-    @cached_property
-    def promised(self) -> float:
-        """Mean square of that in standard errors."""
-        return 2 * self.at.decrease(self.step) / self.values.size
+        return self.at.step(*self.problem.box.about(self.values, np.inf))
 
     @property
-    def settled(self) -> bool:
-        """Whether that is less than scatter tells."""
-        return self.promised < WEIGHED
-
-    @property
-    def weighed_end(self) -> Minimum:
-        """Where the next step leads."""
-        values = np.maximum(self.values + self.step, self.problem.lower)
-        at = replace(self.at.moved(self.step), values=values)
-        return Minimum(at=at, converged=self.settled, evaluations=0)
-
-    @cached_property
-    def end(self) -> Minimum:
-        """The same, as logs see it that are not weighed."""
-        there = self.problem.equations(self.weighed_end.values)
-        return replace(self.weighed_end, at=self.problem.weighed(there))
-
-    def next_in(self, problem: Problem, share: float = 1.0) -> WeighedLogs | None:
-        """Return what logs say a share of the step away; None where a simulation diverges."""
-        step = share * self.step
-        values = self.values + step
-        own = self._scatter.apart(self.logs.moved(step), self._spread)
-        own = np.maximum(own, self.problem.lower - values)
-        there = problem.values_of(self.problem, values)
-        own = problem.values_of(self.problem, values + own) - there
-        at = problem.equations(there + own)
-        return WeighedLogs.of(problem, at, there, own) if at.is_finite else None
+    def next(self) -> WeighedLogs | None:
+        """What logs say where the step leads; None where a simulation diverges."""
+        values = self.values + self.step
+        moved = self._scatter.apart(self.logs.moved(self.step), self._spread)
+        moved = np.maximum(moved, self.problem.lower - values)
+        at = self.problem.equations(values + moved)
+        return WeighedLogs.of(self.problem, at, values, moved) if at.is_finite else None
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -120,15 +87,15 @@ def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
     few = len(problem.motion) <= FEW or end.at.loss is not Loss.LINEAR
     if few or out_of_time("weighting the logs by their scatter"):
         return None
-    return WeighedLogs.of(problem, end.at, end.values).next_in(problem)
+    return WeighedLogs.of(problem, end.at, end.values).next
 
 
 def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
     """Return the end of a descent with logs weighed; None where they cannot be followed there."""
     if found is None or conditioning_of(found.problem, found.at).singular:
         return None
-    weighed = replace(found.weighed_end, converged=end.converged)
-    told = end.at.moved(weighed.values - end.values).cost
-    if not LOST * found.problem.equations(weighed.values, slopes=False).cost <= told:
+    values = np.maximum(found.values + found.step, found.problem.lower)
+    promised = end.at.moved(values - end.values).cost
+    if not LOST * found.problem.equations(values, slopes=False).cost <= promised:
         return None
-    return weighed
+    return replace(end, at=replace(found.at.moved(found.step), values=values))

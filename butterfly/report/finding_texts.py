@@ -330,10 +330,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         f"{TERMS[finding.parameters[0]].unit}) was chosen from a grid; the intervals cover "
         "grid values that fit equally well."
     ),
-    FindingKind.HELD: lambda finding, _: (
-        f"{', '.join(finding.parameters)} is fixed at {_number(finding):.2g} "
-        f"{TERMS[finding.parameters[0]].unit}: these logs hardly constrain it."
-    ),
     FindingKind.NOT_HELPING: (
         "Tried, not included: {names}. No better prediction of held-out logs."
     ),

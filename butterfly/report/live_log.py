@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.free_run import Setting, fit_of
-from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import LumpedParameters
 from butterfly.signals import hold, polynomials
@@ -70,7 +69,7 @@ class Column(NamedTuple):
 class LiveLog:
     """One log on its grid, and what it is simulated with."""
 
-    simulation: Simulation | Segments
+    simulation: Simulation
     setting: Setting
     raw: float
     """FIT in per cent of the free run."""
@@ -84,9 +83,7 @@ class LiveLog:
     """(n,) at the ends of steps."""
 
     @classmethod
-    def of(
-        cls, simulation: Simulation | Segments, setting: Setting, raw: float, reach: float
-    ) -> LiveLog:
+    def of(cls, simulation: Simulation, setting: Setting, raw: float, reach: float) -> LiveLog:
         """Put a log on a grid; its delay can move by a ``reach`` in s either way."""
         log = simulation.log
         span = float(log.time[-1] - log.time[0])

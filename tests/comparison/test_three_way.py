@@ -149,6 +149,6 @@ def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
         + setting.zero
         for kind in (MujocoJoint, GreyBoxJoint)
     )
-    run = real.data.simulations.run_with(number, setting).simulated
+    run = real.data.simulations.run(number, real.estimate).simulated
     assert np.abs(grey - run).max() < 2e-4
     assert np.abs(mujoco - run).max() < 3e-3

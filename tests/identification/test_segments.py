@@ -11,10 +11,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.free_run import GROWTH, FreeRun, Setting, horizon_of
 from butterfly.identification.identify import identify
 from butterfly.identification.problem import Start
-from butterfly.identification.segments import GROWTH, Segments, horizon_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
@@ -76,7 +75,7 @@ def test_noise_free_swing_ups_give_the_exact_parameters(exact):
 
 
 def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
-    segments = Segments(exact[0], ROBOT, 0.8)
+    segments = Simulation(exact[0], ROBOT, horizon=0.8)
     other = replace(ROBOT, p1=0.2)
     names, step = ["p1", "p3", "zero"], 1e-5
     errors, rows = segments.linearised(names, other, 0.0)
@@ -97,7 +96,7 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
 
 def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
     far = replace(ROBOT, p1=0.3, p3=4.5)
-    fresh, used = (Segments(exact[0], ROBOT, 0.8) for _ in range(2))
+    fresh, used = (Simulation(exact[0], ROBOT, horizon=0.8) for _ in range(2))
     used.run(far, 0.0)
     mine, own = (each.run(ROBOT, 0.0).at(exact[0].time) for each in (used, fresh))
     np.testing.assert_array_equal(mine, own)
@@ -110,7 +109,7 @@ def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
     moving = 0.3 * np.sin(np.maximum(time - 1.0, 0.0))
     log = Log(time, np.zeros(400), moving, input_kind="torque")
     stuck = LumpedParameters(p1=0.19, p2=0.03, p3=0.1, p4=1.0, coulomb=0.5)
-    first, *_ = Segments(log, stuck, 0.5).directions(stuck, 0.0)
+    first, *_ = Simulation(log, stuck, horizon=0.5).directions(stuck, 0.0)
     assert first.shape[1] == 1
 
 
@@ -118,9 +117,9 @@ def test_logs_from_rest_are_simulated_whole_and_pieces_from_fitted_starts_after_
     time = STEP * np.arange(800)
     log = driven(JOINT, time, 0.5 * np.sin(3 * time))
     free, known = (Setting(parameters=ROBOT, zero=0.0, velocity=each) for each in (None, 0.1))
-    assert isinstance(free.simulation(log), Simulation)
-    assert isinstance(free.simulation(log.piece(200, 800)), Segments)
-    assert isinstance(known.simulation(log.piece(200, 800)), Simulation)
+    assert not free.simulation(log).fitted
+    assert free.simulation(log.piece(200, 800)).fitted
+    assert not known.simulation(log.piece(200, 800)).fitted
     time = STEP * np.arange(1000)
     whole = driven(JOINT._replace(delay=0.06), time, 1.2 * np.sign(np.sin(4 * time)))
     late = replace(free, parameters=replace(ROBOT, delay=0.06))

@@ -16,9 +16,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.estimators.start import servo_start, starts
 from butterfly.identification.identify import simulated
-from butterfly.identification.segments import is_segmented
 from butterfly.identification.servo_drive import driven, driven_alone
-from butterfly.identification.simulation import Simulation
+from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Known, Prior
@@ -247,9 +246,10 @@ def test_a_loop_of_speed_keeps_where_it_began_and_a_fit_finds_out():
     of_speed, of_angle = (
         replace(_log(law), angle=still) for law in ("dynamixel-x-velocity", "dynamixel-x")
     )
-    assert is_segmented(of_speed, JOINT, **whole)
-    assert not is_segmented(of_angle, JOINT, **whole)
-    assert is_segmented(replace(of_angle, angle=np.sin(TIME)), JOINT, **whole)  # nor is it at rest
+    assert segment_length(of_speed, JOINT, **whole) == np.inf
+    assert segment_length(of_angle, JOINT, **whole) is None
+    moving = replace(of_angle, angle=np.sin(TIME))
+    assert segment_length(moving, JOINT, **whole) == np.inf
 
 
 def test_a_fit_with_the_loop_open_follows_the_drive():

@@ -33,7 +33,6 @@ NUMBERS = {
     FindingKind.MISFIT: (41.3, "41.3 times"),
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.SCANNED: (0.14, "0.14"),
-    FindingKind.HELD: (0.14, "fixed at 0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "0.31 % slower"),
     FindingKind.CLOCK_SET: (0.0042, "0.42 % faster"),

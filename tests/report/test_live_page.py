@@ -15,7 +15,7 @@ import butterfly.report
 from butterfly.api.verbs import identify
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
-from butterfly.identification.segments import Segments
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.rig import Rig, Simulator
@@ -81,7 +81,7 @@ def _live(twin, log, reach=0.01, horizon=None):
     setting = Setting(parameters=twin.parameters, zero=0.02)
     simulation = setting.simulation(log)
     if horizon:
-        simulation = Segments(log, twin.parameters, horizon)
+        simulation = Simulation(log, twin.parameters, horizon=horizon)
     return LiveLog.of(simulation, setting, 0.0, reach)
 
 

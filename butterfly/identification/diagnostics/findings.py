@@ -55,7 +55,6 @@ class FindingKind(StrEnum):
     SIGN_UNKNOWN = "sign-unknown"
     OTHER_END = "other-end"  # cost of the next best minimum over that of the best
     SCANNED = "scanned"  # value of a parameter from a grid search
-    HELD = "held"  # value at which a parameter is fixed: the data hardly constrain it
     INSEPARABLE = "inseparable"  # terms dropped: not identifiable beside the others
     NOT_HELPING = "not-helping"  # terms offered that did not help to predict
     # terms that the model lacks, then parameters that they move by more than their intervals; share

@@ -24,7 +24,6 @@ from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.linear_terms import candidates, stribeck_velocities
 from butterfly.identification.levels import DRAWS, ROUNDING, SHOWS
 from butterfly.identification.predict import covariance_root, honest_covariance
-from butterfly.identification.segments import Segments
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.signals.frequency_response import first_counted
@@ -100,11 +99,8 @@ class LinearisedRun:
         if not (motion > 0 and np.isfinite(squares).all()):
             return None
         of = dict(zip(asked, slopes.T, strict=True))
-        if isinstance(simulation, Segments):
-            own = simulation.directions(parameters, setting.zero)
-        else:
-            lifted = 1 - log.integrated - of["zero"]  # by the true angle at the start
-            own = (_orthonormal(np.column_stack([lifted, of["velocity"]])),)
+        own = simulation.directions(parameters, setting.zero, setting.velocity)
+        counts, middles, inputs = simulation.averages(setting.parameters)
         mine, n = {None, log.added_mass, log.name}, len(model.names)
         known = [*slopes[:, :n].T, *(of[name] * (whose in mine) for name, whose in model.owners)]
         rest = np.column_stack([whole, *known, *(of[name] for name in model.lacking)])
@@ -113,9 +109,9 @@ class LinearisedRun:
         return cls(
             run=run,
             step=simulation.step,
-            counts=simulation.counts,
-            middles=simulation.middles(),
-            inputs=simulation.mean_inputs(setting.parameters),
+            counts=counts,
+            middles=middles,
+            inputs=inputs,
             counted=slice(first, None),
             motion=motion,
             whole=whole,
@@ -178,14 +174,6 @@ def rms(values: Samples) -> float:
     """Return the root mean square of values; 0 of none."""
     flat = values.ravel(order="K")
     return float(np.sqrt(flat @ flat / flat.size)) if flat.size else 0.0
-
-
-def _orthonormal(columns: Samples) -> Samples:
-    """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
-    sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > ROUNDING * columns.shape[0] ** 0.5
-    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > ROUNDING * singular.max(initial=0.0)])
 
 
 def _take_away(directions: Sequence[Samples], errors: Samples) -> None:

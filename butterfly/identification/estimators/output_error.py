@@ -31,11 +31,11 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.start import lowest_end, servo_start, starts
 from butterfly.identification.fit import Loss
+from butterfly.identification.free_run import horizon_of
 from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
-from butterfly.identification.segments import horizon_of
 from butterfly.identification.weighed_logs import WeighedLogs, weighed_end, weighed_from
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
