@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
@@ -18,7 +19,6 @@ from butterfly.identification.inference.linear_terms import STRIBECK, LinearMode
 from butterfly.identification.inference.stagewise import (
     Offer,
     as_good,
-    gains_in,
     is_possible,
     offers_in,
     stagewise,
@@ -76,7 +76,6 @@ class FreeRunModel:
     problem: Problem
     end: Minimum
     rows: tuple[str, ...]  # that may be absent
-    negligible: float = NEGLIGIBLE
     simulates: bool = True
 
     @property
@@ -90,9 +89,9 @@ class FreeRunModel:
         return _nested(self.problem, self.end.at)
 
     @property
-    def errors(self) -> Samples:
-        """(k,) root of the squared errors of each cell."""
-        return np.sqrt(self.nested.equations.cost)
+    def kept(self) -> NDArray[np.bool_]:
+        """(n,) which of the parameters of these are fitted: all."""
+        return np.ones(len(self.problem.labels), dtype=bool)
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have, on simulations that are differentiated by them."""
@@ -158,11 +157,6 @@ class FreeRunModel:
         begun = np.where(np.isfinite(values), values, problem.initial)
         problem = replace(problem, initial=begun)
         return replace(self, problem=problem, end=problem.descend(enough=SHOWS))
-
-    def gains(self) -> dict[str, Samples]:
-        """Return by how much each of the terms predicts cells better."""
-        every = np.ones(len(self.problem.labels), dtype=bool)
-        return gains_in(self.nested, every, self.terms)
 
     def swapped(self, row: str, taken: str) -> dict[str, float] | None:
         """Return the values with one row in place of another; None if that does not fit as well."""

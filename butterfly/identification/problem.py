@@ -272,17 +272,12 @@ class Problem:
         kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
 
-    def values_of(self, other: Problem, values: Samples) -> Samples:
-        """Return (..., n) values at those of a problem in fewer unknowns."""
-        none = [getattr(LumpedParameters, name, 0.0) for name in self.names]
-        absent = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, none)
-        found = np.broadcast_to(absent, (*values.shape[:-1], absent.size)).copy()
-        found[..., [self.keys.index(key) for key in other.keys]] = values
-        return found
-
     def about(self, other: Problem, values: Samples) -> Equations:
-        """Return the equations about the values of a problem in fewer unknowns."""
-        there = self.equations(self.values_of(other, values))
+        """Return the equations about the (n,) values of a problem in fewer unknowns."""
+        none = [getattr(LumpedParameters, name, 0.0) for name in self.names]
+        found = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, none)
+        found[[self.keys.index(key) for key in other.keys]] = values
+        there = self.equations(found)
         return self.weighed(there.counting(self.options.loss))
 
     def cells(self, at: Equations, count: int) -> CellEquations:

@@ -16,7 +16,6 @@ from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import (
     Offer,
     as_good,
-    gains_in,
     offers_in,
     stagewise,
 )
@@ -92,37 +91,27 @@ class LinearModel:
     masses: Sequence[AddedMass] = ()
     simulates: bool = False
 
-    @property
+    @cached_property
     def nested(self) -> Submodels:
-        """The equations that are fitted."""
-        return self.models[self.number]
-
-    @property
-    def negligible(self) -> float:
-        """The size of an error that is none."""
-        return self.nested.negligible
+        """The equations that are fitted, about the values."""
+        return self.models[self.number].about(self.values)
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
         """(n,) which of the parameters are fitted."""
         absent = {*self.optional} - self.terms
         absent |= companions(absent) - companions(self.terms)
-        return np.array([name not in absent for name in self.nested.names])
+        return np.array([name not in absent for name in self.models[self.number].names])
 
     @cached_property
     def values(self) -> Samples:
         """(n,) values of the parameters; nan if the equations do not determine them."""
-        return np.asarray(self.nested.fitted(self.kept[np.newaxis])[0])
+        return np.asarray(self.models[self.number].fitted(self.kept[np.newaxis])[0])
 
     @property
     def named(self) -> dict[str, float]:
         """The values by name."""
         return dict(zip(self.nested.names, self.values.tolist(), strict=True))
-
-    @property
-    def errors(self) -> Samples:
-        """(k,) root of the squared errors of each cell."""
-        return np.asarray(np.sqrt(self.nested.costs(self.values[np.newaxis])[0]))
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have; of Stribeck friction the velocity that explains most."""
@@ -152,10 +141,6 @@ class LinearModel:
         """Return the fit without a term."""
         return replace(self, terms=self.terms - {name})
 
-    def gains(self) -> dict[str, Samples]:
-        """Return by how much each of the terms predicts cells better."""
-        return gains_in(self.nested, self.kept, self.terms)
-
     def swapped(self, row: str, taken: str) -> dict[str, float] | None:
         """Return the values with one row in place of another; None if that does not fit as well."""
         other = replace(self, terms=self.terms - {taken} | {row})
@@ -165,8 +150,8 @@ class LinearModel:
         """Raise IdentifiabilityError if the equations do not determine the parameters."""
         if np.isfinite(self.values).all():
             return
-        kept, own = self.kept, self.nested.equations
-        alone = self.nested.about(np.where(kept, own.values, 0.0)).equations
+        kept, own = self.kept, self.models[self.number].equations
+        alone = self.models[self.number].about(np.where(kept, own.values, 0.0)).equations
         known = None if own.prior is None else own.prior.active[kept]
         names = tuple(np.array(own.names)[kept].tolist())
         rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
@@ -223,5 +208,6 @@ def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
 
 def _foreseen(model: LinearModel) -> float:
     """Return the mean error of cells, predicted by the others if these determine the values."""
-    errors = np.sqrt(model.nested.held_out(model.kept[np.newaxis])[0])
-    return float(np.mean(errors if np.isfinite(errors).all() else model.errors))
+    errors = model.nested.held_out(model.kept[np.newaxis])[0]
+    known = np.isfinite(errors).all()
+    return float(np.mean(np.sqrt(errors if known else model.nested.equations.cost)))

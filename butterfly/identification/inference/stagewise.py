@@ -81,8 +81,12 @@ class Model(Protocol):
         """The optional terms that it has."""
 
     @property
-    def negligible(self) -> float:
-        """The size of an error that is none."""
+    def nested(self) -> Submodels:
+        """Its equations, and those of fits with fewer terms, about its end."""
+
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """(n,) which of the parameters of these are fitted."""
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have."""
@@ -93,15 +97,8 @@ class Model(Protocol):
     def without(self, name: str) -> Self:
         """Fit without a term."""
 
-    def gains(self) -> dict[str, Samples]:
-        """Return by how much each of the terms predicts cells better: (k,) each."""
-
     def swapped(self, row: str, taken: str) -> dict[str, float] | None:
         """Return the values with one row in place of another; None if that does not fit as well."""
-
-    @property
-    def errors(self) -> Samples:
-        """(k,) root of the squared errors of each cell."""
 
 
 M = TypeVar("M", bound=Model)
@@ -177,8 +174,8 @@ def _idle(model: Model, rows: Collection[str]) -> str | None:
     """Return the term that helps least to predict, if it is no more than by chance."""
     gains = {
         name: float(gain.mean())
-        for name, gain in model.gains().items()
-        if name in rows and not gain.mean() > max(_standard_error(gain), model.negligible)
+        for name, gain in gains_in(model.nested, model.kept, model.terms).items()
+        if name in rows and not gain.mean() > max(_standard_error(gain), model.nested.negligible)
     }
     return min(gains, key=lambda name: gains[name], default=None)
 
@@ -191,11 +188,11 @@ def _best(
     ties: list[tuple[str, str]],
 ) -> M | None:
     """Fit the row with the largest gain and those near it; return the best fit, if any holds."""
-    holm = _holm(offers)
+    holm, negligible = _holm(offers), model.nested.negligible
     passing = [
         each
         for each in offers
-        if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], model.negligible)
+        if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], negligible)
     ]
     passing.sort(key=lambda each: -float(each.gain.mean()))
     while passing:
@@ -211,9 +208,10 @@ def _best(
         fits = {name: fit for name, fit in tried if fit is not None}
         gone.update(name for name, fit in tried if fit is None)
         if fits:
-            taken = min(fits, key=lambda name: float(np.sum(fits[name].errors ** 2)))
-            for name, fit in fits.items():
-                worse = fit.errors - fits[taken].errors
+            costs = {name: fit.nested.equations.cost for name, fit in fits.items()}
+            taken = min(costs, key=lambda name: float(costs[name].sum()))
+            for name, cost in costs.items():
+                worse = np.sqrt(cost) - np.sqrt(costs[taken])
                 if name != taken and worse.mean() <= _standard_error(worse):
                     ties.append((name, taken))
             return fits[taken]
