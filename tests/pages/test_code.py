@@ -17,10 +17,10 @@ from tests.pages.blocks import PAGES, QUOTATION, ROOT, blocks_of, commands_of
 ELSEWHERE = {
     "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
     "docs/hardware.md": "tests/plant/test_bench.py, with a drive on loopback",
-    "docs/others-logs.md": "tests/examples/test_pages.py, where the logs are",
-    "docs/servo.md": "tests/examples/test_pages.py, where the logs are",
+    "docs/others-logs.md": "tests/examples/test_example_pages.py, where the logs are",
+    "docs/servo.md": "tests/examples/test_example_pages.py, where the logs are",
     "docs/start.md": "below",
-    "docs/torque-joint.md": "tests/examples/test_pages.py; to record takes minutes",
+    "docs/torque-joint.md": "tests/examples/test_example_pages.py; to record takes minutes",
 }
 """Pages whose code is run by tests of their own."""
 

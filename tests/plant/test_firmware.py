@@ -31,7 +31,6 @@ LOOPS = {
 
 SINE = Sine(omega=4.0, amplitude=0.5)
 TABLE = Table(time=(0.0, 0.2, 1.1), values=(0.4, -0.5, 0.3))
-REST = InitialState(0.0, 0.0)
 
 
 def _rig(law, simulator=Simulator.MUJOCO, drive=MOTOR, **friction):
@@ -50,12 +49,14 @@ def _identified(log, rig, delay=0.0):
     """The simulation of a log with the robot's own parameters."""
     flaws = {"dead_zone": rig.path.dead_zone, "compression": rig.path.compression}
     parameters = replace(rig.robot.lumped, delay=delay, **flaws)
-    return Simulation(driven(log), parameters), parameters
+    simulation = Simulation(driven(log), parameters)
+    simulation.begins = [InitialState(0.0, 0.0)]
+    return simulation, parameters
 
 
 def _assert_identified_alike(log, rig, delay=0.0):
     simulation, parameters = _identified(log, rig, delay)
-    found = simulation.run(parameters, 0.0, REST).at(log.time)
+    found = simulation.run(parameters, 0.0).at(log.time)
     np.testing.assert_allclose(found, log.angle, atol=1e-9)
 
 
@@ -83,8 +84,9 @@ def test_with_friction_mujoco_comes_to_the_grey_box_as_its_steps_grow_short(law,
     rig = replace(_rig(law, Simulator.GREY_BOX, coulomb=3e-3, **friction), torque_off=((0.3, 0.5),))
     log = _log(rig, 0.8)
     simulation, parameters = _identified(log, rig)
-    loop, grid = simulation.loop(parameters, 0.0), simulation.grid
-    exact = simulation.run(parameters, 0.0, REST).pieces[0][1]
+    (segment,) = simulation.segments
+    loop, grid = segment.loop(parameters, 0.0), segment.grid
+    exact = simulation.run(parameters, 0.0).pieces[0][1]
     np.testing.assert_allclose(exact[::10], log.angle, atol=1e-9)
     errors = []
     for step in (4e-4, 1e-4):
