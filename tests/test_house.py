@@ -17,12 +17,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 216,
-    "lines of the package": 43_300,
-    "lines of tests": 33_283,
+    "files of the package": 215,
+    "lines of the package": 43_295,
+    "lines of tests": 32_900,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
-    "tuned numbers of identification": 66,
+    "tuned numbers of identification": 65,
 }
 
 
