@@ -196,15 +196,9 @@ def _best(
     ]
     passing.sort(key=lambda each: -float(each.gain.mean()))
     while passing:
-        best = passing[0]
-        near = [
-            each
-            for each in sorted(offers, key=lambda each: -float(each.gain.mean()))
-            if each is not best
-            and each.gain.mean() > LOST * best.gain.mean()
-            and (each in passing or (each.ratio > 1 and holm[each.name] < 1 - CONFIDENCE))
-        ]
-        tried = [(each.name, model.adding(each)) for each in (best, *near[:_TIES])]
+        least = LOST * passing[0].gain.mean()
+        near = [each for each in passing if each.gain.mean() >= least]
+        tried = [(each.name, model.adding(each)) for each in near[: 1 + _TIES]]
         fits = {name: fit for name, fit in tried if fit is not None}
         gone.update(name for name, fit in tried if fit is None)
         if fits:
