@@ -86,7 +86,7 @@ class FreeRunModel:
     @cached_property
     def nested(self) -> Submodels:
         """Its equations, and those of fits with fewer terms."""
-        return _nested(self.problem, self.end.at)
+        return _nested(self.problem, self.end.at, len(self.every.keys))
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -115,7 +115,8 @@ class FreeRunModel:
             return []
         kept = np.isin(there.labels, self.problem.labels)
         masses = [log.added_mass for log in there.logs]
-        return offers_in(_nested(there, at), kept, rows, masses=masses, settings=settings)
+        nested = _nested(there, at, len(self.every.keys))
+        return offers_in(nested, kept, rows, masses=masses, settings=settings)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
         """Return the problem with more rows, first guesses by label being as given."""
@@ -154,22 +155,25 @@ class FreeRunModel:
         problem = self.problem.without({name})
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
-        begun = np.where(np.isfinite(values), values, problem.initial)
-        problem = replace(problem, initial=begun)
-        return replace(self, problem=problem, end=problem.descend(enough=SHOWS))
+        for begun in (values, self.end.values[kept]):
+            there = problem.equations(begun) if np.isfinite(begun).all() else None
+            if there is not None and there.is_finite:
+                break
+        return replace(self, problem=problem, end=problem.descend(there, enough=SHOWS))
 
     def swapped(self, row: str, taken: str) -> dict[str, float] | None:
         """Return the values with one row in place of another; None if that does not fit as well."""
         there = self._with([row], {})
-        nested = _nested(there, there.about(self.problem, self.end.values))
-        own = np.isin(there.labels, self.problem.labels)
-        lost = np.isin(there.labels, [taken, *companions({taken})])
-        return as_good(nested, own, ~lost)
+        at = there.about(self.problem, self.end.values)
+        kept = np.isin(there.labels, self.problem.labels)
+        other = kept & ~np.isin(there.labels, [taken, *companions({taken})])
+        other |= np.array(there.labels) == row
+        return as_good(_nested(there, at, len(self.every.keys)), kept, other)
 
 
-def _nested(problem: Problem, at: Equations) -> Submodels:
-    """Return fits with fewer terms, about equations of a problem."""
-    cells = problem.cells(at, independent_cells_of(len(at.logs), len(problem.keys)))
+def _nested(problem: Problem, at: Equations, most: int) -> Submodels:
+    """Return fits with fewer terms, about equations in cells for ``most`` unknowns."""
+    cells = problem.cells(at, independent_cells_of(len(at.logs), most))
     return submodels_of(cells, [log.added_mass for log in problem.logs], NEGLIGIBLE)
 
 
@@ -195,7 +199,7 @@ def stagewise_fit(
 def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple[Problem, Minimum]:
     """Take away terms of a fit that do not help, on its equations alone; fit the others."""
     model = LinearModel(
-        models=(_nested(problem, end.at),),
+        models=(_nested(problem, end.at, len(problem.keys)),),
         optional=tuple(rows),
         terms=frozenset(rows),
         masses=[log.added_mass for log in problem.logs],
@@ -228,10 +232,12 @@ def separable(fitted: Fitted) -> Fitted:
         kept = np.flatnonzero([name not in lost for name in fitted.problem.names])
         fewer = fitted.problem.keeping(kept, fitted.end.values[kept])
         said = Finding(FindingKind.INSEPARABLE, parameters=lost)
-        fitted = Fitted(
+        fitted = replace(
+            fitted,
             problem=fewer,
             end=fewer.descend(),
             rivals=tuple(each[kept[kept < each.size]] for each in fitted.rivals),
             findings=(*fitted.findings, said),
+            path=tuple(tuple(n for n in each if n not in lost) for each in fitted.path),
         )
     return fitted

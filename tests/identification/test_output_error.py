@@ -18,7 +18,8 @@ from butterfly.logs.regimes import Regime
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import BASE_TERMS, GEAR, LOOP_TERMS, offered
 from tests.conftest import MASSES
-from tests.identification.simulated import RICH, noisy, simulated
+from tests.identification.simulated import RICH, SWINGS, noisy, simulated, steady
+from tests.identification.simulated import ROBOT as PLAIN
 
 ROBOT = RICH
 ZERO = 0.6
@@ -251,3 +252,30 @@ def test_residuals_without_derivatives_are_the_same_for_each_log_s_own_values(pr
     for own, whole in zip(bare, equations.logs, strict=True):
         np.testing.assert_allclose(own.residuals, whole.residuals, rtol=0, atol=1e-12)
         assert not own.rows.size
+
+
+def test_biases_of_single_logs_stay_where_terms_are_chosen():
+    """What was asked for of each log is no row of the choice."""
+    robot = replace(PLAIN, bias=2e-3)
+    logs, start = steady(robot, SWINGS), [Start(robot, dict.fromkeys(MASSES, 0.0))]
+    found = OutputError(per_log=("bias",), workers=1).of_logs(logs, start)
+    own = [values["bias"] for values in found.local.values() if "bias" in values]
+    np.testing.assert_allclose(own, 2e-3, rtol=0.05)
+
+
+def test_a_refusal_that_a_term_causes_is_retried_without_it(monkeypatch):
+    robot = replace(PLAIN, drag=8e-4)
+    logs, refused = steady(robot, SWINGS), []
+    start = [Start(robot, dict.fromkeys(MASSES, 0.0))]
+    inferred = OutputError.inferred
+
+    def refusing(self, fitted, *more):
+        if "drag" in fitted.problem.names:
+            refused.append(fitted.problem.names)
+            raise IdentifiabilityError("drag cannot be identified")
+        return inferred(self, fitted, *more)
+
+    monkeypatch.setattr(OutputError, "inferred", refusing)
+    found = OutputError(workers=1).of_logs(logs, start)
+    assert len(refused) == 1
+    assert "drag" not in found.names

@@ -40,7 +40,7 @@ from butterfly.identification.weighed_logs import WeighedLogs, weighed_end, weig
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import OF_ANGLE, PARAMETERS, RARE, companions, offered
+from butterfly.model.terms import OF_ANGLE, OF_SERVO, PARAMETERS, RARE, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -125,7 +125,8 @@ class OutputError(Estimator):
         first = starts(data, candidates)
         settled, logs = offering.settled(data.logs, first)
         scale = ScaleParameter.of_logs(logs, data.known)
-        return settled.chosen(logs, first, scale.fixed, (candidates, {*RARE}))[0].path or ((),)
+        rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
+        return settled.chosen(logs, first, scale.fixed, (candidates, rare))[0].path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
@@ -156,7 +157,7 @@ class OutputError(Estimator):
         self._require_told_once(known)
         settled, logs = self.settled(logs, first)
         scale = ScaleParameter.of_logs(logs, known)
-        rows, rare = offered_rows(logs, known) if self.terms is None else ((), set[str]())
+        rows, rare = self._rows(logs, known) if self.terms is None else ((), set[str]())
         fitted, weighed = settled.chosen(logs, first, scale.fixed, (rows, rare))
         try:
             found = settled.inferred(fitted, weighed, scale, known)
@@ -182,7 +183,8 @@ class OutputError(Estimator):
         if any(log.closed for log in logs):
             asked = (self.terms, self.fixed)
             first = [servo_start(self._over, asked, logs, first[0], known), *first]
-        every = [self.problem(logs, each, known) for each in first]
+        refused = self._rows(logs, known)[0] if self.terms is None else ()
+        every = [self.problem(logs, each, known).without({*refused} - {*rows[0]}) for each in first]
         enough = SHOWS if rows[0] else ROUNDING  # of a fit that is but the first
         fitted = lowest_end([each.beginning_with(rows[0]) for each in every], enough)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
@@ -262,6 +264,11 @@ class OutputError(Estimator):
         names = [name for name in every if name not in owned]
         begun = Start(replace(start, **settings), first.zeros)
         return Problem.of(logs, begun, names, options, known)
+
+    def _rows(self, logs: Sequence[Log], known: Prior) -> tuple[tuple[str, ...], set[str]]:
+        """Return the terms that are tried, and which of them are rare."""
+        (rows, rare), held = offered_rows(logs, known), {*self.fixed, *self.per_mass, *self.per_log}
+        return tuple(name for name in rows if name not in held), rare
 
     def _names(self, logs: Sequence[Log], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
