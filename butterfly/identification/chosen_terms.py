@@ -27,6 +27,7 @@ from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, 
 from butterfly.identification.levels import FEW, LOST, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
+from butterfly.model.parameters import value_if_absent
 from butterfly.model.prior import Prior
 from butterfly.model.terms import (
     BASE_TERMS,
@@ -189,7 +190,8 @@ def stagewise_fit(
         problem=problem,
         end=problem.descend(found.model.end.at),
         rivals=tuple(
-            np.array([each.get(label, 0.0) for label in labels]) for each in found.rival_values()
+            np.array([each.get(label, value_if_absent(label)) for label in labels])
+            for each in found.rival_values()
         ),
         findings=(*fitted.findings, *found.findings),
         path=found.path,

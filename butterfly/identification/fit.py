@@ -318,14 +318,16 @@ def _is_last(at: Equations, promised: float, last: float, kept: float, bends: fl
 def minimise_robustly(
     expand: Expand, at: Equations, box: Box, loss: Loss, *, most: int, enough: float
 ) -> Minimum:
-    """Descend to the least squares, and on from there to the minimum of a loss."""
-    plain = minimise(expand, at, box, most, enough)
-    if loss is Loss.LINEAR:
-        return plain
-    first = plain.at.counting(loss)
+    """Descend to the least squares, and on from there, or at once, to the minimum of a loss."""
+    spent = 0
+    if at.loss is Loss.LINEAR:
+        plain = minimise(expand, at, box, most, enough)
+        if loss is Loss.LINEAR:
+            return plain
+        at, spent = plain.at.counting(loss), plain.evaluations
 
     def counted(values: Samples, _: float) -> Equations:
-        return replace(expand(values, np.inf), loss=loss, scale=first.scale)
+        return replace(expand(values, np.inf), loss=loss, scale=at.scale)
 
-    found = minimise(counted, first, box, MOST, enough)
-    return replace(found, evaluations=plain.evaluations + found.evaluations)
+    found = minimise(counted, at, box, MOST, enough)
+    return replace(found, evaluations=spent + found.evaluations)

@@ -31,7 +31,7 @@ from butterfly.identification.levels import FEW, LOST, MOST, PRECISE, ROUNDING
 from butterfly.identification.simulation import FINEST, Simulation, segment_length
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, value_if_absent
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import FOLLOWERS, TERMS, companions, lower_bounds
 from butterfly.progress import current_search, out_of_time, threads
@@ -250,7 +250,7 @@ class Problem:
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> Problem:
         """Return the problem in some of the unknowns; terms that are not kept are absent."""
         lost = np.delete(self.names, kept).tolist()
-        absent = {name: getattr(LumpedParameters, name, 0.0) for name in lost}
+        absent = {name: value_if_absent(name) for name in lost}
         return replace(
             self,
             start=replace(self.start, **absent),
@@ -274,8 +274,8 @@ class Problem:
 
     def about(self, other: Problem, values: Samples) -> Equations:
         """Return the equations about the (n,) values of a problem in fewer unknowns."""
-        none = [getattr(LumpedParameters, name, 0.0) for name in self.names]
-        found = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, none)
+        absent = [value_if_absent(name) for name in self.names]
+        found = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, absent)
         found[[self.keys.index(key) for key in other.keys]] = values
         there = self.equations(found)
         return self.weighed(there.counting(self.options.loss))

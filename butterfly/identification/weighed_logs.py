@@ -95,7 +95,7 @@ def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
     if found is None or conditioning_of(found.problem, found.at).singular:
         return None
     values = np.maximum(found.values + found.step, found.problem.lower)
-    promised = end.at.moved(values - end.values).cost
+    promised = replace(end.at, prior=None).moved(values - end.values).cost
     if not LOST * found.problem.equations(values, slopes=False).cost <= promised:
         return None
     return replace(end, at=replace(found.at.moved(found.step), values=values))

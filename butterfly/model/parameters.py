@@ -392,3 +392,8 @@ def first_moments(p: Any) -> tuple[float, float]:  # noqa: ANN401
     if p.gravity == 0:
         return p.carried_moment, 0.0
     return p.p3 / p.gravity, p.p3_offset / p.gravity
+
+
+def value_if_absent(name: str) -> float:
+    """Return the value of a parameter of a joint that lacks it; 0 of what is none of a joint."""
+    return float(getattr(LumpedParameters, name, 0.0))

@@ -197,6 +197,12 @@ def test_a_term_of_a_servo_is_recovered(term):
     assert _values(OutputError(terms=(term,))(data))[term] == pytest.approx(size, rel=0.01)
 
 
+@pytest.mark.parametrize("size", [1.0, 1.2])
+def test_a_gain_is_chosen_among_candidates_where_it_differs_from_what_was_given(size):
+    data = _simulated(GOAL, 0.7 * GOAL, joint=replace(SIMPLE, loop_kp=size))
+    assert OutputError().path(data, ("loop_kp",))[-1] == (("loop_kp",) if size != 1 else ())
+
+
 def test_d_answers_a_step_of_the_set_point_with_the_limit_for_a_period_at_most():
     servo = ServoLoop.of({"law": "dynamixel-x", "kp": 1e-6, "kd": 500, "limit": 0.4})
     goal = np.where(TIME > 0.5, 1.0, 0.0)

@@ -337,7 +337,7 @@ def _missing_terms(
         log=np.repeat(np.arange(len(logs)), cells),
     )
     # derivatives foretell the residuals as well as a value counts as known
-    rounding = PRECISE * float(np.sqrt(equations.cost.sum() / len(logs)))
+    rounding = PRECISE * float(np.sqrt(equations.cost.mean()))
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     model = LinearModel(models=(nested,), optional=lacking)
     if not np.isfinite(model.values).all():

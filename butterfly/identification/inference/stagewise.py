@@ -24,7 +24,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATTERS
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.terms import companions, is_simulated_with
 from butterfly.progress import out_of_time
 
@@ -255,7 +255,8 @@ def offers_in(
         gain = errors[0] - errors[k]
         values = dict(zip(nested.names, fits[k].tolist(), strict=True))
         able = np.isfinite(fits[k]).all() and np.isfinite(gain).all()
-        possible = bool(able and values[name] != 0 and is_possible(values, masses))
+        differs = values[name] != value_if_absent(name)
+        possible = bool(able and differs and is_possible(values, masses))
         offers.append(
             Offer(
                 name=name,

@@ -1,9 +1,9 @@
 """One fit with every term, and what its equations say of fits with fewer.
 
 About a fit with all terms the equations are linear. Those of a fit without some of them are the
-same ones, the values of what is left out set to 0; so a fit with fewer terms, or to fewer logs, and
-what it predicts of data that it has not seen, costs the solution of a few equations and no
-simulation.
+same ones, the values of what is left out set to those of a joint that lacks it; so a fit with fewer
+terms, or to fewer logs, and what it predicts of data that it has not seen, costs the solution of a
+few equations and no simulation.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.levels import FEW, ROUNDING
+from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import FOLLOWERS
 
 NEGLIGIBLE = 1e-6
@@ -85,10 +86,11 @@ class Submodels:
         return np.asarray(np.maximum(own.cost + 2 * steps @ own.gradient.T + bent, 0.0))
 
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
-        """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
+        """Solve for the parameters that are kept, without the others; what a bound stops stays."""
         # what says nothing without another one stays as it is when absent
         mute = [name in FOLLOWERS for name in self.names]
-        absent = np.where(mute, self.equations.values, 0.0)
+        without = [value_if_absent(name) for name in self.names]
+        absent = np.where(mute, self.equations.values, without)
         return _bounded(self.equations, (curvature, gradient), kept, absent)
 
 
