@@ -338,8 +338,9 @@ _ROWS = (
          looks_like="quadratic drag that grows with the added mass",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare"),
     Term("mass_inertia", "mass inertia", "–",
-         "inertia of added masses about their own centre, relative to m l²",
-         lower=0.0, describing=lambda w, _a, m: -(w**2) * m.carried,
+         "inertia of added masses about their own centre, relative to m l²; below 0, an arm or a "
+         "clock that is off",
+         lower=-0.1, describing=lambda w, _a, m: -(w**2) * m.carried,
          looks_like="an own inertia of the added masses",
          offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare"),
     Term("bias", "bias", "N m",

@@ -94,7 +94,8 @@ def built(
     inertial.set("pos", f"{robot.hand.com_offset!r} 0 {-robot.hand.com_distance!r}")
     slides = robot.shape is Shape.SLIDE  # whose inertia is its mass
     inertial.set("mass", repr(robot.hand.inertia if slides else robot.hand.mass))
-    inertial.set("diaginertia", " ".join([repr(robot.hand.inertia)] * 3))
+    own = robot.inertia_of(added)  # what MuJoCo allows no body, less than none, the hand lacks
+    inertial.set("diaginertia", " ".join([repr(robot.hand.inertia + min(own, 0.0))] * 3))
     joint = named(root, "hinge")
     joint.set("damping", f"{robot.friction.viscous!r} {friction.drag!r}")
     joint.set("stiffness", repr(robot.friction.spring))
@@ -103,7 +104,7 @@ def built(
     body.set("pos", f"0 0 {-added.arm!r}")
     inertial = next(body.iter("inertial"))
     inertial.set("mass", repr(added.mass))
-    inertial.set("diaginertia", " ".join([repr(robot.inertia_of(added))] * 3))
+    inertial.set("diaginertia", " ".join([repr(max(own, 0.0))] * 3))
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
     if robot.base:

@@ -311,13 +311,17 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
     return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
 
 
+_TIMES = {"p1": 2, "p2": 1, "drag": 2, "load_drag": 2, "delay": 1, "stribeck_velocity": -1}
+"""Powers of time in units of values, by which a wrong clock moves them."""
+
+
 def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
-    """Return values of a clock wrong by a share instead: damping grows by it, inertia by twice."""
+    """Return (shared,) values of a clock wrong by a share, in place of a mass's own inertia."""
     own = dict(zip(solved.names, solved.values.tolist(), strict=True))
     share = own.get("mass_inertia", 0.0)
     if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
         return []
-    factors = {"p1": 1 + share, "p2": math.sqrt(1 + share)}
-    values = {name: value / factors.get(name, 1.0) for name, value in own.items()}
+    slower = math.sqrt(1 + share)
+    values = {name: value / slower ** _TIMES.get(name, 0) for name, value in own.items()}
     values["mass_inertia"] = 0.0
     return [np.array([values[name] for name in solved.names[: problem.shared]])]
