@@ -24,7 +24,7 @@ from butterfly.identification.inference.stagewise import (
     stagewise,
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
-from butterfly.identification.levels import FEW, LOST, SHOWS
+from butterfly.identification.levels import FEW, LOST, MOST, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import value_if_absent
@@ -111,13 +111,23 @@ class FreeRunModel:
         if not rows:
             return []
         there = self._with(rows, settings)
-        at = there.about(self.problem, self.end.values)
+        at = self.equations(there, there.beside(self.problem, self.end.values))
         if not at.is_finite:
             return []
         kept = np.isin(there.labels, self.problem.labels)
         masses = [log.added_mass for log in there.logs]
         nested = _nested(there, at, len(self.every.keys))
         return offers_in(nested, kept, rows, masses=masses, settings=settings)
+
+    def equations(self, there: Problem, values: Samples) -> Equations:
+        """Return the equations of a problem in other terms about (n,) values."""
+        return there.weighed(there.equations(values).counting(there.options.loss))
+
+    def descended(
+        self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
+    ) -> Minimum:
+        """Return where a descent in other terms ends, as far as their choice needs it."""
+        return there.descend(at, most, enough)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
         """Return the problem with more rows, first guesses by label being as given."""
@@ -134,9 +144,9 @@ class FreeRunModel:
         moved = {label: offer.values[label] for label in (*here, offer.name)}
         problem = self._with([offer.name], {**offer.settings, **moved})
         try:
-            end = problem.descend(enough=SHOWS)
+            end = self.descended(problem)
             if not end.converged:
-                end = problem.descend(end.at, _MORE, SHOWS**2)
+                end = self.descended(problem, end.at, _MORE, SHOWS**2)
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)
@@ -157,15 +167,15 @@ class FreeRunModel:
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
         for begun in (values, self.end.values[kept]):
-            there = problem.equations(begun) if np.isfinite(begun).all() else None
+            there = self.equations(problem, begun) if np.isfinite(begun).all() else None
             if there is not None and there.is_finite:
                 break
-        return replace(self, problem=problem, end=problem.descend(there, enough=SHOWS))
+        return replace(self, problem=problem, end=self.descended(problem, there))
 
     def swapped(self, row: str, taken: str) -> dict[str, float] | None:
         """Return the values with one row in place of another; None if that does not fit as well."""
         there = self._with([row], {})
-        at = there.about(self.problem, self.end.values)
+        at = self.equations(there, there.beside(self.problem, self.end.values))
         kept = np.isin(there.labels, self.problem.labels)
         other = kept & ~np.isin(there.labels, [taken, *companions({taken})])
         other |= np.array(there.labels) == row

@@ -272,13 +272,12 @@ class Problem:
         kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
 
-    def about(self, other: Problem, values: Samples) -> Equations:
-        """Return the equations about the (n,) values of a problem in fewer unknowns."""
+    def beside(self, other: Problem, values: Samples) -> Samples:
+        """Return (n,) values that are those of a problem in fewer unknowns, the others absent."""
         absent = [value_if_absent(name) for name in self.names]
         found = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, absent)
         found[[self.keys.index(key) for key in other.keys]] = values
-        there = self.equations(found)
-        return self.weighed(there.counting(self.options.loss))
+        return found
 
     def cells(self, at: Equations, count: int) -> CellEquations:
         """Return the equations of stretches, each log cut into so many."""

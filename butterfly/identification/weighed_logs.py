@@ -7,18 +7,21 @@ the equations about the end, whitened, are plain ones (Lindstrom & Bates, Biomet
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.chosen_terms import conditioning_of
+from butterfly.identification.chosen_terms import Fitted, FreeRunModel, conditioning_of
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
+from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum, minimise
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
-from butterfly.identification.levels import FEW, LOST
+from butterfly.identification.inference.stagewise import stagewise
+from butterfly.identification.levels import FEW, LOST, MOST, SHOWS
 from butterfly.identification.problem import Problem
+from butterfly.model.parameters import value_if_absent
 from butterfly.progress import out_of_time
 
 
@@ -28,6 +31,7 @@ class WeighedLogs:
 
     problem: Problem
     values: Samples
+    own: Samples  # (k, n) what each log is simulated with besides
     logs: LogRows
 
     @classmethod
@@ -37,17 +41,22 @@ class WeighedLogs:
         """Weigh equations about values, or about these and what (k, n) each log has of its own."""
         unit = np.eye(values.size)
         logs = LogRows.of((log.residuals, log.rows, unit[log.columns]) for log in at.logs)
-        return cls(problem=problem, values=values, logs=logs if own is None else logs.moved(-own))
+        moved = np.zeros((len(at.logs), values.size)) if own is None else own
+        return cls(problem=problem, values=values, own=moved, logs=logs.moved(-moved))
 
-    @cached_property
-    def at(self) -> Equations:
-        """The equations, whose errors are independent and of variance 1."""
+    def whitened(self, scatter: Scatter) -> Equations:
+        """Return the equations, their errors independent and of variance 1 with some scatter."""
         every = np.arange(self.values.size)
-        pairs = zip(*self._scatter.whitened(self.logs, self._spread), strict=True)
+        pairs = zip(*scatter.whitened(self.logs, self._spread), strict=True)
         logs = (LogEquations(residuals=own, rows=rows, columns=every) for rows, own in pairs)
         return Equations(
             values=self.values, logs=tuple(logs), prior=self.problem.prior(self.values)
         )
+
+    @cached_property
+    def at(self) -> Equations:
+        """The equations with the likeliest scatter."""
+        return self.whitened(self.scatter)
 
     @cached_property
     def step(self) -> Samples:
@@ -58,7 +67,7 @@ class WeighedLogs:
     def next(self) -> WeighedLogs | None:
         """What logs say where the step leads; None where a simulation diverges."""
         values = self.values + self.step
-        moved = self._scatter.apart(self.logs.moved(self.step), self._spread)
+        moved = self.scatter.apart(self.logs.moved(self.step), self._spread)
         moved = np.maximum(moved, self.problem.lower - values)
         at = self.problem.equations(values + moved)
         return WeighedLogs.of(self.problem, at, values, moved) if at.is_finite else None
@@ -66,7 +75,7 @@ class WeighedLogs:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Which of the scatter is more than chance."""
-        return tuple(self._likelihood.findings(self._scatter, self.problem.names))
+        return tuple(self._likelihood.findings(self.scatter, self.problem.names))
 
     @property
     def _spread(self) -> Samples:
@@ -77,8 +86,40 @@ class WeighedLogs:
         return Likelihood(self.logs, self._spread, self.problem.prior(self.values), self.values)
 
     @cached_property
-    def _scatter(self) -> Scatter:
+    def scatter(self) -> Scatter:
+        """The likeliest scatter."""
         return self._likelihood.best()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeighedModel(FreeRunModel):
+    """The end of a fit to weighed logs, whose scatter stays while terms are chosen."""
+
+    weighed: WeighedLogs
+
+    def of_logs(self, there: Problem, values: Samples) -> Samples:
+        """(k, n) what each log has of its own in other terms, within bounds."""
+        mine = self.weighed
+        own = np.zeros((len(mine.own), values.size))
+        for k, label in enumerate(there.labels):
+            if label in mine.problem.labels:
+                own[:, k] = mine.own[:, mine.problem.labels.index(label)]
+        return np.maximum(own, there.lower - values)
+
+    def equations(self, there: Problem, values: Samples, most: float = np.inf) -> Equations:
+        """Return whitened equations of a problem in other terms about (n,) values."""
+        own = self.of_logs(there, values)
+        at = there.equations(values + own)
+        if not at.is_finite:
+            return replace(at, values=values)
+        return WeighedLogs.of(there, at, values, own).whitened(self.weighed.scatter)
+
+    def descended(
+        self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
+    ) -> Minimum:
+        """Return where a descent in other terms ends, as far as their choice needs it."""
+        begun = self.equations(there, there.initial) if at is None else at
+        return minimise(partial(self.equations, there), begun, there.box, most, enough)
 
 
 def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
@@ -88,6 +129,40 @@ def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
     if few or out_of_time("weighting the logs by their scatter"):
         return None
     return WeighedLogs.of(problem, end.at, end.values).next
+
+
+def stagewise_weighed(
+    every: Problem,
+    fitted: Fitted,
+    weighed: WeighedLogs,
+    rows: Sequence[str],
+    rare: Collection[str],
+) -> tuple[Fitted, WeighedLogs]:
+    """Choose terms anew where logs scatter, which hides some and makes up others."""
+    end = replace(fitted.end, at=weighed.at.moved(weighed.step))
+    begun = WeighedModel(
+        every=every, problem=fitted.problem, end=end, rows=tuple(rows), weighed=weighed
+    )
+    found = stagewise(begun, rows, rare)
+    model, rivals = found.model, found.rival_values()
+    problem, values = model.problem, model.end.values
+    if problem is not fitted.problem:
+        own = model.of_logs(problem, values)
+        again = WeighedLogs.of(problem, problem.equations(values + own), values, own)
+        at = problem.equations(values)
+        weighed, end = again.next or again, replace(end, at=at)
+    labels = problem.labels[: problem.shared]
+    fitted = Fitted(
+        problem=problem,
+        end=end if problem is not fitted.problem else fitted.end,
+        rivals=tuple(
+            np.array([each.get(label, value_if_absent(label)) for label in labels])
+            for each in rivals
+        ),
+        findings=found.findings,
+        path=(*fitted.path, *found.path[1:]),
+    )
+    return fitted, weighed
 
 
 def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:

@@ -36,7 +36,12 @@ from butterfly.identification.inference.identifiability import ScaleParameter, i
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
-from butterfly.identification.weighed_logs import WeighedLogs, weighed_end, weighed_from
+from butterfly.identification.weighed_logs import (
+    WeighedLogs,
+    stagewise_weighed,
+    weighed_end,
+    weighed_from,
+)
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -189,7 +194,10 @@ class OutputError(Estimator):
         fitted = lowest_end([each.beginning_with(rows[0]) for each in every], enough)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
         fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
-        return fitted, weighed_from(fitted.problem, fitted.end)
+        weighed = weighed_from(fitted.problem, fitted.end)
+        if choosing and weighed and weighed.findings:
+            return stagewise_weighed(every[0], fitted, weighed, *rows)
+        return fitted, weighed
 
     def inferred(
         self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior
