@@ -302,7 +302,7 @@ def minimise(
             last = at.cost - tried.cost
             at = tried
     promised = at.decrease(at.step(*box.about(at.values, np.inf)))
-    converged = evaluations < most and promised <= SHOWS * at.cost
+    converged = evaluations < most and promised <= max(enough, SHOWS) * at.cost
     return Minimum(at=at, converged=converged, evaluations=evaluations)
 
 

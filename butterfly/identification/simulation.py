@@ -339,12 +339,12 @@ class Segment:
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
     ) -> tuple[Samples, Samples]:
         """Return (m,) errors and (m, n) derivatives from a start."""
-        columns = Columns.of(names, parameters, self.log.added_mass)
+        loop = self.loop(parameters, zero)
+        columns = Columns.of(names, parameters, self.log.added_mass, exact=loop is not None)
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters, columns.drives)
         start = begin.angle - zero, begin.velocity
         readings, measured, _ = self._averages
-        loop = self.loop(parameters, zero)
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns, loop)
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         for zero_column in np.flatnonzero(columns.initial[0] < 0):

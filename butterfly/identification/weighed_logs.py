@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum, minimise
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.stagewise import stagewise
-from butterfly.identification.levels import FEW, LOST, MOST, SHOWS
+from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
 from butterfly.identification.problem import Problem
 from butterfly.model.parameters import value_if_absent
 from butterfly.progress import out_of_time
@@ -106,7 +106,7 @@ class WeighedModel(FreeRunModel):
                 own[:, k] = mine.own[:, mine.problem.labels.index(label)]
         return np.maximum(own, there.lower - values)
 
-    def equations(self, there: Problem, values: Samples, most: float = np.inf) -> Equations:
+    def equations(self, there: Problem, values: Samples) -> Equations:
         """Return whitened equations of a problem in other terms about (n,) values."""
         own = self.of_logs(there, values)
         at = there.equations(values + own)
@@ -115,11 +115,18 @@ class WeighedModel(FreeRunModel):
         return WeighedLogs.of(there, at, values, own).whitened(self.weighed.scatter)
 
     def descended(
-        self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
+        self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = MATTERS
     ) -> Minimum:
-        """Return where a descent in other terms ends, as far as their choice needs it."""
+        """Return where a descent in other terms ends, as far as their choice needs it.
+
+        The weights move with the values, so that small steps take nothing.
+        """
         begun = self.equations(there, there.initial) if at is None else at
-        return minimise(partial(self.equations, there), begun, there.box, most, enough)
+
+        def expand(values: Samples, _: float) -> Equations:
+            return self.equations(there, values)
+
+        return minimise(expand, begun, there.box, most, max(enough, MATTERS))
 
 
 def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
@@ -143,7 +150,7 @@ def stagewise_weighed(
     begun = WeighedModel(
         every=every, problem=fitted.problem, end=end, rows=tuple(rows), weighed=weighed
     )
-    found = stagewise(begun, rows, rare)
+    found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
     model, rivals = found.model, found.rival_values()
     problem, values = model.problem, model.end.values
     if problem is not fitted.problem:

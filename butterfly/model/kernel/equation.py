@@ -92,7 +92,7 @@ def of_base(p: Any) -> tuple[float, ...]:
     return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, beside
 
 
-THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS)
+THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS, "begin_to_give")
 COLUMNS = {name: number for number, name in enumerate((*Constants._fields, *THROUGH_DRIVE))}
 """Number of the derivative by each constant, and by each parameter of the drives."""
 
