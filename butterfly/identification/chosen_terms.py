@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import STRIBECK, LinearModel, candidates
 from butterfly.identification.inference.stagewise import (
+    ChosenTerms,
     Offer,
     as_good,
     is_possible,
@@ -138,7 +140,7 @@ class FreeRunModel:
         there = self.every.keeping(kept, np.array(initial))
         return replace(there, initial=np.maximum(there.initial, there.lower))
 
-    def adding(self, offer: Offer) -> FreeRunModel | None:
+    def adding(self, offer: Offer) -> Self | None:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
         here = dict(zip(self.problem.labels, self.end.values.tolist(), strict=True))
         moved = {label: offer.values[label] for label in (*here, offer.name)}
@@ -161,7 +163,7 @@ class FreeRunModel:
             return None
         return None if conditioning_of(problem, end.at).singular else found
 
-    def without(self, name: str) -> FreeRunModel:
+    def without(self, name: str) -> Self:
         """Fit without a term."""
         problem = self.problem.without({name})
         kept = np.isin(self.problem.labels, problem.labels)
@@ -194,17 +196,25 @@ def stagewise_fit(
     """Choose from the rows of a problem, beginning with a fit in some of them."""
     model = FreeRunModel(every=every, problem=fitted.problem, end=fitted.end, rows=tuple(rows))
     found = stagewise(model, rows, rare)
-    problem = found.model.problem
+    return fitted_of(found, found.model.problem.descend(found.model.end.at), fitted)
+
+
+def fitted_of(found: ChosenTerms[Any], end: Minimum, before: Fitted) -> Fitted:
+    """Return the end of a fit in chosen terms, with what speaks for others."""
+    problem, first = found.model.problem, before.path[-1] if before.path else ()
     labels = problem.labels[: problem.shared]
+    rivals = (
+        np.array([each.get(label, value_if_absent(label)) for label in labels])
+        for each in found.rival_values()
+    )
+    said = [each for each in before.findings if each.kind is not FindingKind.NOT_HELPING]
+    more = ((*first, *terms) for terms in found.path[bool(first) :])
     return Fitted(
         problem=problem,
-        end=problem.descend(found.model.end.at),
-        rivals=tuple(
-            np.array([each.get(label, value_if_absent(label)) for label in labels])
-            for each in found.rival_values()
-        ),
-        findings=(*fitted.findings, *found.findings),
-        path=found.path,
+        end=end,
+        rivals=tuple(rivals),
+        findings=tuple(dict.fromkeys([*said, *found.findings])),
+        path=(*before.path, *more),
     )
 
 

@@ -14,14 +14,18 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.chosen_terms import Fitted, FreeRunModel, conditioning_of
+from butterfly.identification.chosen_terms import (
+    Fitted,
+    FreeRunModel,
+    conditioning_of,
+    fitted_of,
+)
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum, minimise
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.stagewise import stagewise
 from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
 from butterfly.identification.problem import Problem
-from butterfly.model.parameters import value_if_absent
 from butterfly.progress import out_of_time
 
 
@@ -145,31 +149,22 @@ def stagewise_weighed(
     rows: Sequence[str],
     rare: Collection[str],
 ) -> tuple[Fitted, WeighedLogs]:
-    """Choose terms anew where logs scatter, which hides some and makes up others."""
-    end = replace(fitted.end, at=weighed.at.moved(weighed.step))
+    """Add terms that the scatter of logs hides; those that a fit has stay.
+
+    The friction of each log would take the place of those, which the mean of all needs.
+    """
+    there = replace(fitted.end, at=weighed.at.moved(weighed.step))
     begun = WeighedModel(
-        every=every, problem=fitted.problem, end=end, rows=tuple(rows), weighed=weighed
+        every=every, problem=fitted.problem, end=there, rows=tuple(rows), weighed=weighed
     )
     found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
-    model, rivals = found.model, found.rival_values()
-    problem, values = model.problem, model.end.values
+    problem, values = found.model.problem, found.model.end.values
+    end = fitted.end
     if problem is not fitted.problem:
-        own = model.of_logs(problem, values)
+        own = begun.of_logs(problem, values)
         again = WeighedLogs.of(problem, problem.equations(values + own), values, own)
-        at = problem.equations(values)
-        weighed, end = again.next or again, replace(end, at=at)
-    labels = problem.labels[: problem.shared]
-    fitted = Fitted(
-        problem=problem,
-        end=end if problem is not fitted.problem else fitted.end,
-        rivals=tuple(
-            np.array([each.get(label, value_if_absent(label)) for label in labels])
-            for each in rivals
-        ),
-        findings=found.findings,
-        path=(*fitted.path, *found.path[1:]),
-    )
-    return fitted, weighed
+        weighed, end = again.next or again, replace(end, at=problem.equations(values))
+    return fitted_of(found, end, fitted), weighed
 
 
 def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
