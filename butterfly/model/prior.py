@@ -37,6 +37,7 @@ PHYSICAL = {
 
 SCALES = {
     "mass_scale": "of all added masses together",
+    "gravity_scale": "of gravity in the plane of motion: the level of the bench",
     "input_scale": "of the recorded input",
     "angle_scale": "of the recorded angle",
     "time_scale": "of the recorded time",

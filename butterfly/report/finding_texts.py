@@ -265,6 +265,7 @@ def _both(names: Sequence[str]) -> str:
 _RESTS_ON = {
     "mass_scale": "the masses (1 % shifts every value by 1 %)",
     "arm": "the arm (1 % shifts p1 by up to 2 %)",
+    "gravity_scale": "the level of the bench (1° shifts p1 and p4 by 0.015 %, 8° by 1 %)",
     "input_scale": "the input scale (1 % shifts p4 by 1 %)",
     "angle_scale": "the encoder scale and centring (1 % shifts p4 by 1 %)",
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",

@@ -136,6 +136,8 @@ def _rescaled(log, scale, share):
     mass, sine = log.added_mass, log.excitation
     if scale == "mass_scale":
         return replace(log, added_mass=replace(mass, mass=mass.mass / (1 + share)))
+    if scale == "gravity_scale":
+        return replace(log, added_mass=replace(mass, gravity=mass.gravity / (1 + share)))
     if scale == "time_scale":
         sine = replace(sine, omega=sine.omega * (1 + share))
         return replace(log, time=log.time / (1 + share), excitation=sine)

@@ -105,6 +105,7 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
     open_ = {
         "mass_scale": loads and not any(mass.mass_uncertainty for mass in loads),
         "arm": loads and not any(mass.arm_uncertainty for mass in loads),
+        "gravity_scale": any(mass.gravity_moment for mass in loads),
         "input_scale": "p4" in estimate.names,
         "angle_scale": not all(log.integrated for log in data.logs),
         "velocity_scale": any(log.integrated for log in data.logs)

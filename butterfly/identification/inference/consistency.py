@@ -20,6 +20,7 @@ from butterfly.model.terms import SHARES
 
 _OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
+    "gravity_scale": {},
     "input_scale": {"p4": 1.0},
     "angle_scale": {"p4": 1.0, "coulomb": 1.0, "stribeck": 1.0, "bias": 1.0},
     "time_scale": {"p1": 2.0, "p2": 1.0, "drag": 2.0, "load_drag": 2.0}
@@ -61,7 +62,7 @@ def moved_by_givens(
         by = {name: np.full(count, power * values.get(name, 0.0)) for name, power in grows.items()}
         of_masses = 1.0 if scale == "mass_scale" else grows.get("p1", 0.0)
         by["p1"] = by.get("p1", 0.0) + of_masses * inertia
-        by["p3"] = (gravity if scale == "mass_scale" else 0.0) + by.get("p3", np.zeros(count))
+        by["p3"] = gravity * (scale in {"mass_scale", "gravity_scale"})
         columns.append(share * _moved(cells, by))
     return np.stack(columns, axis=2) if columns else None
 

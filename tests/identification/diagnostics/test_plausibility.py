@@ -125,10 +125,10 @@ def _basis(known, *, integrated=False, **masses):
 
 
 def test_what_no_log_shows_is_named_unless_its_uncertainty_was_told():
-    every = ("mass_scale", "arm", "input_scale", "angle_scale", "time_scale")
+    every = ("mass_scale", "arm", "gravity_scale", "input_scale", "angle_scale", "time_scale")
     assert _basis({}) == every
     told = dict.fromkeys(SCALES, (1.0, 0.01))
-    assert _basis({}, integrated=True)[3:] == ("velocity_scale", "time_scale")
+    assert _basis({}, integrated=True)[4:] == ("velocity_scale", "time_scale")
     assert _basis(told) == _basis(told, integrated=True) == ("arm",)
     assert _basis(told, arm_uncertainty=1e-4) == ()
     assert _basis({}, mass_uncertainty=1e-4) == every[1:]
