@@ -29,7 +29,7 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.model.terms import PARAMETERS
 
 _SHARE = 0.05  # of the squared errors, that a contrast explains which is named
@@ -128,6 +128,8 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         if not chance < 1 - CONFIDENCE:
             break
         limits = _LIMITS.get(each.condition, (0.0,))
+        if each.condition is Condition.TIME:  # no instant disturbs less than another
+            limits = float(each.x.min()), float(each.x.max())
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
         of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
@@ -224,15 +226,15 @@ def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples
 
 def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
     """Yield friction or gain that differs from log to log (adjusted F test); each log is a cell."""
-    (curvature, _), cost = equations.total, float(equations.cost.sum())
+    cost = float(equations.cost.sum())
     rows = equations.count - len(equations.names)
     more = equations.log.size - 1
     if rows - more < 1 or not cost > 0:
         return
     for place in np.flatnonzero(np.isin(equations.names, _SCATTERS) & ~equations.on_bound).tolist():
-        pulls = equations.curvature[:, :, place]
-        own = np.diag(pulls[:, place]) - pulls @ np.linalg.pinv(curvature, hermitian=True) @ pulls.T
-        change = -np.linalg.pinv(own, hermitian=True) @ equations.gradient[:, place]
+        change = _in_each_log(equations, place)
+        if change is None:
+            continue
         explained = -float(change @ equations.gradient[:, place])
         left = max((cost - explained) / (rows - more), ROUNDING * cost)
         chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
@@ -252,18 +254,34 @@ def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
             )
 
 
-def differing_values(equations: CellEquations, name: str) -> Samples:
-    """(n,) values if one of them were another in every log; of that one, the mean."""
+def differing_values(equations: CellEquations, name: str) -> Samples | None:
+    """(n,) values if one of them were another in every log, of that one the mean; or None."""
     equations, place = equations.of_logs, equations.names.index(name)
-    curvature, _ = equations.total
-    scaled, size = unit_diagonal(curvature)
-    inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
-    pulls = equations.curvature[:, :, place]
-    own = np.diag(pulls[:, place]) - pulls @ inverse @ pulls.T
-    change = -np.linalg.pinv(own, rcond=ROUNDING, hermitian=True) @ equations.gradient[:, place]
-    values = equations.values - inverse @ (pulls.T @ change)
+    change = _in_each_log(equations, place)
+    if change is None:
+        return None
+    pull = np.einsum("kn,k->n", equations.curvature[:, :, place], change)
+    values = equations.values - _inverse(equations) @ pull
     values[place] += change.mean()
     return np.asarray(values)
+
+
+def _in_each_log(equations: CellEquations, place: int) -> Samples | None:
+    """(k,) changes of a value in each log, less their mean; None where the logs cannot tell."""
+    pulls = equations.curvature[:, :, place]
+    own = np.diag(pulls[:, place]) - pulls @ _inverse(equations) @ pulls.T
+    scaled, size = unit_diagonal(own)
+    powers, axes = np.linalg.eigh(scaled)
+    if not (np.diag(own) > 0).all() or powers[1:].min(initial=1.0) < SHOWS:
+        return None
+    axes, powers = axes[:, 1:], powers[1:]  # the least is that of a change which all logs share
+    return np.asarray(-(axes / powers) @ (axes.T @ (equations.gradient[:, place] / size)) / size)
+
+
+def _inverse(equations: CellEquations) -> Samples:
+    """(n, n) pseudo-inverse of the curvature of all cells."""
+    scaled, size = unit_diagonal(equations.total[0])
+    return np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
 
 
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
