@@ -310,10 +310,10 @@ class Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
-    def with_contrasts(self, more: tuple[Contrast, ...], rival: Samples | None) -> Estimate:
+    def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then hold a rival of (n,) values too, unless its logs were weighed by that
+        Its limits then hold rivals of (n,) values too, unless its logs were weighed by that
         scatter. What steady responses say of single logs is no match: they have few rows beside so
         many.
         """
@@ -325,7 +325,9 @@ class Estimate:
         found = replace(self, agreement=(*more, *rest))
         scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
         weighed = any(more[0].parameter in each.parameters for each in scatters)
-        return found if weighed else found.holding(rival)
+        for rival in () if weighed else rivals:
+            found = found.holding(rival)
+        return found
 
     def holding(self, rival: Samples | None) -> Estimate:
         """Return the estimate with limits that hold a rival of (n,) values too, if there is one."""

@@ -95,7 +95,7 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     counted = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    contrasted = found.with_contrasts(residuals.agreement, residuals.rival)
+    contrasted = found.with_contrasts(residuals.agreement, residuals.rivals)
     judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),

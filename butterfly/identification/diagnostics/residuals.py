@@ -33,8 +33,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.agreement import (
     Contrast,
-    contrasts_of,
     differing_values,
+    disagreements_of,
     from_log_to_log,
 )
 from butterfly.identification.inference.linear_terms import LinearModel
@@ -144,10 +144,9 @@ class Residuals:
 
     logs: tuple[LogResiduals, ...]  # one for each log of the data set
     missing: MissingTerms = MissingTerms()
-    # what follows a condition, where sensors do not explain it; and (n,) values that hold as well,
-    # if what differs from log to log explains most
+    # what follows a condition, where sensors do not explain it; and (n,) values that hold as well
     agreement: tuple[Contrast, ...] = ()
-    rival: Samples | None = None
+    rivals: tuple[Samples, ...] = ()
 
     @property
     def outside(self) -> int:
@@ -238,7 +237,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         for each, rest, (sensor, errors) in zip(logs, left, pairs, strict=True)
     ]
     missing, beyond = MissingTerms(), sum(each.outside for each in judged) > _BY_CHANCE * len(every)
-    agreement, rival = _contrasts(estimate, logs, directions, left) if beyond else ((), None)
+    agreement, rivals = _contrasts(estimate, logs, directions, left) if beyond else ((), ())
     if model.lacking and beyond:
         missing, shares = _missing_terms(estimate, logs, directions, model.lacking)
         both = zip(judged, shares, strict=True)
@@ -246,7 +245,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     rest = iter(judged)
     pairs_of_logs = zip(data.logs, every, strict=True)
     whole = (_bare(log) if each is None else next(rest) for log, each in pairs_of_logs)
-    return Residuals(logs=tuple(whole), missing=missing, agreement=agreement, rival=rival)
+    return Residuals(logs=tuple(whole), missing=missing, agreement=agreement, rivals=rivals)
 
 
 def _bare(log: Log) -> LogResiduals:
@@ -284,8 +283,8 @@ def _judged(
 
 def _contrasts(
     estimate: Estimate, logs: Sequence[LinearisedRun], directions: Samples, left: Sequence[Samples]
-) -> tuple[tuple[Contrast, ...], Samples | None]:
-    """Return what follows a condition in (m, 1) errors; (n,) values if the log comes first."""
+) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
+    """Return what follows a condition in (m, 1) errors, and (n,) values that hold as well."""
     names, known = estimate.names, logs[0].known.shape[1]
     cells = cells_of(len(logs), known)
     every = [
@@ -306,12 +305,15 @@ def _contrasts(
         residuals=residuals,
         log=np.repeat(np.arange(len(logs)), cells),
     )
-    found = contrasts_of(equations, Conditions.of([each.run.log for each in logs], cells))
+    conditions = Conditions.of([each.run.log for each in logs], cells)
+    found, rivals = disagreements_of(equations, conditions)
+    ends = [each.values for each in rivals]
     both = (*found, *from_log_to_log(equations.of_logs))
     found = tuple(sorted(both, key=lambda each: -each.share))
-    if not found or found[0].condition is not Condition.LOG:
-        return found, None
-    return found, differing_values(equations, found[0].parameter)[: len(names)]
+    if found and found[0].condition is Condition.LOG:
+        differing = differing_values(equations, found[0].parameter)
+        ends = [] if differing is None else [differing]
+    return found, tuple(each[: len(names)] for each in ends)
 
 
 def _missing_terms(

@@ -113,11 +113,6 @@ def disagreements_of(
     return tuple(contrast for contrast, *_ in accepted), tuple(rivals)
 
 
-def contrasts_of(equations: CellEquations, conditions: Conditions) -> tuple[Contrast, ...]:
-    """Return the contrasts that are no chance and matter, the best first."""
-    return tuple(contrast for contrast, *_ in _accepted(equations, conditions))
-
-
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
