@@ -1,0 +1,56 @@
+"""Benches with a defect: the answer holds what is true, and what itself says besides."""
+
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly.identification.blocks import Condition
+from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.equations import CellEquations
+from butterfly.identification.estimators import OutputError
+from butterfly.identification.inference.agreement import differing_values, from_log_to_log
+from tests.independent.defects import draw
+
+
+def _found(row, number, seed=941):
+    robot = draw(row, number, seed)
+    found = bf.identify(robot.logs, OutputError(workers=1)).estimate
+    limits = zip(found.names, found.lower, found.upper, strict=True)
+    return robot.truth, found, {name: pair for name, *pair in limits}
+
+
+def test_friction_that_falls_in_each_log_is_known_as_far_as_it_is_said_to_fall():
+    truth, found, limits = _found("falling friction", 7)
+    (contrast,) = [c for c in found.agreement if c.condition is Condition.TIME and c.share > 0.5]
+    lower, upper = limits[contrast.parameter]
+    assert lower < contrast.last < truth[contrast.parameter] < contrast.first < upper
+
+
+@pytest.mark.parametrize("number", [2, 5])  # chirps, on stamps that are short, and long
+def test_stamps_that_are_off_by_a_share_are_a_rival_of_what_masses_show(number):
+    truth, found, limits = _found("clock", number)
+    assert FindingKind.LIKE_CLOCK in {each.kind for each in found.findings}
+    for name in ("p1", "p2", "p3", "p4", "coulomb"):
+        lower, upper = limits[name]
+        assert lower <= truth[name] <= upper, name
+
+
+def test_a_cable_that_pulls_like_a_spring_is_no_bias():
+    truth, found, limits = _found("spring", 1)
+    assert "spring" in found.names
+    lower, upper = limits["p3"]
+    assert lower <= truth["p3"] <= upper < lower + 0.05 * truth["p3"]
+
+
+def test_what_the_logs_cannot_tell_of_each_is_said_to_differ_from_none():
+    """Two of three unknowns do the same in all logs but for a share of a millionth."""
+    random, logs = np.random.default_rng(3), np.arange(8)
+    rows = random.standard_normal((8, 30, 3))
+    rows[:, :, 1] = rows[:, :, 2] * logs[:, None] + 1e-6 * rows[:, :, 1]
+    residuals = 1e-3 * random.standard_normal((8, 30)) + rows[:, :, 2] * logs[:, None] ** 2
+    equations = CellEquations(
+        names=("p1", "p3", "p2"), values=np.ones(3), lower=np.full(3, -np.inf),
+        on_bound=np.zeros(3, dtype=bool), rows=rows, residuals=residuals, log=logs,
+    )  # fmt: skip
+    assert not list(from_log_to_log(equations))
+    assert differing_values(equations, "p2") is None
