@@ -103,7 +103,7 @@ _AMPERES: dict[str, Any] = {"input_kind": InputKind.CURRENT, "joint": None}
 _SLIDE: dict[str, Any] = {"joint": JointKind.SLIDE}
 _WEIGHED = ("hand_mass", "gravity", "p3")
 _ROTOR = ("rotor_inertia", "gear_ratio")
-_STIFFER = ("cogging", "cogging_cosine", "time_constant")
+_STIFFER = ("cogging", "cogging_cosine", "time_constant", "spring")
 
 OF_PARAMETERS = (
     Way(

@@ -101,7 +101,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
 
 def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
     """Tell on what all values rest that no log shows, as far as its uncertainty was not told."""
-    loads = [mass for mass in data.masses if mass.mass]
+    loads = [log.added_mass for log in data.logs if log.added_mass.mass]
     open_ = {
         "mass_scale": loads and not any(mass.mass_uncertainty for mass in loads),
         "arm": loads and not any(mass.arm_uncertainty for mass in loads),

@@ -64,8 +64,9 @@ class Contrast:
     @property
     def play(self) -> float:
         """Gap in rad, of which an encoder stays half behind, that a delay by 1/speed tells."""
-        slope = (self.last - self.first) / (self.largest - self.least)
-        return 2 * slope if self.condition is Condition.SPEED else 0.0
+        if self.condition is not Condition.SPEED:
+            return 0.0
+        return 2 * (self.last - self.first) / (self.largest - self.least)
 
 
 class _Tried(NamedTuple):
