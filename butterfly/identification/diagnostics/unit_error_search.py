@@ -5,14 +5,6 @@ What the table leaves open, another mass or the delay of one log, is first score
 more in the fit of the logs as they are, and has to explain more than what else may follow the added
 mass does. A hypothesis is named if its fit leaves clearly less than that of the logs as they are,
 and if a joint that is identified without the mistake follows.
-
-A joint that follows its input is driven by what is left to go. Averaged over test functions, in
-units of the input,
-
-    u = a th + p1' thdd + p2' thd + p3' sin th + p3_offset' cos th + friction' + bias',
-
-where the primed values differ from log to log, as gain and mass do: a is 0 of a drive, for gravity
-makes no linear spring, and 1 of a set-point, which no spring has by nature.
 """
 
 from __future__ import annotations
@@ -27,7 +19,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.blocks import CELLS, Condition
+from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.plausibility import is_possible
@@ -38,15 +30,15 @@ from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_masses,
     unit_errors_of_omegas,
 )
-from butterfly.identification.equations import CellEquations, Solution, scaled_least_squares
+from butterfly.identification.equations import CellEquations, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.problem import Start
 from butterfly.identification.servo_drive import driven
-from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import About, Windows
 from butterfly.logs.log import InputKind, Log
+from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import IDEAL, FrictionTerms, offered
 from butterfly.progress import out_of_time
@@ -59,15 +51,7 @@ _SWINGS = (0.1, math.pi)  # rad, that the log of the largest swing may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
-_OF_SETPOINT = ("p1", "p2", "p3", "p3_offset", "coulomb", "drag", "bias")
-_ABOUT = About(
-    names=_NAMES,
-    known=NO_PRIOR,
-    slow=FrictionTerms.stribeck_velocity,
-    delay=0.0,
-    drive=IDEAL,
-    gain=1.0,
-)
+_OF_ANGLE = {"angle", "columns", "input"}  # columns that are none of logs of velocities
 _NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a mistake in one log differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
@@ -82,7 +66,7 @@ def find_unit_errors(
     found = unit_errors_of_omegas([log for log, _ in known], ratios)
     if not found and (estimate is None or _is_doubtful(data, estimate)):
         search = _Search(data, estimate)
-        found = search.of_table() or search.of_setpoint() or search.of_gain(estimator)
+        found = search.of_table() or search.of_gain(estimator)
     return found or unit_errors_of_masses(data.masses)
 
 
@@ -122,14 +106,15 @@ _RIGHT: dict[str, Callable[[float, Log], Log]] = {
     "delay": lambda early, log: replace(
         log, input=np.interp(log.time + early, log.time, log.input), lead=None
     ),
+    "input": lambda share, log: replace(log, input=log.input - share * log.angle, lead=None),
     "time": lambda factor, log: replace(log, time=factor * log.time, lead=None),
 }
 """How a log is with a right column, by the number that makes it right."""
 
 
-def _of_logs(names: set[str], change: Callable[[Log], Log]) -> Callable[[Log], Log]:
-    """Return a change that is made of some logs only, by their names."""
-    return lambda log: change(log) if log.name in names else log
+def _weighed(wrong: AddedMass, right: AddedMass, log: Log) -> Log:
+    """Return the log with the right added mass, if it has the wrong one."""
+    return replace(log, added_mass=right) if log.added_mass == wrong else log
 
 
 class _Trial(NamedTuple):
@@ -144,7 +129,9 @@ class _Trial(NamedTuple):
 
     def undone(self, data: DataSet) -> DataSet:
         """Return the data set as it is without the mistake, held-out logs left out."""
-        return replace(data, test_logs=None).corrected(self.right, self.finding())
+        return replace(data, test_logs=None).corrected(
+            lambda log: self.right(log) if self.log in {"", log.name} else log, self.finding()
+        )
 
     def tried(self, data: DataSet) -> _Trial:
         """Return the trial with its misfit on a data set."""
@@ -160,56 +147,55 @@ class _Trial(NamedTuple):
         return unit_error(self.error, self.number, *masses, logs=logs, moves=moves)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Fit:
-    """The weak form of some logs, fitted without bounds."""
+class _Fit(NamedTuple):
+    """The weak form of some logs."""
 
-    windows: tuple[Windows, ...]  # of each log
     equations: CellEquations  # about the end, each log a cell
     misfit: float  # share of the torques that is left over; infinite where no joint has such a p1
 
     @classmethod
     def of(cls, data: DataSet) -> _Fit:
         """Return the fit of all of `_NAMES` but what is known exactly."""
-        known, windows = data.known.fixed, _windows_of(data)
-        regression = replace(_ABOUT, delay=known.get("delay", 0.0)).regression(windows)
-        held, rows = np.isin(_NAMES, [*known]), regression.rows
-        found = np.array([0.0 if name == "delay" else known.get(name, 0.0) for name in _NAMES])
-        left = regression.target - rows @ found
-        found[~held] = scaled_least_squares(rows[:, ~held], left)
-        torques = (found * np.linalg.norm(rows, axis=0))[~held]
-        size = math.hypot(*torques, float(np.linalg.norm(left)))
-        solution = Solution(values=regression.values(found), on_bound=held)
-        equations = CellEquations.of(regression, solution)
-        possible = size > 0 and found[0] + min(each.added.inertia for each in windows) > 0
-        misfit = float(equations.cost.sum() ** 0.5 / size) if possible else math.inf
-        return cls(windows=tuple(windows), equations=equations, misfit=misfit)
+        known = data.known.within(_NAMES)
+        windows = [_windows_of(log, data.zero_of(log)) for log in data.logs]
+        about = About(
+            names=known.open(_NAMES),
+            known=known,
+            slow=FrictionTerms.stribeck_velocity,
+            delay=known.fixed.get("delay", 0.0),
+            drive=IDEAL,
+            gain=known.fixed.get("p4", 1.0),
+            variance=0.0,
+        )
+        solved = about.regression(windows).solve().values
+        found = known.fixed | dict(zip(about.names, solved, strict=True))
+        values, held = np.array([found[name] for name in _NAMES]), np.isin(_NAMES, [*known.fixed])
+        regression = replace(about, names=_NAMES, known=NO_PRIOR).regression(windows)
+        equations = CellEquations.of(regression, Solution(values=values, on_bound=held))
+        torques = np.linalg.norm(regression.rows, axis=0) * regression.unknowns(values)
+        size = math.hypot(*torques, float(np.linalg.norm(regression.target)))
+        possible = size > 0 and found["p1"] + min(each.added.inertia for each in windows) > 0
+        return cls(equations, float(equations.cost.sum() ** 0.5 / size) if possible else math.inf)
 
     def score(self, changes: Mapping[str, Sequence[float] | Samples]) -> tuple[float, float]:
         """Return the misfit, and the slope, if values change by a slope times (k,) changes each."""
-        equations = self.equations
-        direction = np.zeros((equations.log.size, len(_NAMES)))
-        for name, change in changes.items():
-            direction[:, _NAMES.index(name)] = np.array(change)[equations.log]
-        rest, parts = equations.apart(direction)
+        unchanged = np.zeros(self.equations.log.size)
+        direction = np.stack([changes.get(name, unchanged) for name in _NAMES], axis=1)
+        rest, parts = self.equations.apart(direction)
         information = float(parts.sum()) or math.inf
-        slope = -float(np.sum(rest * equations.gradient)) / information
-        explained = slope**2 * float(parts.sum() / equations.cost.sum())
+        slope = -float(np.sum(rest * self.equations.gradient)) / information
+        explained = slope**2 * float(parts.sum() / self.equations.cost.sum())
         return self.misfit * math.sqrt(max(0.0, 1 - explained)), slope
 
 
-def _windows_of(data: DataSet) -> list[Windows]:
-    """Return averages over a third of a period of motion; IdentifiabilityError if one is still."""
-    windows = []
-    for log in data.logs:
-        if np.ptp(log.angle) == 0:
-            raise IdentifiabilityError("the joint does not move in these logs")
-        omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
-        third = 2 * math.pi / (3 * omegas[np.argmax(power)])
-        width = min(max(third, 12 * log.mean_step), (log.time[-1] - log.time[0]) / 20)
-        averaging = Averaging(log, data.zero_of(log), float(width), FrictionTerms())
-        windows.append(Windows(log.added_mass, averaging))
-    return windows
+def _windows_of(log: Log, zero: float) -> Windows:
+    """Return averages of a log over a third of its period of motion, about a zero in rad."""
+    if np.ptp(log.angle) == 0:
+        raise IdentifiabilityError("the joint does not move in these logs")
+    omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
+    third = 2 * math.pi / (3 * omegas[np.argmax(power)])
+    width = min(max(third, 12 * log.mean_step), (log.time[-1] - log.time[0]) / 20)
+    return Windows.of(log, zero, float(width))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,31 +247,31 @@ class _Search:
             _Trial(error, each, partial(_RIGHT[error.column], each)).tried(self._thin)
             for each in self._factors(error)
         ]
-        return min(trials, key=lambda each: each.misfit, default=None)
+        found = min(trials, key=lambda each: each.misfit, default=None)
+        stiffer = error is UnitError.SETPOINT and found is not None and found.number != 1
+        return None if stiffer else found  # a spring is no set-point
 
     def _factors(self, error: UnitError) -> Sequence[float]:
         """Return the factors that are tried, those of an angle if they make a likely swing."""
-        logs, factors = self.data.logs, error.factors
+        logs, ratio = self.data.logs, self.data.given.physical.get("gear_ratio")
         swing, (least, most) = max(float(np.ptp(log.angle)) / 2 for log in logs), _SWINGS
-        if error.column not in {"angle", "columns"}:
-            return factors if error.column in _RIGHT else ()
-        match error:
-            case _ if any(log.integrated for log in logs):
-                return ()
-            case UnitError.SWAPPED:
-                doubted = self.estimate is None or self.estimate.level is Level.WARNING
-                return factors if doubted else ()
-            case UnitError.COUNTS:
-                if not all((log.angle == np.rint(log.angle)).all() for log in self.data.recorded):
-                    return ()
-            case UnitError.GEAR:
-                ratio = self.data.given.physical.get("gear_ratio")
-                if ratio is not None:
-                    factors = tuple({1 / ratio.value, ratio.value} - {1})
-                elif swing <= most or not any(log.closed for log in logs):
-                    return ()
+        closed, before = any(log.closed for log in logs), self.estimate
+        excluded = {
+            UnitError.SWAPPED: before is not None and before.level is not Level.WARNING,
+            UnitError.COUNTS: any((log.angle % 1).any() for log in self.data.recorded),
+            UnitError.SETPOINT: closed,
+            UnitError.GEAR: ratio is None and not (closed and swing > most),
+        }
+        blind = any(log.integrated for log in logs) and error.column in _OF_ANGLE
+        if error.column not in _RIGHT or excluded.get(error) or blind:
+            return ()
+        if error.column != "angle":
+            return error.factors
         if error not in {UnitError.TURNS, UnitError.COUNTS}:
             most = math.inf
+        factors = error.factors
+        if ratio is not None and error is UnitError.GEAR:
+            factors = tuple({1 / ratio.value, ratio.value} - {1})
         return [each for each in factors if least < each * swing <= most]
 
     def _scored(self, here: _Fit) -> Iterator[_Trial]:
@@ -314,13 +300,12 @@ class _Search:
             misfit, added = here.score({"p1": inertia * wrong, "p3": moment * wrong})
             if misfit < rival:
                 right = replace(more, mass=max(mass.mass + added, 0.0))
-                names = {log.name for log, is_wrong in zip(logs, wrong, strict=True) if is_wrong}
-                change = _of_logs(names, partial(replace, added_mass=right))
+                change = partial(_weighed, mass, right)
                 yield _Trial(UnitError.MASS, right.mass, change, name, str(mass)).tried(self._thin)
         for log in logs if len(logs) > 1 else ():
             misfit, late = here.score({"delay": [each is log for each in logs]})
             if misfit < rival:
-                change = _of_logs({log.name}, partial(_RIGHT["delay"], -late))
+                change = partial(_RIGHT["delay"], -late)
                 yield _Trial(UnitError.LATE, -late, change, log.name).tried(self._thin)
 
     def _without(self, trial: _Trial) -> Estimate | None:
@@ -339,28 +324,6 @@ class _Search:
         before = 1.0 if self.estimate is None else _error(self.data, self.estimate, logs)
         return _error(data, found, logs) < LOST * min(1.0, before)
 
-    def of_setpoint(self) -> list[Finding]:
-        """Return that the input is a set-point, if the joint follows it, and no drive explains it.
-
-        The share a is then clearly not 0, and 1 as far as the logs tell, or within `PRECISE`.
-        """
-        data = self.data
-        if self._here is None or any(log.closed or log.integrated for log in data.logs):
-            return []
-        if self.estimate and _error(data, self.estimate, data.counted) < PRECISE:
-            return []
-        parts = [each for each in map(_share_of_angle, self._here.windows) if each is not None]
-        if not parts:
-            return []
-        cells = np.array(parts)  # (n, cells, 2)
-        information, pull = cells.sum(axis=(0, 1))
-        share = pull / information
-        scores = cells @ [-share, 1.0]
-        scatter = np.sum(scores**2), np.sum(scores.sum(axis=1) ** 2)  # of cells, and of whole logs
-        error = CLEARLY * np.sqrt(max(scatter)) / information
-        followed = error < share and abs(share - 1) < max(PRECISE, error)
-        return [unit_error(UnitError.SETPOINT, 1.0)] if followed else []
-
     def of_gain(self, estimator: Estimator) -> list[Finding]:
         """Return the factor of the P gain of a loop, if another one halves the misfit at least."""
         data, before = self.data, self.estimate
@@ -378,23 +341,6 @@ class _Search:
         if abs(factor - 1) > PRECISE and self._follows(data, found, range(len(data.logs))):
             return [unit_error(UnitError.GAIN, factor, moves=_moves(before, found))]
         return []
-
-
-def _share_of_angle(each: Windows) -> Samples | None:
-    """Return the (cells, 2) information on a, and its pull, of parts of a log; None if undriven."""
-    names = ("spring", "p4", *_OF_SETPOINT)
-    signals = each.averaging.signals(names)
-    spring, drive, *others = (signals.mean[name][signals.moving] for name in names)
-    if spring.size <= len(names) or not drive.any():
-        return None
-    columns = np.column_stack(others)
-    columns /= np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    basis = np.linalg.qr(columns)[0]
-    angle, inputs = (rest - basis @ (basis.T @ rest) for rest in (spring, -drive))
-    left = inputs - angle * (angle @ inputs) / (angle @ angle)
-    variance = float(left @ left) / (left.size - len(names) + 1)
-    cells = zip(*(np.array_split(each, CELLS) for each in (angle, inputs)), strict=True)
-    return np.array([(part @ part, part @ goal) for part, goal in cells]) / variance
 
 
 def _error(data: DataSet, estimate: Estimate, logs: Sequence[int] | None = None) -> float:

@@ -19,6 +19,7 @@ from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.levels import CONFIDENCE, MATTERS, PRECISE, SHOWS
 from butterfly.logs.log import Log
+from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
@@ -50,10 +51,13 @@ def _advice(column: str, key: str) -> str:
 
 
 def _unit(name: str, column: str, unit: str, key: str, times: str, *factors: float) -> _Row:
-    """Return the row of a unit of a column, whose factor to SI is written `times`."""
+    """Return the row of a unit of a column, whose factor to SI is written `times`.
+
+    It is that of the table of units, if none is given.
+    """
     looks, holds = _OF_COLUMN[column]
     text = f"{looks} like {unit}: multiplied by {times}, {holds}. {_advice(column, key)}"
-    return name, column, text, factors
+    return name, column, text, factors or (UNITS[column][key],)
 
 
 class UnitError(StrEnum):
@@ -76,33 +80,30 @@ class UnitError(StrEnum):
         row.column, row.text, row.factors = column, text, factors
         return row
 
-    DEGREES = _unit("degrees", "angle", "degrees", "deg", "pi/180 (0.01745)", math.pi / 180)
-    TURNS = _unit("turns", "angle", "turns", "turns", "2 pi (6.283)", 2 * math.pi)
+    DEGREES = _unit("degrees", "angle", "degrees", "deg", "pi/180 (0.01745)")
+    TURNS = _unit("turns", "angle", "turns", "turns", "2 pi (6.283)")
     COUNTS = _unit(
         *("counts", "angle", "encoder counts", "counts/{turn:.0f}"),
         "{number:.4g} (2 pi/{turn:.0f})",
         *(2 * math.pi / each for each in sorted(_COUNTS)),
     )
-    MILLISECONDS = _unit("milliseconds", "time", "milliseconds", "ms", "0.001", 1e-3)
-    MICROSECONDS = _unit("microseconds", "time", "microseconds", "us", "1e-6", 1e-6)
+    MILLISECONDS = _unit("milliseconds", "time", "milliseconds", "ms", "0.001")
+    MICROSECONDS = _unit("microseconds", "time", "microseconds", "us", "1e-6")
     SWAPPED = (
         *("swapped", "columns"),
         f"Input and angle look swapped: exchanged, {_AGREE}. Set columns in the manifest, or "
         "--columns.",
         (1.0,),
     )
-    PER_MINUTE = _unit(
-        *("per-minute", "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)"),
-        2 * math.pi / 60,
-    )
-    HERTZ = _unit("hertz", "omega", "Hz", "Hz", "2 pi", 2 * math.pi)
+    PER_MINUTE = _unit("per-minute", "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)")
+    HERTZ = _unit("hertz", "omega", "Hz", "Hz", "2 pi")
     OMEGA = (
         *("omega", "omega"),
         "The omega in the manifest looks wrong for {logs}: multiplied by {number:.4g}, it is the "
         "frequency of the recorded input{right}.",
     )
-    MILLIMETRES = _unit("millimetres", "arm", "millimetres", "mm", "0.001", 1e-3)
-    CENTIMETRES = _unit("centimetres", "arm", "centimetres", "cm", "0.01", 1e-2)
+    MILLIMETRES = _unit("millimetres", "arm", "millimetres", "mm", "0.001")
+    CENTIMETRES = _unit("centimetres", "arm", "centimetres", "cm", "0.01")
     DIAMETER = _unit("diameter", "arm", "diameters", "0.5", "0.5", 0.5)
     MASS = (
         *("mass", "mass"),
@@ -124,6 +125,7 @@ class UnitError(StrEnum):
         *("setpoint", "input"),
         "The input looks like a set-point that the joint follows. In the manifest, set input: "
         "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
+        (1.0, 0.8, 1.25),
     )
     GAIN = (
         *("gain", "loop"),
