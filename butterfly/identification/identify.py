@@ -156,10 +156,11 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
             raise IdentifiabilityError(
                 f"the equations of these logs give no finite {', '.join(wrong)}"
             )
-    except ButterflyError as error:
-        raise with_unit_errors(error, find_unit_errors(data, estimator)) from None
-    except np.linalg.LinAlgError as error:
-        refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
+    except (ButterflyError, np.linalg.LinAlgError) as error:
+        unsolved = f"the equations of these logs have no solution ({error})"
+        refusal: ButterflyError = IdentifiabilityError(unsolved)
+        if isinstance(error, ButterflyError):
+            refusal = error
         raise with_unit_errors(refusal, find_unit_errors(data, estimator)) from None
     return found
 

@@ -5,6 +5,8 @@ What the table leaves open, another mass or the delay of one log, is first score
 more in the fit of the logs as they are, and has to explain more than what else may follow the added
 mass does. A hypothesis is named if its fit leaves clearly less than that of the logs as they are,
 and if a joint that is identified without the mistake follows.
+
+A joint that follows a set-point is driven by what is left to go: the input less the angle.
 """
 
 from __future__ import annotations

@@ -51,10 +51,7 @@ def _advice(column: str, key: str) -> str:
 
 
 def _unit(name: str, column: str, unit: str, key: str, times: str, *factors: float) -> _Row:
-    """Return the row of a unit of a column, whose factor to SI is written `times`.
-
-    It is that of the table of units, if none is given.
-    """
+    """Return the row of a unit of a column; its factor, written `times`, is that of `UNITS`."""
     looks, holds = _OF_COLUMN[column]
     text = f"{looks} like {unit}: multiplied by {times}, {holds}. {_advice(column, key)}"
     return name, column, text, factors or (UNITS[column][key],)
@@ -125,7 +122,7 @@ class UnitError(StrEnum):
         *("setpoint", "input"),
         "The input looks like a set-point that the joint follows. In the manifest, set input: "
         "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
-        (1.0, 0.8, 1.25),
+        (1.0, 0.8, 1.25),  # of the angle that is taken off; all but the first are springs
     )
     GAIN = (
         *("gain", "loop"),

@@ -321,6 +321,9 @@ def test_logs_whose_inputs_are_next_to_their_omega_are_named_and_no_other(logs):
     assert (found.logs, found.number) == (("run 1",), pytest.approx(1.02))
     ratios = np.array([1 + each.detuning for each in data.sines])
     assert unit_errors_of_omegas(data.logs, ratios) == []
+    ratios[:2] = 0.97, 1.02
+    each = unit_errors_of_omegas(data.logs, ratios)
+    assert [(slip.logs, slip.number) for slip in each] == [(("run 0",), 0.97), (("run 1",), 1.02)]
 
 
 @pytest.mark.parametrize(
