@@ -27,6 +27,7 @@ from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.plausibility import is_possible
 from butterfly.identification.diagnostics.sensor_errors import roughness
 from butterfly.identification.diagnostics.unit_errors import (
+    RIGHT,
     UnitError,
     unit_error,
     unit_errors_of_masses,
@@ -37,9 +38,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.problem import Start
-from butterfly.identification.servo_drive import driven
 from butterfly.identification.weak_regression import About, Windows
-from butterfly.logs.log import InputKind, Log
+from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import IDEAL, FrictionTerms, offered
@@ -88,30 +88,6 @@ def _is_doubtful(data: DataSet, estimate: Estimate) -> bool:
     angles = [log.measured for log in data.logs]
     noise = np.array([math.sqrt(roughness(each) / 6) / each.std() for each in angles])
     return estimate.level is Level.WARNING or not (misfits < CLEARLY * noise).all()
-
-
-def _turned(factor: float, log: Log) -> Log:
-    """Return the log of an angle times a factor; a set-point that it follows is in its unit."""
-    turned = replace(log, angle=factor * log.angle)
-    if not log.closed or log.setpoint is None:
-        return turned
-    goal, kind = factor * log.setpoint, InputKind.SETPOINT
-    return driven(replace(turned, input=goal, setpoint=None, lead=None, input_kind=kind))
-
-
-_RIGHT: dict[str, Callable[[float, Log], Log]] = {
-    "angle": _turned,
-    "arm": lambda factor, log: replace(
-        log, added_mass=replace(log.added_mass, arm=factor * log.added_mass.arm)
-    ),
-    "columns": lambda _, log: replace(log, input=log.angle, angle=log.input, lead=None),
-    "delay": lambda early, log: replace(
-        log, input=np.interp(log.time + early, log.time, log.input), lead=None
-    ),
-    "input": lambda share, log: replace(log, input=log.input - share * log.angle, lead=None),
-    "time": lambda factor, log: replace(log, time=factor * log.time, lead=None),
-}
-"""How a log is with a right column, by the number that makes it right."""
 
 
 def _weighed(wrong: AddedMass, right: AddedMass, log: Log) -> Log:
@@ -246,7 +222,7 @@ class _Search:
     def best(self, error: UnitError) -> _Trial | None:
         """Return the trial of a hypothesis with the best of its factors, if it has any."""
         trials = [
-            _Trial(error, each, partial(_RIGHT[error.column], each)).tried(self._thin)
+            _Trial(error, each, partial(RIGHT[error.column], each)).tried(self._thin)
             for each in self._factors(error)
         ]
         found = min(trials, key=lambda each: each.misfit, default=None)
@@ -265,7 +241,7 @@ class _Search:
             UnitError.GEAR: ratio is None and not (closed and swing > most),
         }
         blind = any(log.integrated for log in logs) and error.column in _OF_ANGLE
-        if error.column not in _RIGHT or excluded.get(error) or blind:
+        if error.column not in RIGHT or excluded.get(error) or blind:
             return ()
         if error.column != "angle":
             return error.factors
@@ -307,7 +283,7 @@ class _Search:
         for log in logs if len(logs) > 1 else ():
             misfit, late = here.score({"delay": [each is log for each in logs]})
             if misfit < rival:
-                change = partial(_RIGHT["delay"], -late)
+                change = partial(RIGHT["delay"], -late)
                 yield _Trial(UnitError.LATE, -late, change, log.name).tried(self._thin)
 
     def _without(self, trial: _Trial) -> Estimate | None:

@@ -7,7 +7,8 @@ raised.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from typing import Self
 
@@ -18,7 +19,8 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.levels import CONFIDENCE, MATTERS, PRECISE, SHOWS
-from butterfly.logs.log import Log
+from butterfly.identification.servo_drive import driven
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
@@ -136,6 +138,30 @@ class UnitError(StrEnum):
         "{{gear_ratio: ...}}.",
         tuple(1 / each for each in _RATIOS),
     )
+
+
+def _turned(factor: float, log: Log) -> Log:
+    """Return the log of an angle times a factor; a set-point that it follows is in its unit."""
+    turned = replace(log, angle=factor * log.angle)
+    if not log.closed or log.setpoint is None:
+        return turned
+    goal, kind = factor * log.setpoint, InputKind.SETPOINT
+    return driven(replace(turned, input=goal, setpoint=None, lead=None, input_kind=kind))
+
+
+RIGHT: dict[str, Callable[[float, Log], Log]] = {
+    "angle": _turned,
+    "arm": lambda factor, log: replace(
+        log, added_mass=replace(log.added_mass, arm=factor * log.added_mass.arm)
+    ),
+    "columns": lambda _, log: replace(log, input=log.angle, angle=log.input, lead=None),
+    "delay": lambda early, log: replace(
+        log, input=np.interp(log.time + early, log.time, log.input), lead=None
+    ),
+    "input": lambda share, log: replace(log, input=log.input - share * log.angle, lead=None),
+    "time": lambda factor, log: replace(log, time=factor * log.time, lead=None),
+}
+"""How a log is with a right column, by the number that makes it right."""
 
 
 def unit_error(
