@@ -21,9 +21,8 @@ from butterfly.identification.diagnostics.plausibility import (
 )
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import (
+    find_slow_clock,
     find_unit_errors,
-    find_unit_errors_of_clock,
-    find_unit_errors_of_refused,
 )
 from butterfly.identification.diagnostics.unit_errors import clock_error, with_unit_errors
 from butterfly.identification.estimate import Estimate
@@ -144,7 +143,7 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
 @_UNWARNED
 def estimated(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, not judged yet; a refusal names the mistake that explains it (see `identify`)."""
-    clock = find_unit_errors_of_clock(data, estimator)
+    clock = find_slow_clock(data)
     if clock:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
@@ -157,11 +156,12 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
             raise IdentifiabilityError(
                 f"the equations of these logs give no finite {', '.join(wrong)}"
             )
-    except ButterflyError as error:
-        raise with_unit_errors(error, find_unit_errors_of_refused(data, estimator)) from None
-    except np.linalg.LinAlgError as error:
-        refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
-        raise with_unit_errors(refusal, find_unit_errors_of_refused(data, estimator)) from None
+    except (ButterflyError, np.linalg.LinAlgError) as error:
+        unsolved = f"the equations of these logs have no solution ({error})"
+        refusal: ButterflyError = IdentifiabilityError(unsolved)
+        if isinstance(error, ButterflyError):
+            refusal = error
+        raise with_unit_errors(refusal, find_unit_errors(data, estimator)) from None
     return found
 
 

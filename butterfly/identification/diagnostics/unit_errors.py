@@ -1,15 +1,16 @@
-"""Hypotheses about wrong units, columns, omegas and masses, and those that inputs alone show.
+"""The table of hypotheses about units, columns and masses, and those that inputs alone decide.
 
-Each has a row in a table, with its text. It is named only where the logs without it agree with a
-joint, or with their manifest.
+The template of its sentence is a fact of each hypothesis: a refusal ends with it where it is
+raised.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 from scipy.special import stdtrit
@@ -18,7 +19,9 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.levels import CONFIDENCE, MATTERS, PRECISE, SHOWS
-from butterfly.logs.log import Log
+from butterfly.identification.servo_drive import driven
+from butterfly.logs.log import InputKind, Log
+from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
@@ -27,38 +30,6 @@ _DETUNED = MATTERS / 2  # relative difference of an omega, by whose square inert
 _HEAVIEST = 10.0  # kg, above which a mass is asked about: 7 of 110 random robots have more
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
-
-class UnitError(StrEnum):
-    """What may have been mistaken."""
-
-    DEGREES = "degrees"
-    TURNS = "turns"
-    COUNTS = "counts"
-    MILLISECONDS = "milliseconds"
-    MICROSECONDS = "microseconds"
-    SWAPPED = "swapped"
-    PER_MINUTE = "per-minute"
-    HERTZ = "hertz"
-    OMEGA = "omega"
-    MILLIMETRES = "millimetres"
-    CENTIMETRES = "centimetres"
-    DIAMETER = "diameter"
-    MASS = "mass"
-    GRAMS = "grams"
-    LATE = "late"
-    SETPOINT = "setpoint"
-    GAIN = "gain"
-    GEAR = "gear"
-
-
-class Hypothesis(NamedTuple):
-    """A row of the table: a mistake that logs or their manifest may have."""
-
-    column: str  # that is wrong
-    text: str  # template of the sentence (see `unit_error_text`)
-    factors: tuple[float, ...] = ()  # that are tried, one of which makes the column right
-
-
 _AGREE = "the logs agree with a joint"
 _OF_COLUMN = {  # how the sentence on a unit begins, and what holds in SI units
     "angle": ("The angle looks", _AGREE),
@@ -66,20 +37,6 @@ _OF_COLUMN = {  # how the sentence on a unit begins, and what holds in SI units
     "omega": ("The omegas in the manifest look", "they are the frequencies of the recorded inputs"),
     "arm": ("The arms look", _AGREE),
 }
-
-
-def _advice(column: str, key: str) -> str:
-    """Return the template of the sentence on how a unit is given."""
-    return f"Set --units {column}={key}, or units: {{{{{column}: {key}}}}} in the manifest."
-
-
-def _unit(column: str, name: str, key: str, times: str, *factors: float) -> Hypothesis:
-    """Return the hypothesis that a column is in a unit, whose factor to SI is written `times`."""
-    looks, holds = _OF_COLUMN[column]
-    text = f"{looks} like {name}: multiplied by {times}, {holds}. {_advice(column, key)}"
-    return Hypothesis(column, text, factors)
-
-
 # counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees
 _COUNTS = {2**k for k in range(6, 25)} | {
     a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)
@@ -87,75 +44,128 @@ _COUNTS = {2**k for k in range(6, 25)} | {
 # of common gears
 _RATIOS = (*range(2, 11), 12, 15, 16, 20, 25, 30, 36, 40, 50, 64, 80, 100, 120, 150, 200)
 
-HYPOTHESES = {
-    UnitError.DEGREES: _unit("angle", "degrees", "deg", "pi/180 (0.01745)", math.pi / 180),
-    UnitError.TURNS: _unit("angle", "turns", "turns", "2 pi (6.283)", 2 * math.pi),
-    UnitError.COUNTS: _unit(
-        "angle",
-        "encoder counts",
-        "counts/{turn:.0f}",
+_Row = tuple[str, str, str, tuple[float, ...]]
+
+
+def _advice(column: str, key: str) -> str:
+    """Return the template of the sentence on how a unit is given."""
+    return f"Set --units {column}={key}, or units: {{{{{column}: {key}}}}} in the manifest."
+
+
+def _unit(name: str, column: str, unit: str, key: str, times: str, *factors: float) -> _Row:
+    """Return the row of a unit of a column; its factor, written `times`, is that of `UNITS`."""
+    looks, holds = _OF_COLUMN[column]
+    text = f"{looks} like {unit}: multiplied by {times}, {holds}. {_advice(column, key)}"
+    return name, column, text, factors or (UNITS[column][key],)
+
+
+class UnitError(StrEnum):
+    """The table of hypotheses: each has a name, the wrong column, a text and factors.
+
+    The text is a template (see `unit_error_text`). One of the factors makes the column right; there
+    are none where what is right follows from the logs.
+    """
+
+    column: str
+    text: str
+    factors: tuple[float, ...]
+
+    def __new__(
+        cls, name: str, column: str = "", text: str = "", factors: tuple[float, ...] = ()
+    ) -> Self:
+        """Return a row; a value that is looked up has its name alone."""
+        row = str.__new__(cls, name)
+        row._value_ = name
+        row.column, row.text, row.factors = column, text, factors
+        return row
+
+    DEGREES = _unit("degrees", "angle", "degrees", "deg", "pi/180 (0.01745)")
+    TURNS = _unit("turns", "angle", "turns", "turns", "2 pi (6.283)")
+    COUNTS = _unit(
+        *("counts", "angle", "encoder counts", "counts/{turn:.0f}"),
         "{number:.4g} (2 pi/{turn:.0f})",
         *(2 * math.pi / each for each in sorted(_COUNTS)),
-    ),
-    UnitError.MILLISECONDS: _unit("time", "milliseconds", "ms", "0.001", 1e-3),
-    UnitError.MICROSECONDS: _unit("time", "microseconds", "us", "1e-6", 1e-6),
-    UnitError.SWAPPED: Hypothesis(
-        "columns",
+    )
+    MILLISECONDS = _unit("milliseconds", "time", "milliseconds", "ms", "0.001")
+    MICROSECONDS = _unit("microseconds", "time", "microseconds", "us", "1e-6")
+    SWAPPED = (
+        *("swapped", "columns"),
         f"Input and angle look swapped: exchanged, {_AGREE}. Set columns in the manifest, or "
         "--columns.",
         (1.0,),
-    ),
-    UnitError.PER_MINUTE: _unit(
-        "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)", 2 * math.pi / 60
-    ),
-    UnitError.HERTZ: _unit("omega", "Hz", "Hz", "2 pi", 2 * math.pi),
-    UnitError.OMEGA: Hypothesis(
-        "omega",
+    )
+    PER_MINUTE = _unit("per-minute", "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)")
+    HERTZ = _unit("hertz", "omega", "Hz", "Hz", "2 pi")
+    OMEGA = (
+        *("omega", "omega"),
         "The omega in the manifest looks wrong for {logs}: multiplied by {number:.4g}, it is the "
         "frequency of the recorded input{right}.",
-    ),
-    UnitError.MILLIMETRES: _unit("arm", "millimetres", "mm", "0.001", 1e-3),
-    UnitError.CENTIMETRES: _unit("arm", "centimetres", "cm", "0.01", 1e-2),
-    UnitError.DIAMETER: _unit("arm", "diameters", "0.5", "0.5", 0.5),
-    UnitError.MASS: Hypothesis(
-        "mass",
+    )
+    MILLIMETRES = _unit("millimetres", "arm", "millimetres", "mm", "0.001")
+    CENTIMETRES = _unit("centimetres", "arm", "centimetres", "cm", "0.01")
+    DIAMETER = _unit("diameter", "arm", "diameters", "0.5", "0.5", 0.5)
+    MASS = (
+        *("mass", "mass"),
         f"The added masses contradict each other: {_AGREE} if {{given}} is really "
         "{thousandths:.3g} g{in_logs}.{others}",
-    ),
-    UnitError.GRAMS: Hypothesis(
-        "mass",
+    )
+    GRAMS = (
+        *("grams", "mass"),
         "Is an added mass of {number:.4g} kg right? The motion cannot tell kilograms from grams. "
         "If it is in grams, all values except the delay are a thousand times too large. "
         + _advice("mass", "g"),
-    ),
-    UnitError.LATE: Hypothesis(
-        "delay",
+    )
+    LATE = (
+        *("late", "delay"),
         "In {logs} the input looks {early} relative to the angle: shifted by {thousandths:.3g} ms, "
         f"{_AGREE}.",
-    ),
-    UnitError.SETPOINT: Hypothesis(
-        "input",
+    )
+    SETPOINT = (
+        *("setpoint", "input"),
         "The input looks like a set-point that the joint follows. In the manifest, set input: "
         "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
-    ),
-    UnitError.GAIN: Hypothesis(
-        "loop",
+        (1.0, 0.8, 1.25),  # of the angle that is taken off; all but the first are springs
+    )
+    GAIN = (
+        *("gain", "loop"),
         "The P gain of the servo's loop looks wrong: multiplied by {number:.3g}, "
         f"{_AGREE}. Check law and kp of the loop.",
-    ),
-    UnitError.GEAR: Hypothesis(
-        "angle",
+    )
+    GEAR = (
+        *("gear", "angle"),
         f"The angle looks measured on the other side of a gear: multiplied by {{number:.4g}}, "
         f"{_AGREE}. In the manifest, set the side with encoder and the ratio with known: "
         "{{gear_ratio: ...}}.",
         tuple(1 / each for each in _RATIOS),
+    )
+
+
+def _turned(factor: float, log: Log) -> Log:
+    """Return the log of an angle times a factor; a set-point that it follows is in its unit."""
+    turned = replace(log, angle=factor * log.angle)
+    if not log.closed or log.setpoint is None:
+        return turned
+    goal, kind = factor * log.setpoint, InputKind.SETPOINT
+    return driven(replace(turned, input=goal, setpoint=None, lead=None, input_kind=kind))
+
+
+RIGHT: dict[str, Callable[[float, Log], Log]] = {
+    "angle": _turned,
+    "arm": lambda factor, log: replace(
+        log, added_mass=replace(log.added_mass, arm=factor * log.added_mass.arm)
     ),
+    "columns": lambda _, log: replace(log, input=log.angle, angle=log.input, lead=None),
+    "delay": lambda early, log: replace(
+        log, input=np.interp(log.time + early, log.time, log.input), lead=None
+    ),
+    "input": lambda share, log: replace(log, input=log.input - share * log.angle, lead=None),
+    "time": lambda factor, log: replace(log, time=factor * log.time, lead=None),
 }
-"""The table of hypotheses; without factors if what is right follows from the logs."""
+"""How a log is with a right column, by the number that makes it right."""
 
 
 def unit_error(
-    error: UnitError, factor: float, *more: str, logs: Iterable[str] = (), moves: bool = True
+    error: UnitError, factor: float, *more: str, logs: Sequence[str] = (), moves: bool = True
 ) -> Finding:
     """Return the finding that names a mistake, what undoes it, and whether that moves values."""
     kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED
@@ -167,7 +177,7 @@ def unit_error_text(finding: Finding) -> str:
     error, *more = finding.parameters
     number, logs = finding.number or 0.0, listed(finding.logs)
     given, ways = more if len(more) > 1 else ("", "1")
-    return HYPOTHESES[UnitError(error)].text.format(
+    return UnitError(error).text.format(
         number=number,
         thousandths=1e3 * abs(number),
         turn=2 * math.pi / (number or math.inf),
@@ -196,19 +206,30 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     if not sines:
         return []
     ratios, shares = _ratios(sines, "input")
-    if np.median(shares) < _SINE:
-        ratios, shares = _ratios(sines, "angle")
-        right = (shares > _SINE) & (np.abs(ratios - 1) < PRECISE)
-        return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
-    wrong = np.abs(ratios - 1) > _DETUNED
-    common = float(np.median(ratios))
-    if abs(common - 1) <= _DETUNED:
-        return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
-    for error, row in HYPOTHESES.items():
-        for factor in row.factors if row.column in {"time", "omega"} else ():
+    if np.median(shares) >= _SINE:
+        clear = np.flatnonzero(shares >= _SINE).tolist()
+        return unit_errors_of_omegas([sines[k] for k in clear], ratios[clear])
+    ratios, shares = _ratios(sines, "angle")
+    right = (shares > _SINE) & (np.abs(ratios - 1) < PRECISE)
+    return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
+
+
+def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding]:
+    """Return what is wrong with omegas, by (n,) measured over given frequencies of n inputs.
+
+    It is a unit or a factor of all of them, or else the omegas of single logs.
+    """
+    wrong = np.flatnonzero(np.abs(ratios - 1) > _DETUNED).tolist()
+    if not wrong:
+        return []
+    for error in UnitError:
+        for factor in error.factors if error.column in {"time", "omega"} else ():
             if np.all(np.abs(ratios / factor - 1) < PRECISE):
                 return [unit_error(error, factor)]
-    return [_of_omega(common, *sines)] if np.all(np.abs(ratios / common - 1) < _DETUNED) else []
+    common = float(np.median(ratios))
+    if len(wrong) == len(sines) and np.all(np.abs(ratios / common - 1) < _DETUNED):
+        return [_of_omega(common, *sines)]
+    return [_of_omega(float(ratios[k]), sines[k]) for k in wrong]
 
 
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
@@ -217,22 +238,6 @@ def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
     halves = [[half.std() for half in np.array_split(each, 2)] for each in still]
     rested = bool(still) and all(2 * second < first for first, second in halves)
     return [unit_error(UnitError.SWAPPED, 1.0)] if rested else []
-
-
-def unit_errors_of_omega(
-    logs: Sequence[Log], points: Sequence[ResponsePoint | None]
-) -> list[Finding]:
-    """Return the omega of logs whose input is next to, not at, the frequency in the manifest."""
-    near = [
-        (log, point.detuning)
-        for log, point in zip(logs, points, strict=True)
-        if point is not None and abs(point.detuning) > _DETUNED
-    ]
-    if not near:
-        return []
-    worst = max((detuning for _, detuning in near), key=abs)
-    moves = 2 * abs(worst) > PRECISE  # of inertia, by the square of the time
-    return [_of_omega(1 + worst, *(log for log, _ in near), moves=moves)]
 
 
 def clock_error(points: Sequence[ResponsePoint]) -> float:
@@ -260,9 +265,10 @@ def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:
     return measured / omegas, shares
 
 
-def _of_omega(ratio: float, *logs: Log, moves: bool = True) -> Finding:
+def _of_omega(ratio: float, *logs: Log) -> Finding:
     """Return the finding of a wrong omega, with the right one in rad/s if it is of one log."""
     sines = [log.excitation for log in logs if log.excitation]
     measured = [f"{ratio * each.omega:.4g} rad/s" for each in sines] if len(logs) == 1 else []
+    moves = 2 * abs(ratio - 1) > PRECISE  # of inertia, by the square of the time
     names = [log.name for log in logs]
     return unit_error(UnitError.OMEGA, ratio, *measured, logs=names, moves=moves)

@@ -12,17 +12,14 @@ from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
-from butterfly.identification.diagnostics.unit_error_search import (
-    find_unit_errors,
-    find_unit_errors_of_refused,
-)
+from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
 from butterfly.identification.diagnostics.unit_errors import (
     UnitError,
     clock_error,
     unit_error,
     unit_error_text,
     unit_errors_of_masses,
-    unit_errors_of_omega,
+    unit_errors_of_omegas,
 )
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify, judge, timed
@@ -246,7 +243,7 @@ def test_a_gear_that_was_forgotten_or_taken_off_twice_is_named(tones):
     for ratio, named in ((5.0, [UnitError.GEAR]), (0.2, [UnitError.GEAR]), (1.0, [])):
         moved = [replace(log, angle=ratio * log.angle) for log in tones]
         data = DataSet.of(moved, known=Prior.of({"gear_ratio": 5.0}))
-        slips = find_unit_errors_of_refused(data, WeakForm(terms=()))[:1]
+        slips = find_unit_errors(data, WeakForm(terms=()))[:1]
         assert [slip.parameters[0] for slip in slips] == named
         assert [slip.number for slip in slips] == pytest.approx([1 / ratio] * len(named))
 
@@ -285,9 +282,9 @@ def test_a_set_point_told_as_a_voltage_is_named_and_never_good():
 
 def test_its_drive_is_accused_of_nothing_nor_a_spring_of_another_stiffness():
     drives = [_as_voltage(log, log.input) for log in _servo(1.0)]
-    assert find_unit_errors_of_refused(_of_springs(drives), WeakForm()) == []
+    assert find_unit_errors(_of_springs(drives), WeakForm()) == []
     sprung = [_as_voltage(log, 2 * log.setpoint) for log in _servo(3.0)]
-    found = find_unit_errors_of_refused(_of_springs(sprung), WeakForm())
+    found = find_unit_errors(_of_springs(sprung), WeakForm())
     assert not any(UnitError.SETPOINT in each.parameters for each in found)
 
 
@@ -319,9 +316,14 @@ def test_omegas_that_are_rounded_to_either_side_are_no_clock(logs):
 def test_logs_whose_inputs_are_next_to_their_omega_are_named_and_no_other(logs):
     data = DataSet.of(logs)
     points = [replace(each, detuning=0.02 * (k == 1)) for k, each in enumerate(data.sines)]
-    (found,) = unit_errors_of_omega(data.logs, [*points[:-1], None])
+    slipped = replace(data, points=(*points[:-1], None))
+    (found,) = find_unit_errors(slipped, SIMULATED)
     assert (found.logs, found.number) == (("run 1",), pytest.approx(1.02))
-    assert unit_errors_of_omega(data.logs, data.sines) == []
+    ratios = np.array([1 + each.detuning for each in data.sines])
+    assert unit_errors_of_omegas(data.logs, ratios) == []
+    ratios[:2] = 0.97, 1.02
+    each = unit_errors_of_omegas(data.logs, ratios)
+    assert [(slip.logs, slip.number) for slip in each] == [(("run 0",), 0.97), (("run 1",), 1.02)]
 
 
 @pytest.mark.parametrize(
