@@ -12,12 +12,8 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.simulation import (
-    LONGEST_STEP,
-    Simulation,
-    grid_step,
-    segment_length,
-)
+from butterfly.identification.segment import LONGEST_STEP, grid_step
+from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters

@@ -78,6 +78,8 @@ def _open_circuit(constants: Constants) -> Constants:
 class Columns:
     """The k derivatives computed by the kernel, and how n parameters combine them."""
 
+    names: tuple[str, ...]  # (n,) of the parameters
+    joint: LumpedParameters  # with its added mass
     column: NDArray[np.int64]  # (k,) of the kernel's `COLUMNS`
     initial: Samples  # (4, k) derivatives of the initial state
     mixture: Samples  # (k, n) derivatives of what the columns stand for by the parameters
@@ -93,17 +95,23 @@ class Columns:
             own |= _parts_of_base(parameters, added, own["tilt"]["p3"])
         for name in names:
             _require_derivative(name, own, loaded)
-        different = list(dict.fromkeys(key for name in names for key in own[name]))
+        keys = dict.fromkeys(key for name in names for key in own[name])
+        different = {key: number for number, key in enumerate(keys)}
         mixture = np.zeros((len(different), len(names)))
         for column, name in enumerate(names):
             for key, share in own[name].items():
-                mixture[different.index(key), column] = share
+                mixture[different[key], column] = share
         initial = np.zeros((4, len(different)))
         for state, (name, slope) in enumerate(INITIAL.items()):
             if name in different:
-                initial[state, different.index(name)] = slope
-        numbers = [-1 if key in INITIAL else COLUMNS[key] for key in different]
-        return cls(column=np.array(numbers, dtype=np.int64), initial=initial, mixture=mixture)
+                initial[state, different[name]] = slope
+        return cls(
+            names=tuple(names),
+            joint=loaded,
+            column=np.array([COLUMNS.get(key, -1) for key in different], dtype=np.int64),
+            initial=initial,
+            mixture=mixture,
+        )
 
     @property
     def drives(self) -> int:
@@ -157,13 +165,16 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
     return values, rows
 
 
+_ALONE: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
+_NAMES = {*TERMS, *INITIAL}
+
+
 def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str, float]]:
     """Return derivatives of the kernel's constants, drives and `INITIAL` by each parameter."""
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
-    own: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
-    return own | {
+    return _ALONE | {
         "p2": {"viscous": 1.0},
         "back_emf": {"back_emf": 1.0, "viscous": -1.0},
         "coulomb": level,
@@ -199,7 +210,7 @@ def _require_derivative(
     name: str, own: Mapping[str, Mapping[str, float]], loaded: LumpedParameters
 ) -> None:
     """Raise InputError unless the model has a derivative by a parameter at its value."""
-    if name not in {*TERMS, *INITIAL} or name not in own:
+    if name not in _NAMES or name not in own:
         known = [each for each in (*TERMS, *INITIAL) if each in own]
         raise InputError("sensitivities", "parameter", name, nearest(name, known))
     if name == "time_constant" and not loaded.time_constant > 0:
