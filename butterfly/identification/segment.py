@@ -43,11 +43,7 @@ class Segment:
     """
 
     def __init__(
-        self,
-        log: Log,
-        parameters: LumpedParameters,
-        first: int = 0,
-        longest: float = LONGEST_STEP,
+        self, log: Log, parameters: LumpedParameters, first: int = 0, longest: float = LONGEST_STEP
     ) -> None:
         self.log, self._first = log, first
         self._looped = needs_loop(log)
@@ -80,8 +76,7 @@ class Segment:
         joint, start = columns.joint, (begin.angle - zero, begin.velocity)
         inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
         loop = self.loop(joint, zero)
-        values, rows = differentiate(joint, self.grid, inputs, start, readings, columns, loop)
-        rows = rows @ columns.mixture
+        values, rows = differentiate(self.grid, inputs, start, readings, columns, loop=loop)
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise

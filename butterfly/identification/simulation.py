@@ -45,12 +45,8 @@ class SimulatedMotion(NamedTuple):
         """Return what the log measures, in rad or rad/s, at increasing instants in s."""
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
-        return joined(
-            [
-                polynomials.interpolate(*piece, own, self.slopes)
-                for piece, own in zip(self.pieces, groups, strict=True)
-            ]
-        )
+        pairs = zip(self.pieces, groups, strict=True)
+        return joined([polynomials.interpolate(*piece, own, self.slopes) for piece, own in pairs])
 
 
 class Simulation:
@@ -101,12 +97,9 @@ class Simulation:
 
     def given_start(self, velocity: float | None) -> InitialState:
         """Return the start of a log that is one segment, with a velocity in rad/s if given."""
-        at = self.begins[0]
-        return (
-            at
-            if velocity is None
-            else at._replace(angle=float(self.log.angle[0]), velocity=velocity)
-        )
+        if velocity is None:
+            return self.begins[0]
+        return InitialState(float(self.log.angle[0]), velocity)
 
     def run(
         self, parameters: LumpedParameters, zero: float, velocity: float | None = None
@@ -116,11 +109,9 @@ class Simulation:
         if self.fitted:
             begins = [each.begin for each in self._expansions((), parameters, zero, 0)]
         joint = parameters.with_added_mass(self.log.added_mass)
-        pieces = (
-            segment.run(joint, zero, begin)
-            for segment, begin in zip(self.segments, begins, strict=True)
-        )
-        return SimulatedMotion(tuple(pieces), self.log.integrated)
+        pairs = zip(self.segments, begins, strict=True)
+        pieces = tuple(segment.run(joint, zero, begin) for segment, begin in pairs)
+        return SimulatedMotion(pieces, self.log.integrated)
 
     def linearised(
         self,
@@ -211,18 +202,19 @@ class Simulation:
         segment = self.segments[number]
         with np.errstate(over="ignore", invalid="ignore"):
             errors, rows = segment.linearised(columns, zero, begin)
+            cost = float(np.mean(errors**2))
         units = np.array([1.0, self.log.rms_speed / (self.log.rms_motion or 1.0)])  # 1 and 1/s
         moves = self._by_start(rows[:, [columns.names.index(each) for each in _START]]) * units
         if not (np.isfinite(moves).all() and np.isfinite(errors).all()):
             none = np.zeros((errors.size, 0))
-            return _Expansion(begin, errors, rows, none, np.zeros(0), np.zeros(2))
+            return _Expansion(begin, errors, rows, cost, none, np.zeros(0), np.zeros(2))
         sought = 1 if segment.log.initial_state.velocity == 0 else len(_START)
         left, sizes, right = np.linalg.svd(moves[:, :sought], full_matrices=False)
         felt = sizes > SHOWS * sizes[0]
         explained = left[:, felt].T @ errors
         step = np.zeros(len(_START))
         step[:sought] = -(right[felt].T @ (explained / sizes[felt]))
-        return _Expansion(begin, errors, rows, left[:, felt], explained, step * units)
+        return _Expansion(begin, errors, rows, cost, left[:, felt], explained, step * units)
 
     def _by_start(self, rows: Samples) -> Samples:
         """Return (m, 2) derivatives by the true angle and the velocity at a start.
@@ -240,15 +232,10 @@ class _Expansion(NamedTuple):
     begin: InitialState
     errors: Samples
     rows: Samples
+    cost: float  # mean squared error in rad^2
     directions: Samples  # (m, j) orthonormal, in which the start moves the errors
     explained: Samples  # (j,) how far these lie along each
     step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
-
-    @property
-    def cost(self) -> float:
-        """Mean squared error in rad^2."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return float(np.mean(self.errors**2))
 
     @property
     def settled(self) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +114,18 @@ class Columns:
             mixture=mixture,
         )
 
-    @property
+    @cached_property
+    def moving(self) -> bool | None:
+        """True if the base moves, or is differentiated; InputError if that is not simulated."""
+        moves = self.joint.base_gives or COLUMNS["give"] in self.column
+        return require_plain_base(self.joint) if moves else None
+
+    @cached_property
+    def constants(self) -> Constants:
+        """The kernel's constants."""
+        return Constants.of(self.joint, moving=self.moving)
+
+    @cached_property
     def drives(self) -> int:
         """Number of input derivatives needed, of p4, delay, slow_delay and `DRIVE` in order."""
         gains = COLUMNS[LOOP_TERMS[0]]
@@ -129,32 +141,29 @@ class Readings:
     weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
 
 
-def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated of it
-    parameters: LumpedParameters,
+def differentiate(
     time: Samples,
     inputs: Samples,
     start: tuple[float, float],
     readings: Readings,
     columns: Columns,
+    *,
     loop: Loop | None = None,
 ) -> tuple[Samples, Samples]:
-    """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
+    """Simulate as `simulate` does; return (m,) readings and (m, n) derivatives by parameters.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
     already delayed, and, as counted by `Columns.drives`, its derivatives by both delays and the
     terms of the drive (none with the ``loop`` of a servo); `start` is in rad and rad/s.
     """
-    if not columns.column.size:
-        angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
+    if not columns.names:
+        angle, velocity = simulate(columns.joint, time, inputs[0], *start, loop)
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
         values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
         return values, np.empty((values.size, 0))
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
-    moving = None
-    if parameters.base_gives or any(columns.column == COLUMNS["give"]):
-        moving = require_plain_base(parameters)
-    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters, moving=moving)
+    drives, moving, constants = columns.joint.p4 * inputs[0], columns.moving, columns.constants
     moved = inputs if loop is None else inputs[:0]
     state = (*start, 0.0, 0.0)
     kernel.differentiate(
@@ -162,7 +171,7 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
         *(columns.column, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
-    return values, rows
+    return values, rows @ columns.mixture
 
 
 _ALONE: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
