@@ -11,7 +11,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.simulation import Segment, SimulatedMotion
+from butterfly.identification.simulation import SimulatedMotion, Simulation
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
@@ -65,16 +65,17 @@ def compare_three(
         # of a joint that nothing drives any gain will do
         driven = replace(parameters, p4=parameters.p4 or 1.0)
         robot, added = Robot.of_loaded(driven, log.added_mass, mass)
-        own = Segment(log, parameters)
-        angle, velocity = own.begin(parameters, zero, setting.velocity)
+        simulation = Simulation(log, parameters)
+        angle, velocity = simulation.given_start(setting.velocity)
         joint = MujocoJoint(robot, added, angle=angle - zero, velocity=velocity)
-        loop = own.loop(driven, zero)
+        (segment,) = simulation.segments
+        loop = segment.loop(driven, zero)
         if loop is None:
             slow = parameters.slow_delay, parameters.slow_interval
             mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive, slow)
         else:
-            states = replay_loop(joint, log, own.grid, loop)
-            mujoco = zero + SimulatedMotion(((own.grid, *states),)).at(log.time)
+            states = replay_loop(joint, log, segment.grid, loop)
+            mujoco = zero + SimulatedMotion(((segment.grid, *states),)).at(log.time)
         greybox = predictor.run(number, estimate).simulated
         found.append(
             ThreeWay(

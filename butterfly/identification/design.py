@@ -20,8 +20,9 @@ from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.levels import LOST
+from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.servo_drive import driven
-from butterfly.identification.simulation import LONGEST_STEP, Simulation
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import LARGEST_SWING, resonance_frequency

@@ -12,12 +12,8 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.simulation import (
-    LONGEST_STEP,
-    Simulation,
-    grid_step,
-    segment_length,
-)
+from butterfly.identification.segment import LONGEST_STEP, grid_step
+from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -149,10 +145,9 @@ class Simulations:
         self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], counted: Sequence[int]
     ) -> None:
         self._logs, self._zeros, self._counted = logs, zeros, counted
-        self._latest: dict[int, tuple[tuple[float, float | None], Simulation]] = {}
+        self._simulations: dict[int, tuple[tuple[float, float | None], Simulation]] = {}
         self._horizons: dict[LumpedParameters, float] = {}
-        self._fits: dict[tuple[int, Setting], float] = {}
-        self._followed: dict[tuple[int, Setting], float] = {}
+        self._runs: dict[int, tuple[Setting, FreeRun]] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
         """Leave what is kept behind in copies."""
@@ -187,52 +182,39 @@ class Simulations:
 
     def run(self, number: int, estimate: Estimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
-        setting = self.setting(number, estimate)
-        run = setting.run(self.simulation(number, setting))
-        self._fits.setdefault((number, setting), run.fit)
-        self._followed[number, setting] = run.followed
-        return run
+        return self._run(number, self.setting(number, estimate))
 
     def followed(self, estimate: Estimate, numbers: Iterable[int]) -> Samples:
         """(n,) how well some logs are followed with an estimate (see `FreeRun.followed`)."""
-        keys = [(number, self.setting(number, estimate)) for number in numbers]
-        for key in keys:
-            if key not in self._followed:
-                self.run(key[0], estimate)
-        return np.array([self._followed[key] for key in keys])
+        return np.array([self.run(number, estimate).followed for number in numbers])
 
     def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> Samples:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""
         chosen = range(len(self._logs)) if numbers is None else numbers
-        return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
-
-    def left_over(self, estimate: Estimate) -> float:
-        """Return the mean square of what free runs leave of the motion of the logs that count."""
-        return float(np.mean((1 - self.fits(estimate, self._counted) / 100) ** 2))
+        return np.array([self.run(number, estimate).fit for number in chosen])
 
     def fits_with(self, parameters: LumpedParameters, horizon: float = math.inf) -> Samples:
         """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
-        settings = [
-            Setting(parameters=parameters, zero=reading_of(log, self._zeros), horizon=horizon)
-            for log in self._logs
-        ]
-        return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
+        zeros = (reading_of(log, self._zeros) for log in self._logs)
+        settings = (Setting(parameters=parameters, zero=zero, horizon=horizon) for zero in zeros)
+        return np.array([self._run(number, each).fit for number, each in enumerate(settings)])
 
     def simulation(self, number: int, setting: Setting) -> Simulation:
         """Return what simulates one log, by its number; the latest of each is kept."""
         log = self._logs[number]
         key = grid_step(log, setting.parameters), setting.segment_length(log)
-        latest = self._latest.get(number)
+        latest = self._simulations.get(number)
         if latest is None or latest[0] != key:
-            self._latest[number] = latest = key, setting.simulation(log)
+            self._simulations[number] = latest = key, setting.simulation(log)
         return latest[1]
 
-    def _fit_of(self, number: int, setting: Setting) -> float:
-        """FIT of one log, as that of its free run, without keeping the angles."""
-        key = number, setting
-        if key not in self._fits:
-            self._fits[key] = setting.run(self.simulation(number, setting)).fit
-        return self._fits[key]
+    def _run(self, number: int, setting: Setting) -> FreeRun:
+        """Simulate one log, by its number; the latest free run of each is kept."""
+        latest = self._runs.get(number)
+        if latest is None or latest[0] != setting:
+            run = setting.run(self.simulation(number, setting))
+            self._runs[number] = latest = setting, run
+        return latest[1]
 
 
 def fit_of(error: float, motion: float) -> float:
@@ -262,11 +244,10 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     loaded = parameters.with_added_mass(log.added_mass)
     if not (loaded.p1 > 0 and loaded.p3 > 0):
         return math.inf
-    angle = log.angle - zero
-    if max(angle.max(), -angle.min()) <= math.pi / 2 or np.cos(angle).min() >= 0:
-        return math.inf  # gravity pulls back wherever the hand is
     grid = uniform_grid(log.time, LONGEST_STEP)
-    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
+    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, log.angle - zero))
+    if falling.max() <= 0:
+        return math.inf  # gravity pulls back wherever the hand is
     damping = max(loaded.p2, 0.0) / loaded.p1
     steps = _soonest(falling, damping, math.sqrt(loaded.p1 / loaded.p3))
     return steps * LONGEST_STEP if steps else math.inf

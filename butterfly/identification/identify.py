@@ -128,7 +128,8 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
         data.corrected(lambda log: log.tuned(1 + share), told),
     ]
     found = [(each, estimated(each, estimator)) for each in either]
-    left = [each.simulations.left_over(estimate) for each, estimate in found]
+    fits = (each.simulations.fits(estimate, each.counted) for each, estimate in found)
+    left = [np.mean((1 - each / 100) ** 2) for each in fits]  # of the squared motion
     near = [each for each, own in zip(found, left, strict=True) if LOST * own <= min(left)]
     (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):

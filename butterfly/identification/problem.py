@@ -28,7 +28,8 @@ from butterfly.identification.fit import (
     minimise_robustly,
 )
 from butterfly.identification.levels import FEW, LOST, MOST, PRECISE, ROUNDING
-from butterfly.identification.simulation import FINEST, Simulation, segment_length
+from butterfly.identification.segment import FINEST
+from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters, value_if_absent
@@ -179,7 +180,7 @@ class Problem:
         search.simulations += 1
         search.samples += sum(each.spend() for each in self.simulations)
         own = np.broadcast_to(values, (len(self.motion), len(self.keys)))
-        begins = [each.begins for each in self.simulations]
+        begins = [each.begins.copy() for each in self.simulations]
         simulated = partial(self._of_log, slopes=slopes)
         if self.options.workers == 1:
             found = _within(most, map(simulated, range(len(own)), own))
@@ -210,8 +211,10 @@ class Problem:
         names = list(own) if slopes else []
         errors, rows = simulation.linearised(names, parameters, zero, own.get("velocity"))
         unit = 1 / (self.motion[index] * errors.size**0.5)
+        errors *= unit
+        rows *= unit
         columns = np.array([mine[name] for name in names], dtype=np.intp)
-        return LogEquations(residuals=unit * errors, rows=unit * rows, columns=columns)
+        return LogEquations(residuals=errors, rows=rows, columns=columns)
 
     def weighed(self, at: Equations) -> Equations:
         """Return equations with what is known of the values, weighed by what they tell."""

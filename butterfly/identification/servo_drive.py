@@ -30,7 +30,6 @@ _DRIVES = {
     Output.TORQUE: InputKind.TORQUE,
 }
 _REACH = VELOCITY_SHARE * HALF_WIDTH  # s to either side, over which a rate is taken
-_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
 
 
 def needs_loop(log: Log) -> bool:
@@ -47,7 +46,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     delay; ``zero`` is the encoder's in rad.
     """
     step = float(grid[1] - grid[0])
-    setpoint, late = inputs[0] @ _SIMPSON, inputs[1] @ _SIMPSON
+    setpoint, late = inputs[0] @ hold.SIMPSON, inputs[1] @ hold.SIMPSON
     servo = log.servo if log.closed else None
     slews = servo is not None and _slews(servo)
     if servo is not None and slews:
@@ -56,7 +55,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     if servo is not None and servo.kick < math.inf and not slews:
         time, goals = log.goal
         moved = hold.parabolas(time, _limited(goals, servo.kick), late_grid, log.intersample)
-        kicked = moved[0] @ _SIMPSON, moved[1] @ _SIMPSON
+        kicked = moved[0] @ hold.SIMPSON, moved[1] @ hold.SIMPSON
     enabled = None if log.enabled is None else _on_grid(log, "enabled", late_grid)
     return Loop.of(
         servo,

@@ -91,8 +91,7 @@ def cross_validate(
             raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
         estimates[name] = found
         for number, stretch in samples.items():
-            setting = predictor.setting(number, found)
-            squares[number] += _squares(setting.run(predictor.simulation(number, setting)), stretch)
+            squares[number] += _squares(predictor.run(number, found), stretch)
         horizon = min(horizon, predictor.horizon(found))
     fits = np.array([fit_of(*each) if each.any() else np.nan for each in np.sqrt(squares)])
     return CrossValidation(division=division, fits=fits, estimates=estimates, horizon=horizon)

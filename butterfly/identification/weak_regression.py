@@ -15,7 +15,7 @@ from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import SHOWS, WEIGHED
-from butterfly.identification.simulation import LONGEST_STEP
+from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,8 @@ def _open_circuit(constants: Constants) -> Constants:
 class Columns:
     """The k derivatives computed by the kernel, and how n parameters combine them."""
 
+    names: tuple[str, ...]  # (n,) of the parameters
+    joint: LumpedParameters  # with its added mass
     column: NDArray[np.int64]  # (k,) of the kernel's `COLUMNS`
     initial: Samples  # (4, k) derivatives of the initial state
     mixture: Samples  # (k, n) derivatives of what the columns stand for by the parameters
@@ -106,19 +109,36 @@ class Columns:
             own["base_compliance"] = {"begin_to_give": 1.0}
         for name in names:
             _require_derivative(name, own, loaded)
-        different = list(dict.fromkeys(key for name in names for key in own[name]))
+        keys = dict.fromkeys(key for name in names for key in own[name])
+        different = {key: number for number, key in enumerate(keys)}
         mixture = np.zeros((len(different), len(names)))
         for column, name in enumerate(names):
             for key, share in own[name].items():
-                mixture[different.index(key), column] = share
+                mixture[different[key], column] = share
         initial = np.zeros((4, len(different)))
         for state, (name, slope) in enumerate(INITIAL.items()):
             if name in different:
-                initial[state, different.index(name)] = slope
-        numbers = [-1 if key in INITIAL else COLUMNS[key] for key in different]
-        return cls(column=np.array(numbers, dtype=np.int64), initial=initial, mixture=mixture)
+                initial[state, different[name]] = slope
+        return cls(
+            names=tuple(names),
+            joint=loaded,
+            column=np.array([COLUMNS.get(key, -1) for key in different], dtype=np.int64),
+            initial=initial,
+            mixture=mixture,
+        )
 
-    @property
+    @cached_property
+    def moving(self) -> bool | None:
+        """True if the base moves, or is differentiated; InputError if that is not simulated."""
+        moves = self.joint.base_gives or COLUMNS["give"] in self.column
+        return require_plain_base(self.joint) if moves else None
+
+    @cached_property
+    def constants(self) -> Constants:
+        """The kernel's constants."""
+        return Constants.of(self.joint, moving=self.moving)
+
+    @cached_property
     def drives(self) -> int:
         """Number of input derivatives needed, of p4, delay, slow_delay and `DRIVE` in order."""
         gains = COLUMNS[LOOP_TERMS[0]]
@@ -134,46 +154,51 @@ class Readings:
     weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
 
 
-def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated of it
-    parameters: LumpedParameters,
+def differentiate(
     time: Samples,
     inputs: Samples,
     start: tuple[float, float],
     readings: Readings,
     columns: Columns,
+    *,
     loop: Loop | None = None,
 ) -> tuple[Samples, Samples]:
-    """Simulate as `simulate` does; return (m,) readings and (m, k) derivatives by the columns.
+    """Simulate as `simulate` does; return (m,) readings and (m, n) derivatives by parameters.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
     already delayed, and, as counted by `Columns.drives`, its derivatives by both delays and the
     terms of the drive (none with the ``loop`` of a servo); `start` is in rad and rad/s.
     """
-    if not columns.column.size:
-        angle, velocity = simulate(parameters, time, inputs[0], *start, loop)
+    if not columns.names:
+        angle, velocity = simulate(columns.joint, time, inputs[0], *start, loop)
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
         values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
         return values, np.empty((values.size, 0))
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
-    moving, numbers, moved = None, columns.column, inputs if loop is None else inputs[:0]
-    if parameters.base_gives or any(numbers == COLUMNS["give"]):
-        moving = require_plain_base(parameters)
+    joint, moving, constants = columns.joint, columns.moving, columns.constants
+    numbers, moved = columns.column, inputs if loop is None else inputs[:0]
     begins = numbers == COLUMNS["begin_to_give"]
     if begins.any():
-        torques = np.empty((1, *inputs.shape[1:]))
-        motion = simulate(parameters, time, inputs[0], *start)
-        begin_to_give(time, *motion, Constants.of(parameters, moving=True), torques[0])
+        motion = simulate(columns.joint, time, inputs[0], *start)
+        torques, yielding = (
+            np.empty((1, *inputs.shape[1:])),
+            Constants.of(columns.joint, moving=True),
+        )
+        begin_to_give(time, *motion, yielding, torques[0])
         numbers = np.where(begins, DRIVES + len(inputs), numbers)
         moved = np.concatenate([inputs, torques])
-    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters, moving=moving)
-    state = (*start, 0.0, 0.0)
+    drives, state = joint.p4 * inputs[0], (*start, 0.0, 0.0)
     kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
         *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
-    return values, rows
+    return values, rows @ columns.mixture
+
+
+_ALONE: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
+_NAMES = {*TERMS, *INITIAL}
 
 
 def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str, float]]:
@@ -181,8 +206,7 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str,
     brakes = loaded.coulomb >= 0
     held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
-    own: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
-    return own | {
+    return _ALONE | {
         "p2": {"viscous": 1.0},
         "back_emf": {"back_emf": 1.0, "viscous": -1.0},
         "coulomb": level,
@@ -218,7 +242,7 @@ def _require_derivative(
     name: str, own: Mapping[str, Mapping[str, float]], loaded: LumpedParameters
 ) -> None:
     """Raise InputError unless the model has a derivative by a parameter at its value."""
-    if name not in {*TERMS, *INITIAL} or name not in own:
+    if name not in _NAMES or name not in own:
         known = [each for each in (*TERMS, *INITIAL) if each in own]
         raise InputError("sensitivities", "parameter", name, nearest(name, known))
     if name == "time_constant" and not loaded.time_constant > 0:

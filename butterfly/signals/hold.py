@@ -14,6 +14,9 @@ from butterfly.arrays import Samples
 from butterfly.compiled import compiled, inlined, pasted
 from butterfly.logs.log import Intersample
 
+SIMPSON = np.array([1.0, 4.0, 1.0]) / 6
+"""Weights of the values of a parabola at the start, middle and end of an interval in its mean."""
+
 _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rounding
 
 

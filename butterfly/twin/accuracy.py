@@ -16,7 +16,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.free_run import Setting
-from butterfly.identification.simulation import Segment, SimulatedMotion
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Intersample, Log
 from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.progress import in_threads, out_of_time, untracked
@@ -56,9 +56,9 @@ class _Case:
         log = log.opened
         carrying = replace(twin, added=log.added_mass)
         p = carrying.parameters
-        own = Segment(log, p, longest=_FINE)
-        angle, velocity = own.begin(p, setting.zero, setting.velocity)
-        motion = SimulatedMotion((own.run(p, setting.zero, setting.velocity),))
+        own = Simulation(log, p, longest=_FINE)
+        angle, velocity = own.given_start(setting.velocity)
+        motion = own.run(p, setting.zero, setting.velocity)
         length = min(log.time[-1] - log.time[0], setting.horizon)
         instants = log.time[0] + step * np.arange(max(int(length / step + 1e-9), 1) + 1)
         earlier = math.ceil(max(p.delay, 0.0) / step) + _EARLIER

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from scipy.integrate import solve_ivp
 
-from butterfly.identification.simulation import Segment
+from butterfly.identification.segment import Segment
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.greybox import simulate

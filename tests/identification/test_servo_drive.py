@@ -76,6 +76,7 @@ def test_derivatives_in_a_loop_are_those_of_differences(law, lag):
     values, found = simulation.linearised(names, joint, 0.1, 0.2)
     alone, *_ = simulation.linearised([], joint, 0.1, 0.2)
     np.testing.assert_allclose(alone, values, rtol=0, atol=1e-12)
+    assert {each.size for each in simulation.averages(joint)} == {values.size}
 
     def errors(name, step):
         point = {"zero": 0.1, "velocity": 0.2} | {name: step + getattr(joint, name, 0.0)}

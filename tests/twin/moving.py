@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from butterfly.identification.free_run import Setting
-from butterfly.identification.simulation import Segment, SimulatedMotion
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.twin.twin import Twin
@@ -65,8 +65,8 @@ def parsed(text):
 def ours(joint):
     """(n,) angles of our own simulation of its log."""
     ((log, setting),) = joint.recorded()
-    fine = Segment(log, joint.parameters, longest=1e-3)
-    return SimulatedMotion((fine.run(setting.parameters, 0.0, 0.0),)).at(log.time)
+    fine = Simulation(log, joint.parameters, longest=1e-3)
+    return fine.run(setting.parameters, 0.0, 0.0).at(log.time)
 
 
 def acceleration(p, angle, velocity, torque):

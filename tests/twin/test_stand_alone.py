@@ -11,7 +11,7 @@ from butterfly.api.identification import IdentifiedModel
 from butterfly.api.inspected import robot_of
 from butterfly.errors import InputError
 from butterfly.identification.free_run import Setting
-from butterfly.identification.simulation import Segment, SimulatedMotion
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Intersample, Log
 from butterfly.logs.reading import read_entry
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters, TorqueDrive
@@ -95,7 +95,7 @@ WORST = {  # rad, over 1.2 s, at steps of 0.5 and 5 ms
 @pytest.mark.parametrize(("seed", "integrator"), [(0, "RK4"), (1, "implicitfast")])
 def test_the_file_moves_alone_as_far_from_our_free_run_as_it_says(kind, seed, integrator):
     parameters, log = _drawn(seed, kind)
-    ours = SimulatedMotion((Segment(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0),))
+    ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
     assert np.ptp(ours.at(log.time)) > 0.1
     for step, most in zip((5e-4, 5e-3), WORST[kind], strict=True):
         asked = Options(timestep=step, integrator=integrator)
@@ -120,7 +120,7 @@ def test_a_delay_is_written_in_the_way_that_is_nearest(delay, step, most, gained
     assert error < most
     without = text_of(stand_alone(_twin(replace(parameters, delay=0.0), log), asked).root)
     moved, instants = _moved(without, log)
-    ours = SimulatedMotion((Segment(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0),))
+    ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
     assert np.abs(moved - ours.at(instants)).max() > gained * error
 
 

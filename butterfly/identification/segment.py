@@ -1,0 +1,155 @@
+"""A stretch of a log on its grid: simulated from an initial state with the recorded input.
+
+Between two instants of the grid the input is the parabola that has the mean and the first two
+moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.arrays import Samples, joined
+from butterfly.identification.servo_drive import loop_on_grid, needs_loop
+from butterfly.logs.log import InitialState, Intersample, Log
+from butterfly.model.greybox import Columns, Readings, differentiate, simulate
+from butterfly.model.kernel.servo_loop import Loop
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import DRIVE, DriveTerms
+from butterfly.signals import hold, polynomials
+from butterfly.signals.spectrum import uniform_grid
+
+LONGEST_STEP = 0.01
+"""Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
+
+_ROUGH = 0.005
+"""Share of noise in an input, from which on no two of its samples share a step: what it does where
+the joint turns back or sticks is then no matter of its mean."""
+
+FINEST = 100
+"""Steps in one of a log at most: what is faster no log shows."""
+_DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by both delays
+_STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
+
+
+class Segment:
+    """Simulates a stretch of a log on a fixed grid, from an initial state.
+
+    The step follows the resonance of the ``parameters`` of the bare hand and the log's drive, but
+    is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
+    """
+
+    def __init__(
+        self, log: Log, parameters: LumpedParameters, first: int = 0, longest: float = LONGEST_STEP
+    ) -> None:
+        self.log, self._first = log, first
+        self._looped = needs_loop(log)
+        step, self._every = min(grid_step(log, parameters), longest), 1
+        if log.closed and log.servo is not None:
+            step, self._every = log.servo.updates(step)
+        grid = uniform_grid(log.time, step)
+        self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
+        self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
+
+    def run(
+        self, joint: LumpedParameters, zero: float, begin: InitialState
+    ) -> tuple[Samples, Samples, Samples]:
+        """Return the (n,) grid in s, and on it the angle in rad and the velocity in rad/s.
+
+        The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
+        """
+        inputs, start = self._inputs(joint)[0], (begin.angle - zero, begin.velocity)
+        angle, velocity = simulate(joint, self.grid, inputs, *start, self.loop(joint, zero))
+        return self.grid, zero + angle, velocity
+
+    def linearised(
+        self, columns: Columns, zero: float, begin: InitialState
+    ) -> tuple[Samples, Samples]:
+        """Return (m,) errors in rad or rad/s, and (m, n) derivatives by the ``columns``.
+
+        Errors are simulated less measured, averaged over the samples of each grid interval: that
+        keeps their information at a fraction of their number.
+        """
+        joint, start = columns.joint, (begin.angle - zero, begin.velocity)
+        inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
+        loop = self.loop(joint, zero)
+        values, rows = differentiate(self.grid, inputs, start, readings, columns, loop=loop)
+        rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
+        if "zero" in columns.names:  # it moves the start back, and all readings on
+            rows[:, columns.names.index("zero")] += rise
+        return values + (rise * zero - measured), rows
+
+    def averages(self, joint: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
+        """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
+        readings, _, counts = self._averages
+        averaged = readings.into >= 0
+        middles = np.asarray((self.grid[:-1] + self.grid[1:])[averaged] / 2)
+        return counts, middles, np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
+
+    def loop(self, joint: LumpedParameters, zero: float) -> Loop | None:
+        """Return the loop of a servo that drives the joint; None where its input says all."""
+        if not self._looped:
+            return None
+        return loop_on_grid(self.log, joint, zero, self.grid, self._inputs(joint), self._every)
+
+    @cached_property
+    def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
+        """What is read off, and (m,) averages of what was measured, and of how many samples."""
+        log, first = self.log, self._first
+        into, weights, measured, counts = polynomials.averages(
+            self.grid, log.time[first:], log.measured[first:], log.integrated
+        )
+        return Readings(into=into, weights=weights), measured, counts
+
+    def _inputs(self, joint: LumpedParameters, drives: int = 2) -> Samples:
+        """(2 or more, n - 1, 3) input and its derivatives (see `Columns.drives`); keeps the last.
+
+        Searches simulate many times with one delay. A servo's are those of its set-point.
+        """
+        count = 2 if self._looped else max(drives, 2)
+        key = joint.delay, joint.slow_delay, joint.slow_interval, joint.drive
+        latest = self._latest
+        if latest is None or latest[0] != key or len(latest[1]) < count:
+            if self._looped:  # whose drive is in the loop
+                setpoint = self.log.goal if self.log.closed else self.log.command
+                found = self._parabolas(joint, *setpoint)
+            else:
+                found = self._delivered(joint, count)
+            self._latest = latest = key, found
+        return latest[1][:count]
+
+    def _delivered(self, joint: LumpedParameters, count: int = 2) -> Samples:
+        """(count, n - 1, 3) what the drive makes of the commands, and its derivatives."""
+        (time, commands), limit = self.log.command, joint.slow_interval
+        if joint.slow_delay:
+            time = self.log.arrivals(joint.slow_delay, limit)
+        delivered = joint.drive.delivered(commands)
+        parts = [self._parabolas(joint, time, delivered)]
+        if count >= _DELAYS:
+            held = self.log.intersample is Intersample.ZERO_ORDER_HOLD
+            steps = np.diff(delivered, prepend=0.0 if held else delivered[0])
+            slow = np.cumsum(steps * self.log.is_slow(limit))  # of steps while the clock is slow
+            slopes = (joint.slope(name, commands) for name in DRIVE[: count - _DELAYS])
+            parts.append(self._parabolas(joint, time, slow)[1:])
+            parts += (self._parabolas(joint, time, each)[:1] for each in slopes)
+        return joined(parts)
+
+    def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
+        """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
+        return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.intersample)
+
+
+def grid_step(log: Log, parameters: LumpedParameters) -> float:
+    """Return the longest step in s of a grid; no log shows a resonance a hundred times its rate."""
+    drive = log.excitation.omega if log.excitation else 0.0
+    loaded = parameters.with_added_mass(log.added_mass)
+    fastest = max(resonance_frequency(loaded), drive)
+    longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
+    if loaded.p2 * longest > loaded.p1:
+        longest = min(longest, log.mean_step)
+    if not fastest:
+        return longest
+    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / FINEST)
