@@ -15,7 +15,6 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import (
     Offer,
-    as_good,
     offers_in,
     stagewise,
 )
@@ -81,11 +80,10 @@ class TermChoice(NamedTuple):
 class LinearModel:
     """The end of a fit in some of the rows of linear equations (see `stagewise.Model`).
 
-    Several equations differ in the Stribeck velocity alone.
+    Several equations differ in the Stribeck velocity alone; the first ones are fitted.
     """
 
     models: tuple[Submodels, ...]
-    number: int = 0  # of the equations that are fitted
     optional: tuple[str, ...]  # rows that may be absent
     terms: frozenset[str] = frozenset()  # rows that are fitted
     masses: Sequence[AddedMass] = ()
@@ -94,19 +92,19 @@ class LinearModel:
     @cached_property
     def nested(self) -> Submodels:
         """The equations that are fitted, about the values."""
-        return self.models[self.number].about(self.values)
+        return self.models[0].about(self.values)
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
         """(n,) which of the parameters are fitted."""
         absent = {*self.optional} - self.terms
         absent |= companions(absent) - companions(self.terms)
-        return np.array([name not in absent for name in self.models[self.number].names])
+        return np.array([name not in absent for name in self.models[0].names])
 
     @cached_property
     def values(self) -> Samples:
         """(n,) values of the parameters; nan if the equations do not determine them."""
-        return np.asarray(self.models[self.number].fitted(self.kept[np.newaxis])[0])
+        return np.asarray(self.models[0].fitted(self.kept[np.newaxis])[0])
 
     @property
     def named(self) -> dict[str, float]:
@@ -117,23 +115,19 @@ class LinearModel:
         """Test rows that it does not have; of Stribeck friction the velocity that explains most."""
         found = []
         for row in rows:
-            scanned = enumerate(self.models) if row == STRIBECK else [(self.number, self.nested)]
+            scanned = self.models if row == STRIBECK else self.models[:1]
             tried = [
                 offer
-                for k, own in scanned
-                for offer in offers_in(
-                    *(own.about(self.values), self.kept, [row]),
-                    masses=self.masses,
-                    settings=own.settings,
-                    model=k,
-                )
+                for each in scanned
+                for offer in offers_in(each.about(self.values), self.kept, [row], self.masses)
             ]
             found += [max(tried, key=lambda each: each.share)] if tried else []
         return found
 
     def adding(self, offer: Offer) -> LinearModel | None:
         """Return the fit with a row more; None if no joint has it."""
-        more = replace(self, number=offer.model, terms=self.terms | {offer.name})
+        models = (offer.nested,) if offer.name == STRIBECK else self.models
+        more = replace(self, models=models, terms=self.terms | {offer.name})
         place = more.nested.names.index(offer.name)
         return more if more.values[place] > more.nested.equations.lower[place] else None
 
@@ -141,17 +135,12 @@ class LinearModel:
         """Return the fit without a term."""
         return replace(self, terms=self.terms - {name})
 
-    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
-        """Return the values with one row in place of another; None if that does not fit as well."""
-        other = replace(self, terms=self.terms - {taken} | {row})
-        return as_good(self.nested, self.kept, other.kept)
-
     def refuse_undetermined(self) -> None:
         """Raise IdentifiabilityError if the equations do not determine the parameters."""
         if np.isfinite(self.values).all():
             return
-        kept, own = self.kept, self.models[self.number].equations
-        alone = self.models[self.number].about(np.where(kept, own.values, 0.0)).equations
+        kept, own = self.kept, self.models[0].equations
+        alone = self.models[0].about(np.where(kept, own.values, 0.0)).equations
         known = None if own.prior is None else own.prior.active[kept]
         names = tuple(np.array(own.names)[kept].tolist())
         rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
@@ -193,8 +182,8 @@ def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
     """
     for count in range(len(terms), 0, -1):
         fits = [
-            replace(model, number=k, terms=frozenset(terms[:count]))
-            for k in range(len(model.models) if STRIBECK in terms[:count] else 1)
+            replace(model, models=(each,), terms=frozenset(terms[:count]))
+            for each in model.models[: None if STRIBECK in terms[:count] else 1]
         ]
         able = [each for each in fits if np.isfinite(each.values).all()]
         if able:
