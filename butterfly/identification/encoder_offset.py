@@ -155,19 +155,17 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
                 windows.append(averages._replace(added=NO_ADDED_MASS))
     if not windows:
         return None
-    idle = ~_ABOUT.regression(windows).rows.any(axis=0)
+    idle = ~replace(_ABOUT, windows=windows).regression().rows.any(axis=0)
     known = _ABOUT.known | Prior.of(dict.fromkeys(np.array(_ABOUT.names)[idle].tolist(), 0.0))
-    about = replace(_ABOUT, names=known.open(_ABOUT.names), known=known)
-    biased, ratio = _fitted(windows, replace(about, names=(*about.names, "bias")), middle)
-    return biased if ratio > CLEARLY else _fitted(windows, about, middle)[0]
+    about = replace(_ABOUT, windows=windows, names=known.open(_ABOUT.names), known=known)
+    biased, ratio = _fitted(replace(about, names=(*about.names, "bias")), middle)
+    return biased if ratio > CLEARLY else _fitted(about, middle)[0]
 
 
-def _fitted(
-    windows: Sequence[Windows], about: About, middle: float
-) -> tuple[EncoderOffset | None, float]:
+def _fitted(about: About, middle: float) -> tuple[EncoderOffset | None, float]:
     """Return the zero, and the last value in standard errors."""
     try:
-        solved = WeakFit.settled(windows, about).solved
+        solved = WeakFit.settled(about).solved
     except (IdentifiabilityError, InputError):
         return None, 0.0
     flat = solved.rows.reshape(-1, len(solved.names))

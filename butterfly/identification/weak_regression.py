@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import independent_cells_of
-from butterfly.identification.equations import CellEquations, Regression, Solution
-from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
+from butterfly.identification.equations import CellEquations, Regression
+from butterfly.identification.inference.linear_terms import usual_velocity
 from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
@@ -75,8 +75,9 @@ class Windows(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class About:
-    """What the equations of windows are about."""
+    """The windows of logs, and what their equations are about."""
 
+    windows: Sequence[Windows] = ()
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
@@ -86,11 +87,9 @@ class About:
     equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
-    def regression(
-        self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_] | None] | None = None
-    ) -> Regression:
+    def regression(self, use: Sequence[NDArray[np.bool_] | None] | None = None) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
-        pairs = zip(windows, use or [None] * len(windows), strict=True)
+        pairs = zip(self.windows, use or [None] * len(self.windows), strict=True)
         equations = [each.equations(self.names, self, used) for each, used in pairs]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
@@ -101,12 +100,17 @@ class About:
             names=self.names,
             rows=rows,
             target=np.concatenate(targets),
-            cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
+            cluster=np.repeat(np.arange(len(targets)), [target.size for target in targets]),
             about=about | vars(self.drive),
             least=self.known.lower,
             gain=self.gain,
             prior=Penalty.of(self.names, known, self.variance, about),
         )
+
+    @property
+    def latest(self) -> float:
+        """The delay in s of which the shortest log would hardly see the end."""
+        return _LATEST * min(each.averaging.duration for each in self.windows)
 
     def moved(self, values: Samples, latest: float, variance: float) -> About:
         """Return what equations about (n,) values of the names are about, no delay too late."""
@@ -131,37 +135,36 @@ class WeakFit:
     solved: CellEquations
 
     @classmethod
-    def of(
-        cls, windows: Sequence[Windows], names: tuple[str, ...], slow: float, known: Prior
-    ) -> WeakFit:
+    def of(cls, windows: Sequence[Windows], names: tuple[str, ...], known: Prior) -> WeakFit:
         """Solve with what is uncertain held, and free, as delays may run away: the likelier fit."""
         exact = known.fixed
         about = About(
+            windows=windows,
             names=names,
             known=known,
-            slow=slow,
+            slow=usual_velocity(known),
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
             drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
-        held = cls.settled(windows, about)
+        held = cls.settled(about)
         if not known.uncertain:
             return held
-        free = cls.settled(windows, replace(about, variance=0.0))
-        if not 0 <= free.about.delay < _latest(windows):
+        free = cls.settled(replace(about, variance=0.0))
+        if not 0 <= free.about.delay < about.latest:
             return held
-        found = cls.settled(windows, replace(free.about, variance=free.solved.realised_variance))
+        found = cls.settled(replace(free.about, variance=free.solved.realised_variance))
         rows = found.cost / max(found.about.variance, _LEAST)  # worth as many independent ones
         return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
 
     @classmethod
-    def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+    def settled(cls, about: About) -> WeakFit:
         """Solve, and again about what was found, until delay, drive and scatter rest."""
-        weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
-        cells, settled = independent_cells_of(len(windows), len(about.names)), False
+        weighs, latest = bool(about.known.uncertain and about.variance), about.latest
+        cells, settled = independent_cells_of(len(about.windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))
         for _ in range(_ROUNDS):
-            regression = about.regression(windows)
+            regression = about.regression()
             solution = regression.solve()
             moved, values = solution.values - values, solution.values
             solved = CellEquations.of(regression, solution, cells=cells) if weighs else None
@@ -194,20 +197,10 @@ class WeakFit:
     @property
     def values(self) -> dict[str, float]:
         """Values by name, what is known exactly among them."""
-        found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
-        return self.about.known.fixed | found
+        return self.about.known.fixed | self.solved.named
 
-    def nested(self, windows: Sequence[Windows], names: tuple[str, ...], slow: float) -> Submodels:
-        """Return the equations with other terms, or another Stribeck velocity, about this end."""
-        regression = replace(self.about, names=names, slow=slow).regression(windows)
-        values = np.array([self.values.get(name, 0.0) for name in names])
-        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
-        cells = independent_cells_of(len(windows), len(names))
-        equations = CellEquations.of(regression, solution, cells=cells)
-        found = submodels_of(equations, [each.added for each in windows], NEGLIGIBLE)
-        return replace(found, settings={"stribeck_velocity": slow})
-
-
-def _latest(windows: Sequence[Windows]) -> float:
-    """Return the delay in s of which the shortest log would hardly see the end."""
-    return _LATEST * min(each.averaging.duration for each in windows)
+    def equations(self, names: tuple[str, ...], slow: float) -> CellEquations:
+        """Return those of n parameters, at a Stribeck velocity in rad/s, about this end."""
+        regression = replace(self.about, names=names, slow=slow).regression()
+        cells = independent_cells_of(len(self.about.windows), len(names))
+        return CellEquations.of(regression, regression.at(self.values), cells=cells)

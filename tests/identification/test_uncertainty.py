@@ -47,7 +47,7 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     logs = [logs[0].take(np.arange(1200)), *logs[1:]]
     averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
     windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
-    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NO_PRIOR).values
+    values = WeakFit.of(windows, PARAMETERS, NO_PRIOR).values
     delay = values.pop("delay")
     parts = {True: 0.0, False: 0.0}
     for log, averaging in zip(logs, averages, strict=True):

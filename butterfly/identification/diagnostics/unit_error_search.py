@@ -166,7 +166,7 @@ class _Fit:
     @classmethod
     def of(cls, windows: Sequence[Windows], known: Mapping[str, float]) -> _Fit:
         """Return the fit of all of `_NAMES` but what is known."""
-        regression = replace(_ABOUT, delay=known.get("delay", 0.0)).regression(windows)
+        regression = replace(_ABOUT, windows=windows, delay=known.get("delay", 0.0)).regression()
         held, rows = np.isin(_NAMES, [*known]), regression.rows
         found = np.array([0.0 if name == "delay" else known.get(name, 0.0) for name in _NAMES])
         left = regression.target - rows @ found

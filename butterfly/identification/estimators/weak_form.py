@@ -47,19 +47,16 @@ from butterfly.identification.inference.identifiability import ScaleParameter, i
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
-    LinearModel,
+    LinearProblem,
     TermChoice,
-    candidates,
-    choose,
-    demanded,
-    stribeck_velocities,
+    optional_terms,
 )
 from butterfly.identification.test_functions import HALF_WIDTH
 from butterfly.identification.weak_regression import WeakFit, Windows
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, FrictionTerms, offered
+from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, offered
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -70,22 +67,22 @@ def fitted_terms(
     known: Prior,
     offers: Sequence[str] = COMMON,
 ) -> tuple[WeakFit, TermChoice]:
-    """Choose from some offers, or, where terms are given, only a Stribeck velocity; fit them."""
-    usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
-    always, masses = known.fitted(PARAMETERS), [each.added for each in windows]
-    rows = candidates(offers, masses, known) if terms is None else terms
-    rows = tuple(name for name in rows if name not in known.parameters)
-    plain = tuple(name for name in rows if name != STRIBECK)
-    first = WeakFit.of(windows, (*always, *(plain if terms is None else ())), usual, known)
-    speeds = [first.about.slow]
-    if STRIBECK in rows:
-        fastest = max(each.averaging.fastest for each in windows)
-        speeds = stribeck_velocities(fastest, known)
-    models = tuple(first.nested(windows, (*always, *rows), speed) for speed in speeds)
-    model = LinearModel(models=models, optional=rows, masses=masses)
-    found = choose(model) if terms is None else demanded(model, rows)
-    slow = found.settings.get("stribeck_velocity", usual)
-    return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
+    """Fit given terms, or, without any, those that are chosen from some offers."""
+    base, masses = known.fitted(PARAMETERS), [each.added for each in windows]
+    rows = optional_terms(terms, offers, masses, known)
+    candidates = tuple(name for name in rows if name != STRIBECK) if terms is None else ()
+    first = WeakFit.of(windows, (*base, *candidates), known)
+    problem = LinearProblem(
+        equations=first.equations,
+        base=base,
+        terms=rows,
+        masses=masses,
+        known=known,
+        fastest=max(each.averaging.fastest for each in windows),
+    )
+    chosen = problem.fitted(choosing=terms is None)
+    slow = chosen.settings.get("stribeck_velocity", first.about.slow)
+    return WeakFit.settled(replace(first.about, names=chosen.names, slow=slow)), chosen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,8 +212,8 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     """Return the fit of some logs through their instruments; what a bound holds stays there."""
     names = fit.solved.names
     moving = [each.moving(fit.about.delay) for each in pairs]
-    regression = fit.about.regression([each.windows for each in pairs], moving)
-    through = fit.about.regression([each.instruments for each in pairs], moving)
+    regression = fit.about.regression(moving)
+    through = replace(fit.about, windows=[each.instruments for each in pairs]).regression(moving)
     # what the simulations lack of balance is taken from the logs
     simulated = np.array([each.instruments is not each.windows for each in pairs])
     error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import (
     Offer,
     offers_in,
     stagewise,
 )
-from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import FOLLOWERS, GEAR, companions
+from butterfly.model.terms import FOLLOWERS, GEAR, FrictionTerms, companions
 
 STRIBECK = "stribeck"
 """The term whose velocity is scanned."""
@@ -50,6 +51,11 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     return tuple(name for name in names if name not in lost)
 
 
+def usual_velocity(known: Prior) -> float:
+    """Return the Stribeck velocity in rad/s that is known, or else the model's."""
+    return known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+
+
 def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     """Return Stribeck velocities in rad/s to try: none if its friction is known, one if it is."""
     if STRIBECK in known.parameters:
@@ -57,6 +63,43 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     if "stribeck_velocity" in known.fixed:
         return [known.fixed["stribeck_velocity"]]
     return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
+
+
+def optional_terms(
+    terms: Sequence[str] | None, offers: Iterable[str], masses: Iterable[AddedMass], known: Prior
+) -> tuple[str, ...]:
+    """Return the unknown ones of some terms, or, if None are given, the candidates of offers."""
+    if terms is None:
+        return candidates(offers, masses, known)
+    return tuple(name for name in terms if name not in known.parameters)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearProblem:
+    """The equations of logs, which are linear in the parameters, with any terms."""
+
+    # with n parameters at a Stribeck velocity in rad/s
+    equations: Callable[[tuple[str, ...], float], CellEquations]
+    base: tuple[str, ...]  # parameters that every fit has
+    terms: tuple[str, ...]  # that may be absent
+    masses: Sequence[AddedMass]  # of each log
+    known: Prior
+    fastest: float  # largest speed in rad/s
+    negligible: float = NEGLIGIBLE  # size of an error that is none
+
+    def fitted(self, *, choosing: bool) -> TermChoice:
+        """Return the fit with the terms, or with those of them that predict better."""
+        speeds = [usual_velocity(self.known)]
+        if STRIBECK in self.terms:
+            speeds = stribeck_velocities(self.fastest, self.known)
+        models = tuple(self._nested(speed) for speed in speeds)
+        model = LinearModel(models=models, optional=self.terms, masses=self.masses)
+        return choose(model) if choosing else demanded(model, self.terms)
+
+    def _nested(self, speed: float) -> Submodels:
+        equations = self.equations((*self.base, *self.terms), speed)
+        found = submodels_of(equations, self.masses, self.negligible)
+        return replace(found, settings={"stribeck_velocity": speed})
 
 
 class TermChoice(NamedTuple):
@@ -106,11 +149,6 @@ class LinearModel:
         """(n,) values of the parameters; nan if the equations do not determine them."""
         return np.asarray(self.models[0].fitted(self.kept[np.newaxis])[0])
 
-    @property
-    def named(self) -> dict[str, float]:
-        """The values by name."""
-        return dict(zip(self.nested.names, self.values.tolist(), strict=True))
-
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have; of Stribeck friction the velocity that explains most."""
         found = []
@@ -156,7 +194,7 @@ class LinearModel:
         return TermChoice(
             names=(*base, *terms),
             terms=terms,
-            values=self.named | scanned,
+            values=self.nested.equations.named | scanned,
             settings=scanned,
             rivals=tuple(dict(each) for each in rivals),
             findings=(
