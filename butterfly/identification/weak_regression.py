@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.equations import CellEquations, Regression
-from butterfly.identification.inference.linear_terms import usual_velocity
+from butterfly.identification.inference.linear_terms import (
+    STRIBECK,
+    LinearProblem,
+    TermChoice,
+    usual_velocity,
+)
 from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
@@ -78,6 +83,7 @@ class About:
     """The windows of logs, and what their equations are about."""
 
     windows: Sequence[Windows] = ()
+    use: Sequence[NDArray[np.bool_] | None] = ()  # of each log's test functions; if (), where it moves
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
@@ -87,9 +93,9 @@ class About:
     equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
-    def regression(self, use: Sequence[NDArray[np.bool_] | None] | None = None) -> Regression:
+    def regression(self) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
-        pairs = zip(self.windows, use or [None] * len(self.windows), strict=True)
+        pairs = zip(self.windows, self.use or [None] * len(self.windows), strict=True)
         equations = [each.equations(self.names, self, used) for each, used in pairs]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
@@ -204,3 +210,27 @@ class WeakFit:
         regression = replace(self.about, names=names, slow=slow).regression()
         cells = independent_cells_of(len(self.about.windows), len(names))
         return CellEquations.of(regression, regression.at(self.values), cells=cells)
+
+
+def fitted_terms(
+    windows: Sequence[Windows],
+    base: tuple[str, ...],
+    terms: tuple[str, ...],
+    known: Prior,
+    *,
+    choosing: bool,
+) -> tuple[WeakFit, TermChoice]:
+    """Return the fit of base parameters and some terms, or those of them that predict better."""
+    linear = tuple(name for name in terms if name != STRIBECK) if choosing else ()
+    first = WeakFit.of(windows, (*base, *linear), known)
+    problem = LinearProblem(
+        equations=first.equations,
+        base=base,
+        terms=terms,
+        masses=[each.added for each in windows],
+        known=known,
+        fastest=max(each.averaging.fastest for each in windows),
+    )
+    chosen = problem.fitted(choosing=choosing)
+    slow = chosen.settings.get("stribeck_velocity", first.about.slow)
+    return WeakFit.settled(replace(first.about, names=chosen.names, slow=slow)), chosen
