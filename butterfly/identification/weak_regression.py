@@ -83,7 +83,8 @@ class About:
     """The windows of logs, and what their equations are about."""
 
     windows: Sequence[Windows] = ()
-    use: Sequence[NDArray[np.bool_] | None] = ()  # of each log's test functions; if (), where it moves
+    # (m,) mask of the test functions of each log that count; if (), where the joint moves
+    use: Sequence[NDArray[np.bool_] | None] = ()
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s

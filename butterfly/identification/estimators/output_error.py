@@ -315,7 +315,7 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
 
 def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
     """Return values of a clock wrong by a share instead: damping grows by it, inertia by twice."""
-    own = dict(zip(solved.names, solved.values.tolist(), strict=True))
+    own = solved.named
     share = own.get("mass_inertia", 0.0)
     if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
         return []
