@@ -27,7 +27,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import Conditioning, is_driven
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, SPREADS
-from butterfly.identification.weak_regression import About, WeakFit, Windows
+from butterfly.identification.weak_regression import About, WeakFit, averaging_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
@@ -139,10 +139,11 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
     """Return the zero in rad by the motion of logs with one added mass; None if undetermined."""
     middle, windows = float(np.median(logs[0].angle)), []
     for log in logs:
-        averages = Windows.of(log, near(middle, float(np.median(log.angle))))
+        bare = replace(log, added_mass=NO_ADDED_MASS)
+        averages = averaging_of(bare, near(middle, float(np.median(log.angle))))
         with suppress(InputError):  # of a log that is too short
             if averages.moving(0.0).any():
-                windows.append(averages._replace(added=NO_ADDED_MASS))
+                windows.append(averages)
     if not windows:
         return None
     known = Prior.of({"p1": 1.0} | ({} if is_driven(logs) else {"p4": 0.0, "delay": 0.0}))

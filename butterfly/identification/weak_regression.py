@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,6 @@ from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
 
@@ -34,57 +32,22 @@ _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny
 
 
-class Windows(NamedTuple):
-    """A log's added mass, and what the log says over test functions."""
-
-    added: AddedMass
-    averaging: Averaging
-
-    @classmethod
-    def of(
-        cls, log: Log, zero: float, half_width: float = HALF_WIDTH, periods: float = 1.0
-    ) -> Windows:
-        """Average a log about a zero in rad, a sine over a quarter of its period at most."""
-        if log.excitation is not None:
-            half_width = min(half_width, math.pi / 2 / log.excitation.omega)
-        settings = FrictionTerms(cogging_periods=periods)
-        return cls(log.added_mass, Averaging(log, zero, half_width, settings))
-
-    def moving(self, delay: float) -> NDArray[np.bool_]:
-        """Whether the joint moves in each test function."""
-        return self.averaging.signals((), delay=delay).moving
-
-    def equations(
-        self, names: tuple[str, ...], about: About, use: NDArray[np.bool_] | None = None
-    ) -> tuple[Samples, Samples]:
-        """(m, n) regressors and (m,) targets where it moves, rms inertial term 1/sqrt(m)."""
-        known = about.known.fixed
-        told = {name: known[name] for name in known if name not in _SETTINGS}
-        every = (*names, *told, "p1", "p3")
-        signals = self.averaging.signals(
-            [name for name in every if name != _BY_MASS],
-            delay=about.delay,
-            drive=about.drive,
-            stribeck_velocity=about.slow,
-        )
-        used = signals.moving if use is None else use
-        mean = {name: each[used] for name, each in signals.mean.items()}
-        mean[_BY_MASS] = self.added.swung * mean["p1"]
-        inertia, gravity = mean["p1"], mean["p3"]
-        size = (float(np.linalg.norm(inertia)) if about.equal_logs else 0.0) or 1.0
-        carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
-        for name, value in told.items():
-            carried = carried + value * mean[name]
-        return np.column_stack([mean[name] for name in names]) / size, -carried / size
+def averaging_of(
+    log: Log, zero: float, half_width: float = HALF_WIDTH, periods: float = 1.0
+) -> Averaging:
+    """Return averages of a log about a zero in rad, of a sine over a quarter period at most."""
+    if log.excitation is not None:
+        half_width = min(half_width, math.pi / 2 / log.excitation.omega)
+    return Averaging(log, zero, half_width, FrictionTerms(cogging_periods=periods))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class About:
-    """The windows of logs, and what their equations are about."""
+    """The test functions of logs, and what the equations of their averages are about."""
 
-    windows: Sequence[Windows] = ()
+    windows: Sequence[Averaging] = ()
     # (m,) mask of the test functions of each log that count; if (), where the joint moves
-    use: Sequence[NDArray[np.bool_] | None] = ()
+    use: Sequence[NDArray[np.bool_]] = ()
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
@@ -96,8 +59,8 @@ class About:
 
     def regression(self) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
-        pairs = zip(self.windows, self.use or [None] * len(self.windows), strict=True)
-        equations = [each.equations(self.names, self, used) for each, used in pairs]
+        use = self.use or [each.moving(self.delay) for each in self.windows]
+        equations = [self._of_log(*pair) for pair in zip(self.windows, use, strict=True)]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
         if not self.gain:  # p4 is found first
@@ -114,10 +77,27 @@ class About:
             prior=Penalty.of(self.names, known, self.variance, about),
         )
 
+    def _of_log(self, each: Averaging, used: NDArray[np.bool_]) -> tuple[Samples, Samples]:
+        """(m, n) regressors and (m,) targets of what is used, rms inertial term 1/sqrt(m)."""
+        given = {name: value for name, value in self.known.fixed.items() if name not in _SETTINGS}
+        signals = each.signals(
+            [name for name in (*self.names, *given, "p1", "p3") if name != _BY_MASS],
+            delay=self.delay,
+            drive=self.drive,
+            stribeck_velocity=self.slow,
+        )
+        mean = {name: column[used] for name, column in signals.mean.items()}
+        mean[_BY_MASS] = each.added.swung * mean["p1"]
+        size = (float(np.linalg.norm(mean["p1"])) if self.equal_logs else 0.0) or 1.0
+        torque = each.added.inertia * mean["p1"] + each.added.gravity_moment * mean["p3"]
+        for name, value in given.items():
+            torque = torque + value * mean[name]
+        return np.column_stack([mean[name] for name in self.names]) / size, -torque / size
+
     @property
     def latest(self) -> float:
         """The delay in s of which the shortest log would hardly see the end."""
-        return _LATEST * min(each.averaging.duration for each in self.windows)
+        return _LATEST * min(each.duration for each in self.windows)
 
     def moved(self, values: Samples, latest: float, variance: float) -> About:
         """Return what equations about (n,) values of the names are about, no delay too late."""
@@ -142,7 +122,7 @@ class WeakFit:
     solved: CellEquations
 
     @classmethod
-    def of(cls, windows: Sequence[Windows], names: tuple[str, ...], known: Prior) -> WeakFit:
+    def of(cls, windows: Sequence[Averaging], names: tuple[str, ...], known: Prior) -> WeakFit:
         """Solve with what is uncertain held, and free, as delays may run away: the likelier fit."""
         exact = known.fixed
         about = About(
@@ -214,7 +194,7 @@ class WeakFit:
 
 
 def fitted_terms(
-    windows: Sequence[Windows],
+    windows: Sequence[Averaging],
     base: tuple[str, ...],
     terms: tuple[str, ...],
     known: Prior,
@@ -230,7 +210,7 @@ def fitted_terms(
         terms=terms,
         masses=[each.added for each in windows],
         known=known,
-        fastest=max(each.averaging.fastest for each in windows),
+        fastest=max(each.fastest for each in windows),
     )
     chosen = problem.fitted(choosing=choosing)
     slow = chosen.settings.get("stribeck_velocity", first.about.slow)

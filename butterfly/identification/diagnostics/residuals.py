@@ -340,7 +340,7 @@ def _missing_terms(
     rounding = PRECISE * float(np.sqrt(equations.cost.sum() / len(logs)))
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     model = LinearModel(models=(nested,), optional=lacking)
-    if not np.isfinite(model.values).all():
+    if not model.determined:
         return MissingTerms(), np.zeros(len(logs))
     found = stagewise(model, lacking, ())
     ends = np.array([model.values, found.model.values])

@@ -45,7 +45,7 @@ from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.problem import Start
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.test_functions import Averaging
-from butterfly.identification.weak_regression import About, Windows
+from butterfly.identification.weak_regression import About
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
@@ -159,12 +159,12 @@ class _Trial:
 class _Fit:
     """The weak form of some logs, fitted without bounds."""
 
-    windows: tuple[Windows, ...]  # of each log
+    windows: tuple[Averaging, ...]  # of each log
     equations: CellEquations  # about the end, each log a cell
     misfit: float  # share of the torques that is left over; infinite where no joint has such a p1
 
     @classmethod
-    def of(cls, windows: Sequence[Windows], known: Mapping[str, float]) -> _Fit:
+    def of(cls, windows: Sequence[Averaging], known: Mapping[str, float]) -> _Fit:
         """Return the fit of all of `_NAMES` but what is known."""
         regression = replace(_ABOUT, windows=windows, delay=known.get("delay", 0.0)).regression()
         held, rows = np.isin(_NAMES, [*known]), regression.rows
@@ -191,7 +191,7 @@ class _Fit:
         return self.misfit * math.sqrt(max(0.0, 1 - explained)), slope
 
 
-def _windows_of(data: DataSet) -> list[Windows]:
+def _windows_of(data: DataSet) -> list[Averaging]:
     """Return averages over a third of a period of motion; IdentifiabilityError if one is still."""
     windows = []
     for log in data.logs:
@@ -200,8 +200,7 @@ def _windows_of(data: DataSet) -> list[Windows]:
         omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
         third = 2 * math.pi / (3 * omegas[np.argmax(power)])
         width = min(max(third, 12 * log.mean_step), (log.time[-1] - log.time[0]) / 20)
-        averaging = Averaging(log, data.zero_of(log), float(width), FrictionTerms())
-        windows.append(Windows(log.added_mass, averaging))
+        windows.append(Averaging(log, data.zero_of(log), float(width), FrictionTerms()))
     return windows
 
 
@@ -294,7 +293,7 @@ class _Search:
             if HYPOTHESES[trial.error].column in {"arm", "mass"} and self._here:
                 right = [trial.right_log(log).added_mass for log in self._thin.logs]
                 pairs = zip(self._here.windows, right, strict=True)
-                windows = [each._replace(added=mass) for each, mass in pairs]
+                windows = [each.carrying(mass) for each, mass in pairs]
             else:
                 windows = _windows_of(trial.undone(self._thin))
             return replace(trial, misfit=_Fit.of(windows, self._known).misfit)
@@ -388,10 +387,10 @@ class _Search:
         return []
 
 
-def _share_of_angle(each: Windows) -> Samples | None:
+def _share_of_angle(each: Averaging) -> Samples | None:
     """Return the (cells, 2) information on a, and its pull, of parts of a log; None if undriven."""
     names = ("spring", "p4", *_OF_SETPOINT)
-    signals = each.averaging.signals(names)
+    signals = each.signals(names)
     spring, drive, *others = (signals.mean[name][signals.moving] for name in names)
     if spring.size <= len(names) or not drive.any():
         return None

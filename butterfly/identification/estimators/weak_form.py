@@ -45,8 +45,8 @@ from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
-from butterfly.identification.test_functions import HALF_WIDTH
-from butterfly.identification.weak_regression import WeakFit, Windows, fitted_terms
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
+from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -151,7 +151,7 @@ class WeakForm(Estimator):
         """Return the fit of the terms, or, if None are given, of those chosen from offers."""
         masses, periods = [log.added_mass for log in logs], self._periods(known)
         windows = [
-            Windows.of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
+            averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
         ]
         terms = optional_terms(self.terms, offers, masses, known)
         base, choosing = known.fitted(PARAMETERS), self.terms is None
@@ -163,22 +163,22 @@ class WeakForm(Estimator):
 
 def instruments_of(
     logs: Sequence[Log],
-    windows: Sequence[Windows],
+    windows: Sequence[Averaging],
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
-) -> list[Windows]:
+) -> list[Averaging]:
     """Return the windows of each log's simulation, or of the log itself where that fails."""
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [*windows]
     instruments = []
     for log, each in zip(logs, windows, strict=True):
         run = FreeRun.of(log, Setting(parameters=parameters, zero=reading_of(log, zeros)))
-        like = each._replace(averaging=each.averaging.moving_so(run.simulated))
-        instruments.append(like if run.fit > LEAST_FIT else each)
+        follows = run.fit > LEAST_FIT
+        instruments.append(each.moving_so(run.simulated) if follows else each)
     return instruments
 
 
-def refined(fit: WeakFit, instruments: Sequence[Windows]) -> WeakFit:
+def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
     """Return the fit of some logs through instruments; what a bound holds stays there."""
     names, pairs = fit.solved.names, [*zip(fit.about.windows, instruments, strict=True)]
     delay = fit.about.delay

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
@@ -92,14 +93,13 @@ class LinearProblem:
         speeds = [usual_velocity(self.known)]
         if STRIBECK in self.terms:
             speeds = stribeck_velocities(self.fastest, self.known)
-        models = tuple(self._nested(speed) for speed in speeds)
-        model = LinearModel(models=models, optional=self.terms, masses=self.masses)
+        models = []
+        for speed in speeds:
+            equations = self.equations((*self.base, *self.terms), speed)
+            nested = submodels_of(equations, self.masses, self.negligible)
+            models.append(replace(nested, settings={"stribeck_velocity": speed}))
+        model = LinearModel(models=tuple(models), optional=self.terms, masses=self.masses)
         return choose(model) if choosing else demanded(model, self.terms)
-
-    def _nested(self, speed: float) -> Submodels:
-        equations = self.equations((*self.base, *self.terms), speed)
-        found = submodels_of(equations, self.masses, self.negligible)
-        return replace(found, settings={"stribeck_velocity": speed})
 
 
 class TermChoice(NamedTuple):
@@ -173,16 +173,20 @@ class LinearModel:
         """Return the fit without a term."""
         return replace(self, terms=self.terms - {name})
 
-    def refuse_undetermined(self) -> None:
-        """Raise IdentifiabilityError if the equations do not determine the parameters."""
-        if np.isfinite(self.values).all():
-            return
+    @property
+    def determined(self) -> bool:
+        """Whether the equations determine the parameters."""
+        return bool(np.isfinite(self.values).all())
+
+    @property
+    def refusal(self) -> IdentifiabilityError:
+        """The error that says which parameters the equations do not determine."""
         kept, own = self.kept, self.models[0].equations
         alone = self.models[0].about(np.where(kept, own.values, 0.0)).equations
         known = None if own.prior is None else own.prior.active[kept]
         names = tuple(np.array(own.names)[kept].tolist())
         rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
-        raise Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
+        return Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
 
     def choice(
         self, rivals: Iterable[Mapping[str, float]] = (), findings: Iterable[Finding] = ()
@@ -206,7 +210,8 @@ class LinearModel:
 
 def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
     """Choose from the rows of linear equations; IdentifiabilityError if they are singular."""
-    model.refuse_undetermined()
+    if not model.determined:
+        raise model.refusal
     found = stagewise(model, model.optional, rare)
     choice = found.model.choice(found.rival_values(), found.findings)
     return choice._replace(path=found.path)
@@ -218,23 +223,20 @@ def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
     The last of them are dropped that the equations cannot tell from the others.
     IdentifiabilityError if these are singular without any.
     """
-    for count in range(len(terms), 0, -1):
+    for count in range(len(terms), -1, -1):
         fits = [
             replace(model, models=(each,), terms=frozenset(terms[:count]))
             for each in model.models[: None if STRIBECK in terms[:count] else 1]
         ]
-        able = [each for each in fits if np.isfinite(each.values).all()]
-        if able:
-            best = min(able, key=_foreseen)
+        determined = [each for each in fits if each.determined]
+        if determined:
             lost = [Finding(FindingKind.INSEPARABLE, tuple(terms[count:]))] if terms[count:] else []
-            return best.choice(findings=lost)
-    model.refuse_undetermined()
-    lost = [Finding(FindingKind.INSEPARABLE, tuple(terms))] if terms else []
-    return model.choice(findings=lost)
+            return min(determined, key=_held_out_error).choice(findings=lost)
+    raise model.refusal
 
 
-def _foreseen(model: LinearModel) -> float:
+def _held_out_error(model: LinearModel) -> float:
     """Return the mean error of cells, predicted by the others if these determine the values."""
     errors = model.nested.held_out(model.kept[np.newaxis])[0]
-    known = np.isfinite(errors).all()
-    return float(np.mean(np.sqrt(errors if known else model.nested.equations.cost)))
+    finite = np.isfinite(errors).all()
+    return float(np.mean(np.sqrt(errors if finite else model.nested.equations.cost)))
