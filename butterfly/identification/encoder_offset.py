@@ -31,7 +31,6 @@ from butterfly.identification.weak_regression import About, WeakFit, averaging_o
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import IDEAL
 from butterfly.signals.frequency_response import ResponsePoint
 
 
@@ -79,7 +78,13 @@ def encoder_offsets(
     if unknown:
         home = _guess([log for log in logs if log.zero is None]).value
         found = _together({mass: _of_mass(pairs, home) for mass, pairs in unknown.items()})
-    return tuple(found[log.added_mass] if log.zero is None else _given(log.zero) for log in logs)
+    kind = OffsetKind.GIVEN
+    return tuple(
+        found[log.added_mass]
+        if log.zero is None
+        else EncoderOffset(value=log.zero.value, uncertainty=log.zero.uncertainty, kind=kind)
+        for log in logs
+    )
 
 
 def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
@@ -87,10 +92,6 @@ def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
     uncertain = sorted({zero for zero in zeros if zero.uncertainty}, key=lambda zero: zero.value)
     rows = [[each.uncertainty * (zero == each) for zero in zeros] for each in uncertain]
     return np.array(rows, dtype=float).reshape(len(uncertain), len(zeros))
-
-
-def _given(zero: Known) -> EncoderOffset:
-    return EncoderOffset(value=zero.value, uncertainty=zero.uncertainty, kind=OffsetKind.GIVEN)
 
 
 def _turns(log: Log) -> bool:
@@ -147,17 +148,9 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
     if not windows:
         return None
     known = Prior.of({"p1": 1.0} | ({} if is_driven(logs) else {"p4": 0.0, "delay": 0.0}))
-    about = About(
-        windows=windows,
-        names=known.open(("p3", "p3_offset", "p2", "coulomb", "drag", "p4", "delay")),
-        known=known,
-        slow=1.0,
-        delay=0.0,
-        drive=IDEAL,
-        gain=1.0,
-        equal_logs=False,
-    )
-    return _offset(replace(about, names=(*about.names, "bias")), middle) or _offset(about, middle)
+    names = known.open(("p3", "p3_offset", "p2", "coulomb", "drag", "p4", "delay"))
+    about = About(windows=windows, names=names, known=known, gain=1.0, equal_logs=False)
+    return _offset(replace(about, names=(*names, "bias")), middle) or _offset(about, middle)
 
 
 def _offset(about: About, middle: float) -> EncoderOffset | None:

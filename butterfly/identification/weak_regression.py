@@ -23,7 +23,7 @@ from butterfly.identification.simulation import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
@@ -50,9 +50,9 @@ class About:
     use: Sequence[NDArray[np.bool_]] = ()
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # what is known of the robot; what is known exactly is not among the names
-    slow: float  # Stribeck velocity in rad/s
-    delay: float  # from input to torque, in s
-    drive: DriveTerms  # what becomes of the input
+    slow: float = FrictionTerms.stribeck_velocity  # in rad/s
+    delay: float = 0.0  # from input to torque, in s
+    drive: DriveTerms = IDEAL  # what becomes of the input
     gain: float  # p4, as far as it is known
     equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed

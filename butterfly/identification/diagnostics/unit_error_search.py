@@ -49,7 +49,7 @@ from butterfly.identification.weak_regression import About
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
-from butterfly.model.terms import IDEAL, FrictionTerms, offered
+from butterfly.model.terms import FrictionTerms, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
@@ -61,14 +61,7 @@ _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
 
 _NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
 _OF_SETPOINT = ("p1", "p2", "p3", "p3_offset", "coulomb", "drag", "bias")
-_ABOUT = About(
-    names=_NAMES,
-    known=NO_PRIOR,
-    slow=FrictionTerms.stribeck_velocity,
-    delay=0.0,
-    drive=IDEAL,
-    gain=1.0,
-)
+_ABOUT = About(names=_NAMES, known=NO_PRIOR, gain=1.0)
 _NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a mistake in one log differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)
 
