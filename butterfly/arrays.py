@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
@@ -28,6 +29,11 @@ def unit_diagonal(matrix: Samples) -> tuple[Samples, Samples]:
     size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 0.0))
     size[size == 0] = 1.0
     return matrix / (size[..., :, None] * size[..., None, :]), size
+
+
+def standard_error(values: Samples) -> float:
+    """Return that of the mean of (n,) independent values; infinite of one."""
+    return float(np.std(values, ddof=1)) / values.size**0.5 if values.size > 1 else math.inf
 
 
 def blocks(count: int) -> Iterator[slice]:

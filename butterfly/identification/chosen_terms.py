@@ -20,7 +20,6 @@ from butterfly.identification.inference.linear_terms import STRIBECK, LinearMode
 from butterfly.identification.inference.stagewise import (
     ChosenTerms,
     Offer,
-    as_good,
     is_possible,
     offers_in,
     stagewise,
@@ -119,7 +118,7 @@ class FreeRunModel:
         kept = np.isin(there.labels, self.problem.labels)
         masses = [log.added_mass for log in there.logs]
         nested = _nested(there, at, len(self.every.keys))
-        return offers_in(nested, kept, rows, masses=masses, settings=settings)
+        return offers_in(replace(nested, settings=dict(settings)), kept, rows, masses)
 
     def equations(self, there: Problem, values: Samples) -> Equations:
         """Return the equations of a problem in other terms about (n,) values."""
@@ -144,7 +143,7 @@ class FreeRunModel:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
         here = dict(zip(self.problem.labels, self.end.values.tolist(), strict=True))
         moved = {label: offer.values[label] for label in (*here, offer.name)}
-        problem = self._with([offer.name], {**offer.settings, **moved})
+        problem = self._with([offer.name], {**offer.nested.settings, **moved})
         try:
             end = self.descended(problem)
             if not end.converged:
@@ -173,15 +172,6 @@ class FreeRunModel:
             if there is not None and there.is_finite:
                 break
         return replace(self, problem=problem, end=self.descended(problem, there))
-
-    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
-        """Return the values with one row in place of another; None if that does not fit as well."""
-        there = self._with([row], {})
-        at = self.equations(there, there.beside(self.problem, self.end.values))
-        kept = np.isin(there.labels, self.problem.labels)
-        other = kept & ~np.isin(there.labels, [taken, *companions({taken})])
-        other |= np.array(there.labels) == row
-        return as_good(_nested(there, at, len(self.every.keys)), kept, other)
 
 
 def _nested(problem: Problem, at: Equations, most: int) -> Submodels:

@@ -25,24 +25,13 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.inference.identifiability import Conditioning
+from butterfly.identification.inference.identifiability import Conditioning, is_driven
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, SPREADS
-from butterfly.identification.weak_regression import About, WeakFit, Windows
+from butterfly.identification.weak_regression import About, WeakFit, averaging_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import IDEAL
 from butterfly.signals.frequency_response import ResponsePoint
-
-_ABOUT = About(
-    names=("p3", "p3_offset", "p2", "coulomb", "drag", "p4", "delay"),
-    known=Prior.of({"p1": 1.0}),
-    slow=1.0,
-    delay=0.0,
-    drive=IDEAL,
-    gain=1.0,
-    equal_logs=False,
-)
 
 
 class OffsetKind(StrEnum):
@@ -89,7 +78,13 @@ def encoder_offsets(
     if unknown:
         home = _guess([log for log in logs if log.zero is None]).value
         found = _together({mass: _of_mass(pairs, home) for mass, pairs in unknown.items()})
-    return tuple(found[log.added_mass] if log.zero is None else _given(log.zero) for log in logs)
+    kind = OffsetKind.GIVEN
+    return tuple(
+        found[log.added_mass]
+        if log.zero is None
+        else EncoderOffset(value=log.zero.value, uncertainty=log.zero.uncertainty, kind=kind)
+        for log in logs
+    )
 
 
 def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
@@ -97,10 +92,6 @@ def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
     uncertain = sorted({zero for zero in zeros if zero.uncertainty}, key=lambda zero: zero.value)
     rows = [[each.uncertainty * (zero == each) for zero in zeros] for each in uncertain]
     return np.array(rows, dtype=float).reshape(len(uncertain), len(zeros))
-
-
-def _given(zero: Known) -> EncoderOffset:
-    return EncoderOffset(value=zero.value, uncertainty=zero.uncertainty, kind=OffsetKind.GIVEN)
 
 
 def _turns(log: Log) -> bool:
@@ -149,37 +140,36 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
     """Return the zero in rad by the motion of logs with one added mass; None if undetermined."""
     middle, windows = float(np.median(logs[0].angle)), []
     for log in logs:
-        averages = Windows.of(log, near(middle, float(np.median(log.angle))))
+        bare = replace(log, added_mass=NO_ADDED_MASS)
+        averages = averaging_of(bare, near(middle, float(np.median(log.angle))))
         with suppress(InputError):  # of a log that is too short
             if averages.moving(0.0).any():
-                windows.append(averages._replace(added=NO_ADDED_MASS))
+                windows.append(averages)
     if not windows:
         return None
-    idle = ~_ABOUT.regression(windows).rows.any(axis=0)
-    known = _ABOUT.known | Prior.of(dict.fromkeys(np.array(_ABOUT.names)[idle].tolist(), 0.0))
-    about = replace(_ABOUT, names=known.open(_ABOUT.names), known=known)
-    biased, ratio = _fitted(windows, replace(about, names=(*about.names, "bias")), middle)
-    return biased if ratio > CLEARLY else _fitted(windows, about, middle)[0]
+    known = Prior.of({"p1": 1.0} | ({} if is_driven(logs) else {"p4": 0.0, "delay": 0.0}))
+    names = known.open(("p3", "p3_offset", "p2", "coulomb", "drag", "p4", "delay"))
+    about = About(windows=windows, names=names, known=known, gain=1.0, equal_logs=False)
+    return _offset(replace(about, names=(*names, "bias")), middle) or _offset(about, middle)
 
 
-def _fitted(
-    windows: Sequence[Windows], about: About, middle: float
-) -> tuple[EncoderOffset | None, float]:
-    """Return the zero, and the last value in standard errors."""
+def _offset(about: About, middle: float) -> EncoderOffset | None:
+    """Return the zero in rad by a fit; None if that is singular, or has a bias that may be 0."""
     try:
-        solved = WeakFit.settled(windows, about).solved
+        solved = WeakFit.settled(about).solved
     except (IdentifiabilityError, InputError):
-        return None, 0.0
+        return None
     flat = solved.rows.reshape(-1, len(solved.names))
     if solved.count <= len(solved.names) or Conditioning.of(flat, solved.names).singular:
-        return None, 0.0
+        return None
     covariance, freedom = cluster_covariance(solved.rows, solved.residuals)
     covariance *= np.square(stdtrit(freedom.min(), 0.5 + CONFIDENCE / 2) / SPREADS)
+    if abs(solved.named.get("bias", np.inf)) <= CLEARLY * math.sqrt(covariance[-1, -1]):
+        return None
     sine, cosine = solved.values[:2].tolist()
     across = np.array([cosine, -sine]) / (sine**2 + cosine**2)
-    found = EncoderOffset(
+    return EncoderOffset(
         value=middle - math.atan2(cosine, sine),
         uncertainty=math.sqrt(across @ covariance[:2, :2] @ across) or np.finfo(float).eps,
         kind=OffsetKind.FIT,
     )
-    return found, abs(solved.values[-1]) / (math.sqrt(covariance[-1, -1]) or math.inf)

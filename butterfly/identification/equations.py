@@ -8,7 +8,7 @@ agree.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -75,6 +75,11 @@ class Regression:
         values = self.values(fit.x / scale)
         on_bound = (fit.active_mask != 0) | (values < self.lower)
         return Solution(values=np.maximum(values, self.lower), on_bound=np.asarray(on_bound))
+
+    def at(self, values: Mapping[str, float]) -> Solution:
+        """Return (n,) values by name, 0 of other parameters, as a solution that no bound holds."""
+        found = np.array([values.get(name, 0.0) for name in self.names])
+        return Solution(values=found, on_bound=np.zeros(found.size, dtype=bool))
 
     def unknowns(self, values: Samples) -> Samples:
         """Return what the rows multiply, of (n,) values."""
@@ -167,6 +172,11 @@ class CellEquations:
             log=np.repeat(np.unique(regression.cluster), cells),
             prior=regression.prior,
         )
+
+    @property
+    def named(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
 
     @cached_property
     def curvature(self) -> Samples:

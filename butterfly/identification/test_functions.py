@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable
+from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -27,7 +28,7 @@ from butterfly.errors import InputError
 from butterfly.identification.levels import ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
@@ -155,8 +156,9 @@ class Averaging:
         self._rests = log.initial_state.velocity == 0
         mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
         velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]
-        added = log.added_mass
-        self._motion = settings.motion(angle, velocity, weight=added.weight, mass=added.mass)
+        self.added = log.added_mass
+        weight, mass = self.added.weight, self.added.mass
+        self._motion = settings.motion(angle, velocity, weight=weight, mass=mass)
         speed = float(np.sqrt(np.mean(velocity**2)))
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
         self._places: dict[int, _Place] = {}
@@ -208,6 +210,16 @@ class Averaging:
         return p.motion(
             motion.angle, motion.velocity, motor=motor, weight=motion.weight, input=delivered
         )
+
+    def moving(self, delay: float) -> NDArray[np.bool_]:
+        """(n,) whether the joint moves in each test function."""
+        return self.signals((), delay=delay).moving
+
+    def carrying(self, added: AddedMass) -> Averaging:
+        """Return the same averages as of another added mass, on which none may depend."""
+        found = copy(self)
+        found.added = added
+        return found
 
     @property
     def fastest(self) -> float:

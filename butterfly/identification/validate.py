@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, standard_error
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
@@ -55,9 +55,8 @@ class Gain(NamedTuple):
     @classmethod
     def of(cls, fits: Samples) -> Gain:
         """Take them from (n,) values of logs, NaN aside; of one log the error is infinite."""
-        told = fits[~np.isnan(fits)]
-        error = float(np.std(told, ddof=1)) / told.size**0.5 if told.size > 1 else math.inf
-        return cls(float(told.mean()), error)
+        finite = fits[~np.isnan(fits)]
+        return cls(float(finite.mean()), standard_error(finite))
 
 
 def cross_validate(

@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.blocks import independent_cells_of
-from butterfly.identification.equations import CellEquations, Regression, Solution
-from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
+from butterfly.identification.equations import CellEquations, Regression
+from butterfly.identification.inference.linear_terms import (
+    STRIBECK,
+    LinearProblem,
+    TermChoice,
+    usual_velocity,
+)
 from butterfly.identification.levels import SHOWS, WEIGHED
 from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
@@ -29,69 +32,35 @@ _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny
 
 
-class Windows(NamedTuple):
-    """A log's added mass, and what the log says over test functions."""
-
-    added: AddedMass
-    averaging: Averaging
-
-    @classmethod
-    def of(
-        cls, log: Log, zero: float, half_width: float = HALF_WIDTH, periods: float = 1.0
-    ) -> Windows:
-        """Average a log about a zero in rad, a sine over a quarter of its period at most."""
-        if log.excitation is not None:
-            half_width = min(half_width, math.pi / 2 / log.excitation.omega)
-        settings = FrictionTerms(cogging_periods=periods)
-        return cls(log.added_mass, Averaging(log, zero, half_width, settings))
-
-    def moving(self, delay: float) -> NDArray[np.bool_]:
-        """Whether the joint moves in each test function."""
-        return self.averaging.signals((), delay=delay).moving
-
-    def equations(
-        self, names: tuple[str, ...], about: About, use: NDArray[np.bool_] | None = None
-    ) -> tuple[Samples, Samples]:
-        """(m, n) regressors and (m,) targets where it moves, rms inertial term 1/sqrt(m)."""
-        known = about.known.fixed
-        told = {name: known[name] for name in known if name not in _SETTINGS}
-        every = (*names, *told, "p1", "p3")
-        signals = self.averaging.signals(
-            [name for name in every if name != _BY_MASS],
-            delay=about.delay,
-            drive=about.drive,
-            stribeck_velocity=about.slow,
-        )
-        used = signals.moving if use is None else use
-        mean = {name: each[used] for name, each in signals.mean.items()}
-        mean[_BY_MASS] = self.added.swung * mean["p1"]
-        inertia, gravity = mean["p1"], mean["p3"]
-        size = (float(np.linalg.norm(inertia)) if about.equal_logs else 0.0) or 1.0
-        carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
-        for name, value in told.items():
-            carried = carried + value * mean[name]
-        return np.column_stack([mean[name] for name in names]) / size, -carried / size
+def averaging_of(
+    log: Log, zero: float, half_width: float = HALF_WIDTH, periods: float = 1.0
+) -> Averaging:
+    """Return averages of a log about a zero in rad, of a sine over a quarter period at most."""
+    if log.excitation is not None:
+        half_width = min(half_width, math.pi / 2 / log.excitation.omega)
+    return Averaging(log, zero, half_width, FrictionTerms(cogging_periods=periods))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class About:
-    """What the equations of windows are about."""
+    """The test functions of logs, and what the equations of their averages are about."""
 
+    windows: Sequence[Averaging] = ()
+    # (m,) mask of the test functions of each log that count; if (), where the joint moves
+    use: Sequence[NDArray[np.bool_]] = ()
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # what is known of the robot; what is known exactly is not among the names
-    slow: float  # Stribeck velocity in rad/s
-    delay: float  # from input to torque, in s
-    drive: DriveTerms  # what becomes of the input
+    slow: float = FrictionTerms.stribeck_velocity  # in rad/s
+    delay: float = 0.0  # from input to torque, in s
+    drive: DriveTerms = IDEAL  # what becomes of the input
     gain: float  # p4, as far as it is known
     equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
     variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
-    def regression(
-        self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_] | None] | None = None
-    ) -> Regression:
+    def regression(self) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
-        pairs = zip(windows, use or [None] * len(windows), strict=True)
-        equations = [each.equations(self.names, self, used) for each, used in pairs]
+        use = self.use or [each.moving(self.delay) for each in self.windows]
+        equations = [self._of_log(*pair) for pair in zip(self.windows, use, strict=True)]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
         if not self.gain:  # p4 is found first
@@ -101,12 +70,34 @@ class About:
             names=self.names,
             rows=rows,
             target=np.concatenate(targets),
-            cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
+            cluster=np.repeat(np.arange(len(targets)), [target.size for target in targets]),
             about=about | vars(self.drive),
             least=self.known.lower,
             gain=self.gain,
             prior=Penalty.of(self.names, known, self.variance, about),
         )
+
+    def _of_log(self, each: Averaging, used: NDArray[np.bool_]) -> tuple[Samples, Samples]:
+        """(m, n) regressors and (m,) targets of what is used, rms inertial term 1/sqrt(m)."""
+        given = {name: value for name, value in self.known.fixed.items() if name not in _SETTINGS}
+        signals = each.signals(
+            [name for name in (*self.names, *given, "p1", "p3") if name != _BY_MASS],
+            delay=self.delay,
+            drive=self.drive,
+            stribeck_velocity=self.slow,
+        )
+        mean = {name: column[used] for name, column in signals.mean.items()}
+        mean[_BY_MASS] = each.added.swung * mean["p1"]
+        size = (float(np.linalg.norm(mean["p1"])) if self.equal_logs else 0.0) or 1.0
+        torque = each.added.inertia * mean["p1"] + each.added.gravity_moment * mean["p3"]
+        for name, value in given.items():
+            torque = torque + value * mean[name]
+        return np.column_stack([mean[name] for name in self.names]) / size, -torque / size
+
+    @property
+    def latest(self) -> float:
+        """The delay in s of which the shortest log would hardly see the end."""
+        return _LATEST * min(each.duration for each in self.windows)
 
     def moved(self, values: Samples, latest: float, variance: float) -> About:
         """Return what equations about (n,) values of the names are about, no delay too late."""
@@ -131,37 +122,36 @@ class WeakFit:
     solved: CellEquations
 
     @classmethod
-    def of(
-        cls, windows: Sequence[Windows], names: tuple[str, ...], slow: float, known: Prior
-    ) -> WeakFit:
+    def of(cls, windows: Sequence[Averaging], names: tuple[str, ...], known: Prior) -> WeakFit:
         """Solve with what is uncertain held, and free, as delays may run away: the likelier fit."""
         exact = known.fixed
         about = About(
+            windows=windows,
             names=names,
             known=known,
-            slow=slow,
+            slow=usual_velocity(known),
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
             drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
-        held = cls.settled(windows, about)
+        held = cls.settled(about)
         if not known.uncertain:
             return held
-        free = cls.settled(windows, replace(about, variance=0.0))
-        if not 0 <= free.about.delay < _latest(windows):
+        free = cls.settled(replace(about, variance=0.0))
+        if not 0 <= free.about.delay < about.latest:
             return held
-        found = cls.settled(windows, replace(free.about, variance=free.solved.realised_variance))
+        found = cls.settled(replace(free.about, variance=free.solved.realised_variance))
         rows = found.cost / max(found.about.variance, _LEAST)  # worth as many independent ones
         return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
 
     @classmethod
-    def settled(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+    def settled(cls, about: About) -> WeakFit:
         """Solve, and again about what was found, until delay, drive and scatter rest."""
-        weighs, latest = bool(about.known.uncertain and about.variance), _latest(windows)
-        cells, settled = independent_cells_of(len(windows), len(about.names)), False
+        weighs, latest = bool(about.known.uncertain and about.variance), about.latest
+        cells, settled = independent_cells_of(len(about.windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))
         for _ in range(_ROUNDS):
-            regression = about.regression(windows)
+            regression = about.regression()
             solution = regression.solve()
             moved, values = solution.values - values, solution.values
             solved = CellEquations.of(regression, solution, cells=cells) if weighs else None
@@ -194,20 +184,34 @@ class WeakFit:
     @property
     def values(self) -> dict[str, float]:
         """Values by name, what is known exactly among them."""
-        found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
-        return self.about.known.fixed | found
+        return self.about.known.fixed | self.solved.named
 
-    def nested(self, windows: Sequence[Windows], names: tuple[str, ...], slow: float) -> Submodels:
-        """Return the equations with other terms, or another Stribeck velocity, about this end."""
-        regression = replace(self.about, names=names, slow=slow).regression(windows)
-        values = np.array([self.values.get(name, 0.0) for name in names])
-        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
-        cells = independent_cells_of(len(windows), len(names))
-        equations = CellEquations.of(regression, solution, cells=cells)
-        found = submodels_of(equations, [each.added for each in windows], NEGLIGIBLE)
-        return replace(found, settings={"stribeck_velocity": slow})
+    def equations(self, names: tuple[str, ...], slow: float) -> CellEquations:
+        """Return those of n parameters, at a Stribeck velocity in rad/s, about this end."""
+        regression = replace(self.about, names=names, slow=slow).regression()
+        cells = independent_cells_of(len(self.about.windows), len(names))
+        return CellEquations.of(regression, regression.at(self.values), cells=cells)
 
 
-def _latest(windows: Sequence[Windows]) -> float:
-    """Return the delay in s of which the shortest log would hardly see the end."""
-    return _LATEST * min(each.averaging.duration for each in windows)
+def fitted_terms(
+    windows: Sequence[Averaging],
+    base: tuple[str, ...],
+    terms: tuple[str, ...],
+    known: Prior,
+    *,
+    choosing: bool,
+) -> tuple[WeakFit, TermChoice]:
+    """Return the fit of base parameters and some terms, or those of them that predict better."""
+    linear = tuple(name for name in terms if name != STRIBECK) if choosing else ()
+    first = WeakFit.of(windows, (*base, *linear), known)
+    problem = LinearProblem(
+        equations=first.equations,
+        base=base,
+        terms=terms,
+        masses=[each.added for each in windows],
+        known=known,
+        fastest=max(each.fastest for each in windows),
+    )
+    chosen = problem.fitted(choosing=choosing)
+    slow = chosen.settings.get("stribeck_velocity", first.about.slow)
+    return WeakFit.settled(replace(first.about, names=chosen.names, slow=slow)), chosen

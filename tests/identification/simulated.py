@@ -19,19 +19,8 @@ from tests.conftest import MASSES
 from tests.independent.integrator import motion
 
 ROBOT = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5, coulomb=8e-4)
-RICH = LumpedParameters(
-    p1=0.003,
-    p2=3e-4,
-    p3=0.03,
-    p4=0.5,
-    coulomb=2e-3,
-    delay=0.004,
-    drag=1e-4,
-    load=5e-4,
-    bias=2e-3,
-    p3_offset=-1e-3,
-    stribeck=5e-4,
-)
+RICH = replace(ROBOT, p2=3e-4, p3=0.03, coulomb=2e-3, delay=0.004, drag=1e-4, load=5e-4)
+RICH = replace(RICH, bias=2e-3, p3_offset=-1e-3, stribeck=5e-4)
 """All kinds of friction, a bias and an offset at work."""
 
 TONES = (1.7, 2.9, 4.3, 6.1, 8.3)

@@ -45,15 +45,9 @@ def _points(parameters, *, masses=MASSES, omegas=OMEGAS, swing=0.15, noise=0.0, 
     return points
 
 
-robots = st.builds(
-    LumpedParameters,
-    p1=st.floats(5e-4, 5e-2),
-    p2=st.floats(1e-5, 5e-3),
-    p3=st.floats(-5e-3, 0.2),
-    p4=st.floats(0.01, 5.0),
-    coulomb=st.floats(0, 5e-3),
-    delay=st.floats(0, 0.02),
-)
+RANGES = {"p1": (5e-4, 5e-2), "p2": (1e-5, 5e-3), "p3": (-5e-3, 0.2), "p4": (0.01, 5.0)}
+RANGES |= {"coulomb": (0.0, 5e-3), "delay": (0.0, 0.02)}
+robots = st.builds(LumpedParameters, **{n: st.floats(*ends) for n, ends in RANGES.items()})
 
 
 @settings(max_examples=15)

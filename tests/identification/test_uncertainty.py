@@ -13,7 +13,7 @@ from butterfly.identification.estimators import HarmonicBalance, Loss, OutputErr
 from butterfly.identification.predict import draw_parameters
 from butterfly.identification.problem import Start
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
-from butterfly.identification.weak_regression import WeakFit, Windows
+from butterfly.identification.weak_regression import WeakFit
 from butterfly.model.prior import NO_PRIOR, SCALES, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms, lower_bounds
 from tests.conftest import MASSES
@@ -46,8 +46,7 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     logs = noisy(wild(ROBOT, MASSES, 16.0), 2e-3, np.random.default_rng(2))
     logs = [logs[0].take(np.arange(1200)), *logs[1:]]
     averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
-    windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
-    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NO_PRIOR).values
+    values = WeakFit.of(averages, PARAMETERS, NO_PRIOR).values
     delay = values.pop("delay")
     parts = {True: 0.0, False: 0.0}
     for log, averaging in zip(logs, averages, strict=True):

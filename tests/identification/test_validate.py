@@ -30,6 +30,7 @@ from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
+from tests.conftest import MASSES
 from tests.identification.simulated import RICH, ROBOT, SLOW, SWINGS, noisy, steady, wild
 
 BALANCE = HarmonicBalance()
@@ -207,6 +208,13 @@ def test_what_is_left_out_is_predicted_by_fits_that_begin_at_that_of_all_logs(mo
         assert found.held_out[Split.MASS].mean == pytest.approx(own.summary.mean, abs=0.02)
         fits = data.simulations.fits(OutputError(terms=found.terms)(data))
         assert found.in_sample.mean == pytest.approx(fits.mean(), abs=0.02)
+
+
+@pytest.mark.parametrize("estimator", [OutputError(workers=1), WeakForm(), BALANCE])
+def test_what_two_masses_cannot_tell_and_what_is_known_is_never_selected(estimator):
+    logs = steady(RICH, SWINGS, MASSES[:2], duration=20.0)
+    data = DataSet.of(logs, known=Prior.of({"drag": RICH.drag}))
+    assert estimator.path(data, ("drag", "load")) == ((),)
 
 
 PLAIN = HarmonicBalance(terms=())

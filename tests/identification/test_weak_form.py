@@ -7,9 +7,8 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.estimators import WeakForm
-from butterfly.identification.estimators.weak_form import fitted_terms, refined, seen
+from butterfly.identification.estimators.weak_form import instruments_of, refined
 from butterfly.identification.test_functions import Averaging, Bumps
-from butterfly.identification.weak_regression import Windows
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import IDEAL, DriveTerms, FrictionTerms
@@ -130,8 +129,8 @@ def clean():
     return wild(PLAIN)
 
 
-def _windows(logs):
-    return [Windows.of(log, 0.0) for log in logs]
+def _plain(logs, known=NO_PRIOR):
+    return WeakForm(terms=()).least_squares(logs, AT_ZERO, known)[0]
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
@@ -140,7 +139,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
     for seed in range(DRAWS):
         for sign in (1, -1):
             logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
-            plain = fitted_terms(_windows(logs), (), NO_PRIOR)[0].values
+            plain = _plain(logs).values
             free = WeakForm(terms=()).of_logs(logs, AT_ZERO).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [PLAIN.p3, PLAIN.p4] - 1
@@ -149,7 +148,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
 
 
 def test_without_noise_they_change_nothing(clean):
-    plain = fitted_terms(_windows(clean), (), NO_PRIOR)[0].solved.values
+    plain = _plain(clean).solved.values
     through = WeakForm(terms=()).of_logs(clean, AT_ZERO).values
     np.testing.assert_allclose(through[:4], plain[:4], rtol=1e-3)
 
@@ -159,7 +158,7 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
     robot = replace(PLAIN, p3=0.0, coulomb=6e-3)
     known = Prior.of({"p3": 0.0, "p4": robot.p4})
     logs = wild(robot)
-    plain = fitted_terms(_windows(logs), (), known)[0].values
+    plain = _plain(logs, known).values
     free = WeakForm(terms=()).of_logs(logs, AT_ZERO, known).parameters
     assert plain["p1"] > 1.001 * robot.p1
     assert free.p1 == pytest.approx(robot.p1, rel=3e-4)
@@ -167,15 +166,15 @@ def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
 
 
 def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clean):
-    windows = _windows(clean)
+    fit = _plain(clean)
+    windows = fit.about.windows
     for parameters in (replace(PLAIN, p1=-0.01), replace(PLAIN, p4=-0.5)):
-        pairs = seen(clean, windows, parameters, AT_ZERO)
-        assert all(each.instruments is each.windows for each in pairs)
-    fit = fitted_terms(windows, (), NO_PRIOR)[0]
-    kept = refined(fit, pairs).solved.values
+        found = instruments_of(clean, windows, parameters, AT_ZERO)
+        assert all(each is own for each, own in zip(found, windows, strict=True))
+    kept = refined(fit, found).solved.values
     np.testing.assert_allclose(kept, fit.solved.values, rtol=1e-5, atol=1e-7)
-    pairs = seen(clean, windows, PLAIN, AT_ZERO)
-    assert all(each.instruments is not each.windows for each in pairs)
+    found = instruments_of(clean, windows, PLAIN, AT_ZERO)
+    assert all(each is not own for each, own in zip(found, windows, strict=True))
 
 
 def test_a_parameter_on_its_bound_stays_there():

@@ -342,7 +342,7 @@ def _missing_terms(
     rounding = PRECISE * float(np.sqrt(equations.cost.mean()))
     nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
     model = LinearModel(models=(nested,), optional=lacking)
-    if not np.isfinite(model.values).all():
+    if not model.determined:
         return MissingTerms(), np.zeros(len(logs))
     found = stagewise(model, lacking, ())
     ends = np.array([model.values, found.model.values])
@@ -353,7 +353,7 @@ def _missing_terms(
     far = np.abs(np.diff(before_and_after, axis=0)[0]) > (estimate.upper - estimate.lower) / 2
     pairs = zip(estimate.names, far.tolist(), strict=True)
     moved = tuple(name for name, own in pairs if own and name in PARAMETERS and terms)
-    swapped = [pair for pair in found.ties if found.model.swapped(*pair)]
+    swapped = [(row.name, taken) for row, taken in found.ties if row.swapped(taken)]
     others = [tuple(row if name == taken else name for name in terms) for row, taken in swapped]
     return MissingTerms(
         terms=terms,

@@ -38,11 +38,12 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.problem import Start
-from butterfly.identification.weak_regression import About, Windows
+from butterfly.identification.test_functions import Averaging
+from butterfly.identification.weak_regression import About
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
-from butterfly.model.terms import IDEAL, FrictionTerms, offered
+from butterfly.model.terms import FrictionTerms, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.spectrum import periodogram
 from butterfly.verdict import Level
@@ -137,18 +138,17 @@ class _Fit(NamedTuple):
         known = data.known.within(_NAMES)
         windows = [_windows_of(log, data.zero_of(log)) for log in data.logs]
         about = About(
+            windows=windows,
             names=known.open(_NAMES),
             known=known,
-            slow=FrictionTerms.stribeck_velocity,
             delay=known.fixed.get("delay", 0.0),
-            drive=IDEAL,
             gain=known.fixed.get("p4", 1.0),
             variance=0.0,
         )
-        solved = about.regression(windows).solve().values
+        solved = about.regression().solve().values
         found = known.fixed | dict(zip(about.names, solved, strict=True))
         values, held = np.array([found[name] for name in _NAMES]), np.isin(_NAMES, [*known.fixed])
-        regression = replace(about, names=_NAMES, known=NO_PRIOR).regression(windows)
+        regression = replace(about, names=_NAMES, known=NO_PRIOR).regression()
         equations = CellEquations.of(regression, Solution(values=values, on_bound=held))
         torques = np.linalg.norm(regression.rows, axis=0) * regression.unknowns(values)
         size = math.hypot(*torques, float(np.linalg.norm(regression.target)))
@@ -166,14 +166,14 @@ class _Fit(NamedTuple):
         return self.misfit * math.sqrt(max(0.0, 1 - explained)), slope
 
 
-def _windows_of(log: Log, zero: float) -> Windows:
+def _windows_of(log: Log, zero: float) -> Averaging:
     """Return averages of a log over a third of its period of motion, about a zero in rad."""
     if np.ptp(log.angle) == 0:
         raise IdentifiabilityError("the joint does not move in these logs")
     omegas, power = periodogram(log.angle - log.angle.mean(), log.mean_step)
     third = 2 * math.pi / (3 * omegas[np.argmax(power)])
     width = min(max(third, 12 * log.mean_step), (log.time[-1] - log.time[0]) / 20)
-    return Windows.of(log, zero, float(width))
+    return Averaging(log, zero, float(width), FrictionTerms())
 
 
 @dataclass(frozen=True, eq=False)

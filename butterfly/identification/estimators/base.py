@@ -69,9 +69,9 @@ class Estimator:
         options: dict[str, Any] = {"terms": terms}
         return replace(self, **options)
 
-    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:  # noqa: ARG002
-        """Return the terms after each round of a stagewise choice from some candidates."""
-        self.with_terms(candidates)
+    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:  # noqa: ARG002
+        """Return the terms after each round of a stagewise choice from some offers."""
+        self.with_terms(offers)
         raise NotImplementedError
 
     def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002

@@ -16,10 +16,10 @@ in no interval.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,23 +28,20 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations, Regression, Solution
+from butterfly.identification.equations import CellEquations, Regression
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
 from butterfly.identification.inference.linear_terms import (
-    STRIBECK,
-    LinearModel,
+    LinearProblem,
     TermChoice,
-    candidates,
-    choose,
-    demanded,
-    stribeck_velocities,
+    optional_terms,
+    usual_velocity,
 )
-from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
+from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import BASE_TERMS, COMMON, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
@@ -82,55 +79,34 @@ class HarmonicBalance(Estimator):
         """Estimate from the sines of a data set (see `Estimator`)."""
         data.require_angles(self.method)
         require_usable(self.method, data.known)
-        points = [point for k in data.steady if (point := data.points[k]) is not None]
-        lost = [k for k, point in enumerate(data.points) if point and k not in data.steady]
-        if lost and 2 * len(points) <= len(data.known.fitted(PARAMETERS)):
+        points, count = data.take(data.steady).sines, len(data.sines)
+        if len(points) == count:
+            return self.of_points(points, data.known)
+        if 2 * len(points) <= len(data.known.fitted(PARAMETERS)):
             raise IdentifiabilityError(
-                f"only {len(points)} of {len(data.sines)} sine logs show a steady swing about a "
-                "rest angle: in the others the joint turns over, rests elsewhere, swings too wide "
-                "or does not settle; use weak-form or output-error, which accept any motion"
+                f"only {len(points)} of {count} sine logs show a steady swing about a rest angle: "
+                "in the others the joint turns over, rests elsewhere, swings too wide or does not "
+                "settle; use weak-form or output-error, which accept any motion"
             )
-        names = tuple(data.logs[k].name for k in lost)
-        said = Finding(FindingKind.LEFT_OUT, number=len(data.sines), logs=names)
-        found = self.of_points(points, data.known)
-        return found.with_findings(said) if lost else found
+        sines = (k for k, point in enumerate(data.points) if point)
+        names = tuple(data.logs[k].name for k in sines if k not in data.steady)
+        excluded = Finding(FindingKind.LEFT_OUT, number=count, logs=names)
+        return self.of_points(points, data.known).with_findings(excluded)
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
-        reference, first = _begun(points, known, PARAMETERS)
-        chosen, fit = self.chosen(first, COMMON)
-        return _judged(fit, "harmonic balance", reference, chosen)
+        reference, base = _fitted(points, known, PARAMETERS)
+        offers = (name for name in COMMON if name in offered(self.method))
+        chosen = base.with_terms(self.terms, offers)
+        slow = chosen.settings.get("stribeck_velocity", base.phasors.stribeck_velocity)
+        phasors = replace(base.phasors, names=chosen.names, stribeck_velocity=slow)
+        return _inferred(HarmonicBalanceFit.of(phasors), "harmonic balance", reference, chosen)
 
-    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some candidates."""
-        self.with_terms(candidates)
-        points = [point for k in data.steady if (point := data.points[k]) is not None]
-        _, first = _begun(points, data.known, PARAMETERS)
-        return replace(self, terms=None).chosen(first, candidates)[0].path
-
-    def chosen(
-        self, fit: HarmonicBalanceFit, offers: Sequence[str]
-    ) -> tuple[TermChoice, HarmonicBalanceFit]:
-        """Choose from some offers, or, of given terms, only a Stribeck velocity; fit them."""
-        phasors, known = fit.phasors, fit.phasors.known
-        rows = self.terms
-        if rows is None:
-            able = [name for name in offers if name in offered(self.method)]
-            rows = candidates(able, phasors.masses, known)
-        rows = tuple(name for name in rows if name not in known.parameters)
-        speeds = [phasors.stribeck_velocity]
-        if STRIBECK in rows:
-            fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
-            speeds = stribeck_velocities(fastest, known)
-        names = (*phasors.names, *rows)
-        models = tuple(
-            fit.nested(replace(phasors, names=names, stribeck_velocity=speed)) for speed in speeds
-        )
-        model = LinearModel(models=models, optional=rows, masses=phasors.masses)
-        chosen = choose(model) if self.terms is None else demanded(model, rows)
-        slow = chosen.settings.get("stribeck_velocity", phasors.stribeck_velocity)
-        with_them = replace(phasors, names=chosen.names, stribeck_velocity=slow)
-        return chosen, HarmonicBalanceFit.of(with_them)
+    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the terms after each round of a stagewise choice from some offers."""
+        self.with_terms(offers)
+        _, base = _fitted(data.take(data.steady).sines, data.known, PARAMETERS)
+        return base.with_terms(None, offers).path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,23 +129,35 @@ class Linear(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
-        reference, fit = _begun(points, known, LINEAR, small=True)
-        return _judged(fit, "joint linear complex fit", reference, None)
+        reference, fit = _fitted(points, known, LINEAR, small=True)
+        return _inferred(fit, "joint linear complex fit", reference)
 
 
-def _begun(
+def _fitted(
     points: Sequence[ResponsePoint], known: Prior, names: tuple[str, ...], *, small: bool = False
 ) -> tuple[ScaleParameter, HarmonicBalanceFit]:
-    """Fit some parameters, and say on what their scale rests."""
-    _refuse_too_few(points, known.fitted(names), known)
-    reference = ScaleParameter.of([point.added_mass for point in points], known)
-    known = reference.fixed
-    phasors = Phasors.of(points, known.fitted(names), known, small=small)
+    """Return what tells the scale, and the fit of some parameters; with ``small``, sin th is th."""
+    if not points:
+        raise IdentifiabilityError(
+            "no log is marked as a sine: set omega and amplitude in the manifest, or use weak-form "
+            "or output-error, which accept any input"
+        )
+    masses, unknown = [point.added_mass for point in points], len(known.fitted(names))
+    refuse_without_scale(masses, known)
+    if 2 * len(points) <= unknown:
+        count = f"{len(points)} {'log gives' if len(points) == 1 else 'logs give'}"
+        equations = f"{2 * len(points)} equations for {unknown} parameters"
+        raise IdentifiabilityError(f"{count} {equations}: add runs at other frequencies")
+    reference = ScaleParameter.of(masses, known)
+    phasors = Phasors.of(points, reference.fixed.fitted(names), reference.fixed, small=small)
     return reference, HarmonicBalanceFit.of(phasors)
 
 
-def _judged(
-    fit: HarmonicBalanceFit, method: str, reference: ScaleParameter, chosen: TermChoice | None
+def _inferred(
+    fit: HarmonicBalanceFit,
+    method: str,
+    reference: ScaleParameter,
+    chosen: TermChoice | None = None,
 ) -> Estimate:
     """Return the estimate of a fit, whose intervals do not know what the method neglects."""
     rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
@@ -183,19 +171,6 @@ def _judged(
         ),
         FittedLogs(fit.phasors.masses, known=reference.known),
     )
-
-
-def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str], known: Prior) -> None:
-    if not points:
-        raise IdentifiabilityError(
-            "no log is marked as a sine: set omega and amplitude in the manifest, or use weak-form "
-            "or output-error, which accept any input"
-        )
-    refuse_without_scale((point.added_mass for point in points), known)
-    if 2 * len(points) <= len(names):
-        count = f"{len(points)} {'log gives' if len(points) == 1 else 'logs give'}"
-        equations = f"{2 * len(points)} equations for {len(names)} parameters"
-        raise IdentifiabilityError(f"{count} {equations}: add runs at other frequencies")
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,42 +207,34 @@ class Phasors:
             names=names,
             swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
             known=known,
-            stribeck_velocity=known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
+            stribeck_velocity=usual_velocity(known),
         )
 
-    def equations(
-        self, about: LumpedParameters
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """(n, p) regressors and (n,) targets; what p4 multiplies enters as p4 (value - about)."""
-        late = self.input * np.exp(-1j * self.omega * about.delay)
-        driven = {"p4": -late, "delay": 1j * self.omega * late}
-        columns = self._columns | driven
-        told = ((n, v) for n, v in self.known.fixed.items() if n in {"p4", *self._columns})
-        given = self._carried + sum(value * columns[name] for name, value in told)
-        return np.column_stack([columns[name] for name in self.names]), -given
-
-    def weighted(self, weights: Samples, about: LumpedParameters) -> Regression:
-        """Return the equations about a delay, as (n,) weights count them."""
-        matrix, target = self.equations(about)
+    def regression(self, weights: Samples, values: Mapping[str, float]) -> Regression:
+        """Return the equations, as (n,) weights count them, about a delay in s and p4 by name."""
+        delay, known = values.get("delay", 0.0), self.known.fixed
+        late = self.input * np.exp(-1j * self.omega * delay)
+        columns = self._columns | {"p4": -late}
+        torque = self._carried + sum(known[name] * columns[name] for name in columns.keys() & known)
+        columns["delay"] = 1j * self.omega * late
+        matrix = np.column_stack([columns[name] for name in self.names]) * weights[:, None]
         return Regression(
             names=self.names,
-            rows=_parts(matrix * weights[:, None]),
-            target=_parts(target * weights),
+            rows=_parts(matrix),
+            target=_parts(-torque * weights),
             cluster=np.tile(np.arange(self.omega.size), 2),
-            about={"delay": about.delay},
-            gain=about.p4,
+            about={"delay": delay},
+            gain=values["p4"],
             prior=Penalty.of(self.names, self.known.parameters),
         )
 
-    def described(self, values: Samples) -> LumpedParameters:
-        """Return the model's parameters: (n,) values of the names, and what is known exactly."""
-        found = dict(zip(self.names, values.tolist(), strict=True))
-        told = self.known.fixed | {"stribeck_velocity": self.stribeck_velocity}
-        return LumpedParameters(**told | found)
+    def named(self, values: Samples) -> dict[str, float]:
+        """Return (n,) values of the names, and what is known exactly, by name."""
+        return self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
 
     def slope(self, values: Samples) -> Samples:
         """(n,) torque of the left-hand side over the swing."""
-        found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
+        found = self.named(values)
         torque = sum(value * self._columns[n] for n, value in found.items() if n in self._columns)
         inertia = self._of_masses("inertia")
         heaviest = np.maximum(np.abs(inertia + found.get("p1", 0.0)), inertia.max())
@@ -306,8 +273,7 @@ class HarmonicBalanceFit:
 
     phasors: Phasors  # what was balanced
     weights: Samples  # (n,) of the n logs
-    regression: Regression  # regression, solved: the equations about the solution, and the solution
-    solved: CellEquations
+    solved: CellEquations  # about the solution
 
     @classmethod
     @np.errstate(divide="ignore", over="ignore", invalid="ignore")
@@ -316,14 +282,13 @@ class HarmonicBalanceFit:
         count, swing = len(phasors.names), np.abs(phasors.angle)
         values, weights = np.zeros(count), np.ones(phasors.omega.size)
         for _ in range(MOST):
-            about = phasors.described(values)
-            regression = phasors.weighted(weights, about)
+            regression = phasors.regression(weights, phasors.named(values))
             solution = regression.solve()
             moved = solution.values - values
             before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
             values = solution.values
             slope = phasors.slope(values)
-            rest = (regression.rows @ unknowns - regression.target).reshape(2, -1) / weights
+            rest = regression.residuals(values).reshape(2, -1) / weights
             errors = np.hypot(*rest) / (slope * swing)
             if not np.isfinite(errors).all():
                 raise IdentifiabilityError(
@@ -338,20 +303,30 @@ class HarmonicBalanceFit:
                 break
         solved = CellEquations.of(regression, solution)
         solved = solved if settled else solved.stopped(moved)
-        return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
+        return cls(phasors=phasors, weights=weights, solved=solved)
 
-    def nested(self, phasors: Phasors) -> Submodels:
-        """Return the equations of a balance with more terms, as this one weighs them."""
-        about = self.phasors.described(self.solved.values)
-        regression = phasors.weighted(self.weights, about)
-        values = np.array([getattr(about, name) for name in phasors.names])
-        solution = Solution(values=values, on_bound=np.zeros(values.size, dtype=bool))
-        slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
-        negligible = NEGLIGIBLE * float(np.mean(self.weights * slope * swing))
-        found = submodels_of(CellEquations.of(regression, solution), phasors.masses, negligible)
-        return replace(found, settings={"stribeck_velocity": phasors.stribeck_velocity})
+    def with_terms(self, terms: Sequence[str] | None, offers: Iterable[str]) -> TermChoice:
+        """Return the fit with given terms, or, without any, with those chosen from some offers."""
+        phasors, values = self.phasors, self.phasors.named(self.solved.values)
+
+        def equations(names: tuple[str, ...], slow: float) -> CellEquations:
+            there = replace(phasors, names=names, stribeck_velocity=slow)
+            regression = there.regression(self.weights, values)
+            return CellEquations.of(regression, regression.at(values))
+
+        swing, slope = np.abs(phasors.angle), phasors.slope(self.solved.values)
+        problem = LinearProblem(
+            equations=equations,
+            base=phasors.names,
+            terms=optional_terms(terms, offers, phasors.masses, phasors.known),
+            masses=phasors.masses,
+            known=phasors.known,
+            fastest=float(np.max(swing * phasors.omega)),
+            negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)),
+        )
+        return problem.fitted(choosing=terms is None)
 
 
-def _parts(values: NDArray[np.complex128]) -> Samples:
+def _parts(values: NDArray[Any]) -> Samples:
     """Return real parts, then imaginary ones."""
     return np.concatenate([values.real, values.imag])

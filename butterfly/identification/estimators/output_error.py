@@ -34,6 +34,7 @@ from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
 from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
+from butterfly.identification.inference.linear_terms import candidates
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.weighed_logs import (
@@ -124,14 +125,15 @@ class OutputError(Estimator):
         """Return the estimator, its descent begun at an estimate."""
         return lambda data: self._of_calm(data, [Start.at(found, data)])
 
-    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some candidates."""
-        offering = self.with_terms(candidates)
-        first = starts(data, candidates)
-        settled, logs = offering.settled(data.logs, first)
+    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the terms after each round of a stagewise choice from some offers."""
+        self.with_terms(offers)
+        rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
+        first = starts(data, rows)
+        settled, logs = self.with_terms(rows).settled(data.logs, first)
         scale = ScaleParameter.of_logs(logs, data.known)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
-        return settled.chosen(logs, first, scale.fixed, (candidates, rare))[0].path or ((),)
+        return settled.chosen(logs, first, scale.fixed, (rows, rare))[0].path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
@@ -325,7 +327,7 @@ _TIMES = {"p1": 2, "p2": 1, "drag": 2, "load_drag": 2, "delay": 1, "stribeck_vel
 
 def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
     """Return (shared,) values of a clock wrong by a share, in place of a mass's own inertia."""
-    own = dict(zip(solved.names, solved.values.tolist(), strict=True))
+    own = solved.named
     share = own.get("mass_inertia", 0.0)
     if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
         return []

@@ -27,10 +27,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_number
@@ -45,47 +44,15 @@ from butterfly.identification.estimators.base import Estimator, require_names, r
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
 from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
-from butterfly.identification.inference.linear_terms import (
-    STRIBECK,
-    LinearModel,
-    TermChoice,
-    candidates,
-    choose,
-    demanded,
-    stribeck_velocities,
-)
-from butterfly.identification.test_functions import HALF_WIDTH
-from butterfly.identification.weak_regression import WeakFit, Windows
+from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
+from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, FrictionTerms, offered
+from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, offered
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
-
-
-def fitted_terms(
-    windows: Sequence[Windows],
-    terms: tuple[str, ...] | None,
-    known: Prior,
-    offers: Sequence[str] = COMMON,
-) -> tuple[WeakFit, TermChoice]:
-    """Choose from some offers, or, where terms are given, only a Stribeck velocity; fit them."""
-    usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
-    always, masses = known.fitted(PARAMETERS), [each.added for each in windows]
-    rows = candidates(offers, masses, known) if terms is None else terms
-    rows = tuple(name for name in rows if name not in known.parameters)
-    plain = tuple(name for name in rows if name != STRIBECK)
-    first = WeakFit.of(windows, (*always, *(plain if terms is None else ())), usual, known)
-    speeds = [first.about.slow]
-    if STRIBECK in rows:
-        fastest = max(each.averaging.fastest for each in windows)
-        speeds = stribeck_velocities(fastest, known)
-    models = tuple(first.nested(windows, (*always, *rows), speed) for speed in speeds)
-    model = LinearModel(models=models, optional=rows, masses=masses)
-    found = choose(model) if terms is None else demanded(model, rows)
-    slow = found.settings.get("stribeck_velocity", usual)
-    return WeakFit.settled(windows, replace(first.about, names=found.names, slow=slow)), found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,20 +109,16 @@ class WeakForm(Estimator):
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass."""
         require_usable(self.method, known)
-        masses, reference = [log.added_mass for log in logs], ScaleParameter.of_logs(logs, known)
-        periods = known.fixed.get("cogging_periods", self.cogging_periods)
-        windows = [
-            Windows.of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
-        ]
-        plain, terms = fitted_terms(windows, self.terms, reference.fixed)
-        fixed = terms.settings | {"cogging_periods": periods}
-        pairs = seen(logs, windows, LumpedParameters(**fixed | plain.values), zeros)
-        fit = refined(plain, pairs)
+        reference = ScaleParameter.of_logs(logs, known)
+        plain, chosen = self.least_squares(logs, zeros, reference.fixed)
+        fixed = chosen.settings | {"cogging_periods": self._periods(known)}
+        parameters = LumpedParameters(**fixed | plain.values)
+        fit = refined(plain, instruments_of(logs, plain.about.windows, parameters, zeros))
 
         solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
-        rivals = [each + solved.values - plain.solved.values for each in terms.rival_values]
+        rivals = [each + solved.values - plain.solved.values for each in chosen.rival_values]
         whole = reference.whole(solved)
-        doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
+        doubt = None if uncertain is None else offset_covariance(fit, uncertain, whole.names)
         counted = solved.log.size == cells * len(logs)
         conditions = Conditions.of(logs, cells) if counted else None  # which are cell by cell
         return infer(
@@ -166,66 +129,71 @@ class WeakForm(Estimator):
                 consider_covariance=doubt,
                 torques=True,
                 fixed=fixed,
-                findings=terms.findings,
+                findings=chosen.findings,
             ),
-            FittedLogs(masses, conditions, known, is_driven(logs)),
+            FittedLogs([log.added_mass for log in logs], conditions, known, is_driven(logs)),
         )
 
-    def path(self, data: DataSet, candidates: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some candidates."""
-        self.with_terms(candidates)
+    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the terms after each round of a stagewise choice from some offers."""
+        self.with_terms(offers)
         known = ScaleParameter.of_logs(data.logs, data.known).fixed
-        periods = known.fixed.get("cogging_periods", self.cogging_periods)
+        choosing = replace(self, terms=None)
+        return choosing.least_squares(data.logs, data.equilibria, known, offers)[1].path
+
+    def least_squares(
+        self,
+        logs: Sequence[Log],
+        zeros: Mapping[AddedMass, float],
+        known: Prior,
+        offers: Sequence[str] = COMMON,
+    ) -> tuple[WeakFit, TermChoice]:
+        """Return the fit of the terms, or, if None are given, of those chosen from offers."""
+        masses, periods = [log.added_mass for log in logs], self._periods(known)
         windows = [
-            Windows.of(log, data.zero_of(log), self.half_width, periods) for log in data.logs
+            averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
         ]
-        return fitted_terms(windows, None, known, candidates)[1].path
+        terms = optional_terms(self.terms, offers, masses, known)
+        base, choosing = known.fitted(PARAMETERS), self.terms is None
+        return fitted_terms(windows, base, terms, known, choosing=choosing)
+
+    def _periods(self, known: Prior) -> float:
+        return known.fixed.get("cogging_periods", self.cogging_periods)
 
 
-class Seen(NamedTuple):
-    """A log's windows, and those of its simulation (or again its own, where that fails)."""
-
-    windows: Windows
-    instruments: Windows
-
-    def moving(self, delay: float) -> NDArray[np.bool_]:
-        """Whether the joint moves in each test function, in both."""
-        return self.windows.moving(delay) & self.instruments.moving(delay)
-
-
-def seen(
+def instruments_of(
     logs: Sequence[Log],
-    windows: Sequence[Windows],
+    windows: Sequence[Averaging],
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
-) -> list[Seen]:
-    """Simulate logs, and cut the simulations into windows as the logs were."""
+) -> list[Averaging]:
+    """Return the windows of each log's simulation, or of the log itself where that fails."""
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
-        return [Seen(each, each) for each in windows]
-    pairs = []
-    for log, own in zip(logs, windows, strict=True):
-        zero = reading_of(log, zeros)
-        run = FreeRun.of(log, Setting(parameters=parameters, zero=zero))
-        like = own._replace(averaging=own.averaging.moving_so(run.simulated))
-        pairs.append(Seen(own, like if run.fit > LEAST_FIT else own))
-    return pairs
+        return [*windows]
+    instruments = []
+    for log, each in zip(logs, windows, strict=True):
+        run = FreeRun.of(log, Setting(parameters=parameters, zero=reading_of(log, zeros)))
+        follows = run.fit > LEAST_FIT
+        instruments.append(each.moving_so(run.simulated) if follows else each)
+    return instruments
 
 
-def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
-    """Return the fit of some logs through their instruments; what a bound holds stays there."""
-    names = fit.solved.names
-    moving = [each.moving(fit.about.delay) for each in pairs]
-    regression = fit.about.regression([each.windows for each in pairs], moving)
-    through = fit.about.regression([each.instruments for each in pairs], moving)
+def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
+    """Return the fit of some logs through instruments; what a bound holds stays there."""
+    names, pairs = fit.solved.names, [*zip(fit.about.windows, instruments, strict=True)]
+    delay = fit.about.delay
+    moving = [each.moving(delay) & other.moving(delay) for each, other in pairs]
+    regression = replace(fit.about, use=moving).regression()
+    about = replace(fit.about, windows=instruments, use=moving)
+    through = about.regression()
     # what the simulations lack of balance is taken from the logs
-    simulated = np.array([each.instruments is not each.windows for each in pairs])
+    simulated = np.array([each is not other for each, other in pairs])
     error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
     regression = replace(regression, target=regression.target + error)
     more, wanted = regression.known_rows
     rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
     multiplied = np.concatenate([through.rows, more])
     free = ~fit.solved.on_bound
-    held = np.zeros(len(names), dtype=bool)
     while True:
         unknowns = np.zeros(len(names))
         unknowns[free] = _through(multiplied[:, free], rows[:, free], target)
@@ -233,15 +201,15 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
         low = free & (values < regression.lower)
         if not low.any():
             break
-        free, held = free & ~low, held | low
-    solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
-    cells = cells_of(len(pairs), len(names))
+        free &= ~low
+    solution = Solution(values=values, on_bound=~free)
+    cells = cells_of(len(instruments), len(names))
     solved = replace(
         CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
         ending=fit.solved.ending,
         unsettled=fit.solved.unsettled,
     )
-    return replace(fit, regression=through, solved=solved)
+    return WeakFit(about=about, regression=through, solved=solved)
 
 
 def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
@@ -256,24 +224,15 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
         raise IdentifiabilityError("the parameters cannot be separated with these logs") from None
 
 
-def offset_covariance(
-    fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
-) -> Samples:
+def offset_covariance(fit: WeakFit, uncertain: Samples, names: Sequence[str]) -> Samples:
     """(n, n) covariance that (k, logs) errors of zeros add to n parameters."""
-    solved, errors = fit.solved, zip(pairs, uncertain.T, strict=True)
-    slopes = np.concatenate([np.outer(_slopes(fit, each), own) for each, own in errors])
-    pulls = slopes.T @ fit.regression.jacobian(solved.values)
-    added = np.zeros((len(names), len(names)))
-    places = [list(names).index(name) for name in solved.names]
-    for pull in pulls:
-        moved = solved.change_by(pull)
-        added[np.ix_(places, places)] += np.outer(moved, moved)
-    return added
-
-
-def _slopes(fit: WeakFit, each: Seen) -> Samples:
-    """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
-    used = each.moving(fit.about.delay)
-    rows, _ = each.instruments.equations(("p3", "p3_offset"), fit.about, used)
-    moment = fit.values["p3"] + each.instruments.added.gravity_moment
-    return np.asarray(rows @ [fit.values.get("p3_offset", 0.0), -moment])
+    solved, masses = fit.solved, [each.added for each in fit.about.windows]
+    gravity = replace(fit.about, names=("p3", "p3_offset")).regression()
+    moment = fit.values["p3"] + np.array([mass.gravity_moment for mass in masses])
+    slopes = gravity.rows[:, 0] * fit.values.get("p3_offset", 0.0)
+    slopes -= gravity.rows[:, 1] * moment[gravity.cluster]
+    pulls = (uncertain[:, gravity.cluster] * slopes) @ fit.regression.jacobian(solved.values)
+    moved = np.zeros((len(pulls), len(names)))
+    for each, pull in zip(moved, pulls, strict=True):
+        each[[list(names).index(name) for name in solved.names]] = solved.change_by(pull)
+    return moved.T @ moved

@@ -43,7 +43,7 @@ def moved_by_givens(
     uncertainty; None if all are exact. InputError if a parameter is known exactly although what is
     added to it, or drives it, is not.
     """
-    count, names = len(cells.rows), cells.names
+    count, values = len(cells.rows), cells.named
     inertia, gravity = (
         np.array([getattr(each, name) for each in carried] or np.zeros(count))
         for name in ("inertia", "gravity_moment")
@@ -54,7 +54,6 @@ def moved_by_givens(
             own = moves.setdefault(key, np.zeros((2, count)))
             own[:, position] = by_inertia, by_gravity
     columns = [_moved(cells, {"p1": own[0], "p3": own[1]}) for own in moves.values()]
-    values = dict(zip(names, cells.values.tolist(), strict=True))
     for scale, share in known.scales.items():
         grows = _OF_SCALES[scale]
         if "p4" in grows and "p4" in known.fixed:

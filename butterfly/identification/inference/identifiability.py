@@ -227,7 +227,7 @@ class ScaleParameter:
         """(n,) changes of the others that do to residuals what one of the reference does."""
         assert self.name is not None  # noqa: S101 - asked of a reference only
         carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
-        pairs = zip(solved.names, solved.values.tolist(), strict=True)
+        pairs = solved.named.items()
         grown = [SHARES.get(n, 0.0) * own + carried.get(n, 0.0) for n, own in pairs]
         own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
         return -np.array(grown) / own

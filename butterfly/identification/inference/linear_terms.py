@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import (
     Offer,
-    as_good,
     offers_in,
     stagewise,
 )
-from butterfly.identification.inference.submodels import Submodels
+from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import FOLLOWERS, GEAR, companions
+from butterfly.model.terms import FOLLOWERS, GEAR, FrictionTerms, companions
 
 STRIBECK = "stribeck"
 """The term whose velocity is scanned."""
@@ -51,6 +52,11 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     return tuple(name for name in names if name not in lost)
 
 
+def usual_velocity(known: Prior) -> float:
+    """Return the Stribeck velocity in rad/s that is known, or else the model's."""
+    return known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+
+
 def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     """Return Stribeck velocities in rad/s to try: none if its friction is known, one if it is."""
     if STRIBECK in known.parameters:
@@ -58,6 +64,42 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     if "stribeck_velocity" in known.fixed:
         return [known.fixed["stribeck_velocity"]]
     return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
+
+
+def optional_terms(
+    terms: Sequence[str] | None, offers: Iterable[str], masses: Iterable[AddedMass], known: Prior
+) -> tuple[str, ...]:
+    """Return the unknown ones of some terms, or, if None are given, the candidates of offers."""
+    if terms is None:
+        return candidates(offers, masses, known)
+    return tuple(name for name in terms if name not in known.parameters)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearProblem:
+    """The equations of logs, which are linear in the parameters, with any terms."""
+
+    # with n parameters at a Stribeck velocity in rad/s
+    equations: Callable[[tuple[str, ...], float], CellEquations]
+    base: tuple[str, ...]  # parameters that every fit has
+    terms: tuple[str, ...]  # that may be absent
+    masses: Sequence[AddedMass]  # of each log
+    known: Prior
+    fastest: float  # largest speed in rad/s
+    negligible: float = NEGLIGIBLE  # size of an error that is none
+
+    def fitted(self, *, choosing: bool) -> TermChoice:
+        """Return the fit with the terms, or with those of them that predict better."""
+        speeds = [usual_velocity(self.known)]
+        if STRIBECK in self.terms:
+            speeds = stribeck_velocities(self.fastest, self.known)
+        models = []
+        for speed in speeds:
+            equations = self.equations((*self.base, *self.terms), speed)
+            nested = submodels_of(equations, self.masses, self.negligible)
+            models.append(replace(nested, settings={"stribeck_velocity": speed}))
+        model = LinearModel(models=tuple(models), optional=self.terms, masses=self.masses)
+        return choose(model) if choosing else demanded(model, self.terms)
 
 
 class TermChoice(NamedTuple):
@@ -81,11 +123,10 @@ class TermChoice(NamedTuple):
 class LinearModel:
     """The end of a fit in some of the rows of linear equations (see `stagewise.Model`).
 
-    Several equations differ in the Stribeck velocity alone.
+    Several equations differ in the Stribeck velocity alone; the first ones are fitted.
     """
 
     models: tuple[Submodels, ...]
-    number: int = 0  # of the equations that are fitted
     optional: tuple[str, ...]  # rows that may be absent
     terms: frozenset[str] = frozenset()  # rows that are fitted
     masses: Sequence[AddedMass] = ()
@@ -94,46 +135,37 @@ class LinearModel:
     @cached_property
     def nested(self) -> Submodels:
         """The equations that are fitted, about the values."""
-        return self.models[self.number].about(self.values)
+        return self.models[0].about(self.values)
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
         """(n,) which of the parameters are fitted."""
         absent = {*self.optional} - self.terms
         absent |= companions(absent) - companions(self.terms)
-        return np.array([name not in absent for name in self.models[self.number].names])
+        return np.array([name not in absent for name in self.models[0].names])
 
     @cached_property
     def values(self) -> Samples:
         """(n,) values of the parameters; nan if the equations do not determine them."""
-        return np.asarray(self.models[self.number].fitted(self.kept[np.newaxis])[0])
-
-    @property
-    def named(self) -> dict[str, float]:
-        """The values by name."""
-        return dict(zip(self.nested.names, self.values.tolist(), strict=True))
+        return np.asarray(self.models[0].fitted(self.kept[np.newaxis])[0])
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have; of Stribeck friction the velocity that explains most."""
         found = []
         for row in rows:
-            scanned = enumerate(self.models) if row == STRIBECK else [(self.number, self.nested)]
+            scanned = self.models if row == STRIBECK else self.models[:1]
             tried = [
                 offer
-                for k, own in scanned
-                for offer in offers_in(
-                    *(own.about(self.values), self.kept, [row]),
-                    masses=self.masses,
-                    settings=own.settings,
-                    model=k,
-                )
+                for each in scanned
+                for offer in offers_in(each.about(self.values), self.kept, [row], self.masses)
             ]
             found += [max(tried, key=lambda each: each.share)] if tried else []
         return found
 
     def adding(self, offer: Offer) -> LinearModel | None:
         """Return the fit with a row more; None if no joint has it."""
-        more = replace(self, number=offer.model, terms=self.terms | {offer.name})
+        models = (offer.nested,) if offer.name == STRIBECK else self.models
+        more = replace(self, models=models, terms=self.terms | {offer.name})
         place = more.nested.names.index(offer.name)
         return more if more.values[place] > more.nested.equations.lower[place] else None
 
@@ -141,21 +173,20 @@ class LinearModel:
         """Return the fit without a term."""
         return replace(self, terms=self.terms - {name})
 
-    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
-        """Return the values with one row in place of another; None if that does not fit as well."""
-        other = replace(self, terms=self.terms - {taken} | {row})
-        return as_good(self.nested, self.kept, other.kept)
+    @property
+    def determined(self) -> bool:
+        """Whether the equations determine the parameters."""
+        return bool(np.isfinite(self.values).all())
 
-    def refuse_undetermined(self) -> None:
-        """Raise IdentifiabilityError if the equations do not determine the parameters."""
-        if np.isfinite(self.values).all():
-            return
-        kept, own = self.kept, self.models[self.number].equations
-        alone = self.models[self.number].about(np.where(kept, own.values, 0.0)).equations
+    @property
+    def refusal(self) -> IdentifiabilityError:
+        """The error that says which parameters the equations do not determine."""
+        kept, own = self.kept, self.models[0].equations
+        alone = self.models[0].about(np.where(kept, own.values, 0.0)).equations
         known = None if own.prior is None else own.prior.active[kept]
         names = tuple(np.array(own.names)[kept].tolist())
         rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
-        raise Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
+        return Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
 
     def choice(
         self, rivals: Iterable[Mapping[str, float]] = (), findings: Iterable[Finding] = ()
@@ -167,7 +198,7 @@ class LinearModel:
         return TermChoice(
             names=(*base, *terms),
             terms=terms,
-            values=self.named | scanned,
+            values=self.nested.equations.named | scanned,
             settings=scanned,
             rivals=tuple(dict(each) for each in rivals),
             findings=(
@@ -179,7 +210,8 @@ class LinearModel:
 
 def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
     """Choose from the rows of linear equations; IdentifiabilityError if they are singular."""
-    model.refuse_undetermined()
+    if not model.determined:
+        raise model.refusal
     found = stagewise(model, model.optional, rare)
     choice = found.model.choice(found.rival_values(), found.findings)
     return choice._replace(path=found.path)
@@ -191,23 +223,20 @@ def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
     The last of them are dropped that the equations cannot tell from the others.
     IdentifiabilityError if these are singular without any.
     """
-    for count in range(len(terms), 0, -1):
+    for count in range(len(terms), -1, -1):
         fits = [
-            replace(model, number=k, terms=frozenset(terms[:count]))
-            for k in range(len(model.models) if STRIBECK in terms[:count] else 1)
+            replace(model, models=(each,), terms=frozenset(terms[:count]))
+            for each in model.models[: None if STRIBECK in terms[:count] else 1]
         ]
-        able = [each for each in fits if np.isfinite(each.values).all()]
-        if able:
-            best = min(able, key=_foreseen)
+        determined = [each for each in fits if each.determined]
+        if determined:
             lost = [Finding(FindingKind.INSEPARABLE, tuple(terms[count:]))] if terms[count:] else []
-            return best.choice(findings=lost)
-    model.refuse_undetermined()
-    lost = [Finding(FindingKind.INSEPARABLE, tuple(terms))] if terms else []
-    return model.choice(findings=lost)
+            return min(determined, key=_held_out_error).choice(findings=lost)
+    raise model.refusal
 
 
-def _foreseen(model: LinearModel) -> float:
+def _held_out_error(model: LinearModel) -> float:
     """Return the mean error of cells, predicted by the others if these determine the values."""
     errors = model.nested.held_out(model.kept[np.newaxis])[0]
-    known = np.isfinite(errors).all()
-    return float(np.mean(np.sqrt(errors if known else model.nested.equations.cost)))
+    finite = np.isfinite(errors).all()
+    return float(np.mean(np.sqrt(errors if finite else model.nested.equations.cost)))

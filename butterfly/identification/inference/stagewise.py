@@ -19,7 +19,7 @@ from typing import Generic, NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, standard_error
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
@@ -52,13 +52,13 @@ class Offer:
     share: float  # of the squared errors that it explains
     gain: Samples  # (k,) by how much the error of each cell is less, predicted by the others
     values: Mapping[str, float]  # of all unknowns a step away, by label
-    settings: Mapping[str, float]  # at which it was tested
-    model: int = 0  # number of the linear equations, where there are several
+    nested: Submodels  # the equations, with n unknowns, on which it was tested
+    kept: NDArray[np.bool_]  # (n,) which of these are fitted without the row
 
     @property
     def ratio(self) -> float:
         """The mean gain in standard errors."""
-        mean, error = float(self.gain.mean()), _standard_error(self.gain)
+        mean, error = float(self.gain.mean()), standard_error(self.gain)
         return mean / error if error > 0 else math.copysign(math.inf, mean) if mean else 0.0
 
     def passes(self, level: _Level, chance: float, negligible: float) -> bool:
@@ -67,6 +67,16 @@ class Offer:
             return False
         significant = chance < level.chance and self.ratio > 1
         return significant or (self.ratio > level.gain and self.share > _SHARE)
+
+    def swapped(self, term: str) -> dict[str, float] | None:
+        """Return the values, by label, with the row in place of a term; None of a worse fit."""
+        names = np.array(self.nested.names)
+        other = self.kept & ~np.isin(names, [term, *companions({term})]) | (names == self.name)
+        values = self.nested.fitted(np.array([self.kept, other]))
+        worse = np.subtract(*np.sqrt(self.nested.costs(values))[::-1])
+        if not worse.mean() <= standard_error(worse):
+            return None
+        return dict(zip(self.nested.names, values[1].tolist(), strict=True))
 
 
 class Model(Protocol):
@@ -97,9 +107,6 @@ class Model(Protocol):
     def without(self, name: str) -> Self:
         """Fit without a term."""
 
-    def swapped(self, row: str, taken: str) -> dict[str, float] | None:
-        """Return the values with one row in place of another; None if that does not fit as well."""
-
 
 M = TypeVar("M", bound=Model)
 
@@ -110,7 +117,7 @@ class ChosenTerms(Generic[M]):
 
     model: M
     path: tuple[tuple[str, ...], ...]  # the terms of each round, the first ones included
-    ties: tuple[tuple[str, str], ...]  # rows that did as well as one that was taken, and that one
+    ties: tuple[tuple[Offer, str], ...]  # rows that did as well as a term that was taken, and that
     # rows that are not fitted, though no chance, or of help and common or of a share
     rivals: tuple[Offer, ...]
     idle: tuple[str, ...]  # rows that were tried and are not fitted
@@ -124,7 +131,7 @@ class ChosenTerms(Generic[M]):
 
     def rival_values(self) -> list[Mapping[str, float]]:
         """Return the values, by label, of fits that predict as well, and of those with rivals."""
-        swapped = [self.model.swapped(*pair) for pair in self.ties]
+        swapped = [row.swapped(taken) for row, taken in self.ties]
         return [*(each for each in swapped if each), *(each.values for each in self.rivals)]
 
 
@@ -148,19 +155,19 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
             found = model.without(idle)
         model = found
         path.append(_ordered(model.terms, rows))
-    felt = {each.name for each in offers}
+    felt = {each.name: each for each in offers}
     holm = _holm(offers)
     return ChosenTerms(
         model=model,
         path=tuple(path),
-        ties=tuple(each for each in ties if each[0] in felt and each[1] in model.terms),
+        ties=tuple((felt[n], term) for n, term in ties if n in felt and term in model.terms),
         rivals=tuple(
             each
             for each in offers
             if holm[each.name] < 1 - CONFIDENCE
             or (each.ratio > 1 and (each.name not in rare or each.share > _SHARE))
         ),
-        idle=tuple(name for name in rows if name in felt | gone),
+        idle=tuple(name for name in rows if name in gone.union(felt)),
         inseparable=tuple(name for name in asked if name not in felt),
     )
 
@@ -175,7 +182,7 @@ def _idle(model: Model, rows: Collection[str]) -> str | None:
     gains = {
         name: float(gain.mean())
         for name, gain in gains_in(model.nested, model.kept, model.terms).items()
-        if name in rows and not gain.mean() > max(_standard_error(gain), model.nested.negligible)
+        if name in rows and not gain.mean() > max(standard_error(gain), model.nested.negligible)
     }
     return min(gains, key=lambda name: gains[name], default=None)
 
@@ -206,7 +213,7 @@ def _best(
             taken = min(costs, key=lambda name: float(costs[name].sum()))
             for name, cost in costs.items():
                 worse = np.sqrt(cost) - np.sqrt(costs[taken])
-                if name != taken and worse.mean() <= _standard_error(worse):
+                if name != taken and worse.mean() <= standard_error(worse):
                     ties.append((name, taken))
             return fits[taken]
         passing = [each for each in passing if each.name not in gone]
@@ -222,19 +229,8 @@ def _holm(offers: Sequence[Offer]) -> dict[str, float]:
     return found
 
 
-def _standard_error(values: Samples) -> float:
-    """Return that of the mean of (k,) values; infinite of one."""
-    return float(np.std(values, ddof=1)) / values.size**0.5 if values.size > 1 else np.inf
-
-
 def offers_in(
-    nested: Submodels,
-    kept: NDArray[np.bool_],
-    rows: Collection[str],
-    *,
-    masses: Iterable[AddedMass],
-    settings: Mapping[str, float],
-    model: int = 0,
+    nested: Submodels, kept: NDArray[np.bool_], rows: Collection[str], masses: Iterable[AddedMass]
 ) -> list[Offer]:
     """Test rows on equations that have them all, about the end of the fit of what is ``kept``.
 
@@ -264,22 +260,11 @@ def offers_in(
                 share=float(1 - left[k] / left[0]) if possible and left[0] > 0 else 0.0,
                 gain=gain if possible else np.zeros_like(gain),
                 values=values,
-                settings=settings,
-                model=model,
+                nested=nested,
+                kept=kept,
             )
         )
     return offers
-
-
-def as_good(
-    nested: Submodels, kept: NDArray[np.bool_], other: NDArray[np.bool_]
-) -> dict[str, float] | None:
-    """Return the values of a fit with other rows; None if it fits cells worse than one."""
-    values = nested.fitted(np.array([kept, other]))
-    mine, its = np.sqrt(nested.costs(values))
-    if not (its - mine).mean() <= _standard_error(its - mine):
-        return None
-    return dict(zip(nested.names, values[1].tolist(), strict=True))
 
 
 def gains_in(

@@ -140,20 +140,33 @@ def test_one_log_is_enough_where_all_else_is_known():
     assert found.parameters.coulomb == pytest.approx(ROBOT.coulomb, rel=1e-3)
 
 
+def _scanned(right, *errors):
+    """A model at 0.1, 0.2 rad/s and so on; what is added to the last column makes it wrong."""
+    models = []
+    for k, error in enumerate(errors, 1):
+        rows = right.equations.rows.copy()
+        rows[..., -1] += error
+        there = replace(right, equations=replace(right.equations, rows=rows))
+        models.append(replace(there, settings={"stribeck_velocity": 0.1 * k}))
+    return _model(*models, names=right.names)
+
+
 @pytest.mark.parametrize("fit", [choose, lambda model: demanded(model, ("stribeck",))])
 def test_the_setting_that_explains_most_is_chosen_among_several(fit):
-    names = (*ALWAYS, "stribeck")
-    right = _nested(truth={"p1": 1, "p3": 2, "stribeck": 1.5}, names=names)
-    rows = right.equations.rows.copy()
-    rows[..., 2] += 2 * np.random.default_rng(9).standard_normal(rows.shape[:2])
-    wrong = replace(right, equations=replace(right.equations, rows=rows))
-    models = [
-        replace(each, settings={"stribeck_velocity": speed})
-        for each, speed in ((wrong, 0.1), (right, 0.2))
-    ]
-    chosen = fit(_model(*models, names=names))
+    right = _nested(truth={"p1": 1, "p3": 2, "stribeck": 1.5}, names=(*ALWAYS, "stribeck"))
+    chosen = fit(_scanned(right, 2 * np.random.default_rng(9).standard_normal((LOGS, ROWS)), 0.0))
     assert chosen.terms == ("stribeck",)
     assert chosen.settings == {"stribeck_velocity": 0.2}
+
+
+def test_a_rival_is_fitted_at_the_velocity_at_which_it_explains_most():
+    names, truth = (*ALWAYS, "drag", "stribeck"), {"p1": 1, "p3": 2, "drag": 0.5}
+    alike = _nested(truth=truth, names=names, twins=[("stribeck", "drag")])
+    noise = np.random.default_rng(6).standard_normal((2, LOGS, ROWS))
+    chosen = choose(_scanned(alike, 2 * noise[0], 1e-2 * noise[1]))
+    assert chosen.terms == ("drag",)
+    (rival,) = (each for each in chosen.rivals if each["drag"] == 0.0)
+    assert rival["stribeck"] == pytest.approx(0.5, abs=0.05)
 
 
 def test_friction_that_would_drive_the_joint_is_not_possible():
