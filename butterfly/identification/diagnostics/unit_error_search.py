@@ -327,7 +327,9 @@ def _error(data: DataSet, estimate: Estimate, logs: Sequence[int] | None = None)
 
 
 def _moves(before: Estimate, found: Estimate) -> bool:
-    """Return whether p1 to p4 move by more than their intervals, and than counts as known."""
+    """Return whether p1 to p4 move by more than counts as known, and intervals that may be used."""
+    if before.level is Level.WARNING:
+        return True
     then = dict(zip(found.names, found.values, strict=True))
     rows = zip(before.names, before.values, before.lower, before.upper, strict=True)
     return any(
