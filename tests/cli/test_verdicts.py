@@ -177,7 +177,7 @@ def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monke
     said = done(butterfly("run", quick, "--out", tmp_path / "out", "--jobs", 1))
     assert "Verdicts on 2 estimates: " in said
     numbers = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))
-    assert sum(numbers["verdicts"]["harmonic-balance"].values()) == 2
+    assert sum(numbers["verdicts"]["output-error"].values()) == 2
 
 
 def test_what_a_method_does_not_estimate_is_no_value_of_it(told, by_thesis, tmp_path):

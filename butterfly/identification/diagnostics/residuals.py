@@ -33,8 +33,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.agreement import (
     Contrast,
+    contrasts_of,
     differing_values,
-    disagreements_of,
     from_log_to_log,
 )
 from butterfly.identification.inference.linear_terms import LinearModel
@@ -306,8 +306,7 @@ def _contrasts(
         log=np.repeat(np.arange(len(logs)), cells),
     )
     conditions = Conditions.of([each.run.log for each in logs], cells)
-    found, rivals = disagreements_of(equations, conditions)
-    ends = [each.values for each in rivals]
+    found, ends = contrasts_of(equations, conditions)
     both = (*found, *from_log_to_log(equations.of_logs))
     found = tuple(sorted(both, key=lambda each: -each.share))
     if found and found[0].condition is Condition.LOG:

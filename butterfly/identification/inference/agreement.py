@@ -114,6 +114,15 @@ def disagreements_of(
     return tuple(contrast for contrast, *_ in accepted), tuple(rivals)
 
 
+def contrasts_of(
+    equations: CellEquations, conditions: Conditions
+) -> tuple[tuple[Contrast, ...], list[Samples]]:
+    """Return the same contrasts, and (n,) values of their rivals."""
+    accepted = _accepted(equations, conditions)
+    ends = [end for *_, each in accepted for _, end in each]
+    return tuple(contrast for contrast, *_ in accepted), ends
+
+
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
