@@ -160,7 +160,7 @@ def test_what_a_base_would_add_is_that_derivative_the_nearer_the_shorter_the_ste
               ((quick[:, 1], exact[:, 1]) for quick, exact in ways)]  # fmt: skip
     assert errors[1] < 0.6 * errors[0] < 0.003
     for quick, exact in ways:
-        np.testing.assert_allclose(quick[:, 0], exact[:, 0], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(quick[:, 0], exact[:, 0], rtol=1e-3, atol=1e-5)
         assert not quick[:, 2:].any()
 
 
