@@ -162,8 +162,11 @@ def stagewise_weighed(
     end = fitted.end
     if problem is not fitted.problem:
         own = begun.of_logs(problem, values)
-        again = WeighedLogs.of(problem, problem.equations(values + own), values, own)
-        weighed, end = again.next or again, replace(end, at=problem.equations(values))
+        theirs, at = problem.equations(values + own), problem.equations(values)
+        if not (theirs.is_finite and at.is_finite):
+            return fitted, weighed
+        again = WeighedLogs.of(problem, theirs, values, own)
+        weighed, end = again.next or again, replace(end, at=at)
     return fitted_of(found, end, fitted), weighed
 
 
