@@ -268,7 +268,7 @@ ROWS = {
     "control": Row(lambda *_: Bench()),
     "base": Row(_base, ("p1",), r"\bbase\b"),
     "own inertia": Row(_own_inertia, ("p1",), r"own inertia|mass_inertia"),
-    "friction by log": Row(_friction_by_log, ("p2", "coulomb"), r"log to log"),
+    "friction by log": Row(_friction_by_log, ("p2", "coulomb"), r"between logs"),
     "weighed": Row(_weighed, ("p1", "p3", "p4"), r"weighed|masses contradict"),
     "dead zone": Row(_dead_zone, ("p4",), r"dead.zone"),
     "saturation": Row(_saturation, ("p4",), r"saturat|compression"),
