@@ -20,7 +20,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
+from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import LinearModel, choose
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
@@ -168,7 +168,7 @@ def estimate_of(
         if np.isfinite(values).all():
             left_out[f"run {number}"] = values
     fit = SolvedFit(method=method, equations=solved, left_out=left_out, findings=[Finding(scale)])
-    return replace(infer(fit, FittedLogs()), ratios="p1" not in solved.names)
+    return replace(infer(fit), ratios="p1" not in solved.names)
 
 
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
