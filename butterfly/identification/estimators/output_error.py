@@ -139,7 +139,7 @@ class OutputError(Estimator):
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
         asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
         data.require_angles(*asked & {*OF_ANGLE, "zero"})
-        calm = data.take(data.calm)
+        calm = data.take(data.counted)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
             return self.of_logs(data.logs, first, data.known)

@@ -71,7 +71,7 @@ class SolvedFit:
     rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
     consider_covariance: Samples | None = None  # (n, n), of what was taken as given
     torques: bool = False  # whether residuals are torques, which a misfit may add to any value
-    fixed: dict[str, float] = field(default_factory=dict)  # values that were held
+    fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method
 
     @property
