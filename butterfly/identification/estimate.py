@@ -70,7 +70,6 @@ class Estimate:
     horizon: float | None = None
     known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
     freedom: Samples | None = None  # (n,) degrees, of the standard errors
-    unestimated: tuple[str, ...] = ()  # names to which the method gives a value all the same
     input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
     joint: JointKind = JointKind.HINGE
 
@@ -88,6 +87,12 @@ class Estimate:
     def ratios(self) -> bool:
         """Whether the values are ratios to p1, which is neither known nor estimated."""
         return "p1" not in {*self.names, *self.fixed}
+
+    @property
+    def unestimated(self) -> tuple[str, ...]:
+        """Names to which the method gives a value without an estimate, by its finding."""
+        found = (each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED)
+        return next((each.parameters for each in found), ())
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
         """Return a row for each parameter, beside the truth; those known exactly come last."""
@@ -211,7 +216,6 @@ class Estimate:
                 _mass(key) if isinstance(key, dict) else key: dict(each)
                 for key, each in content["local"]
             },
-            unestimated=tuple(map(str, others)),
             input_kind=None if content.get("input") is None else InputKind(content["input"]),
             joint=JointKind(content.get("joint", JointKind.HINGE)),
         )
