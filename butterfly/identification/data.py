@@ -302,7 +302,7 @@ class DataSet:
 
     @property
     def whole(self) -> DataSet:
-        """All logs, those that are held out after the others, whom the manifest names."""
+        """All logs, those that are held out after the others; its manifest names these."""
         held, manifest = self.test_logs, self.manifest
         if held is None:
             return self

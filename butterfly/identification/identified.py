@@ -110,7 +110,7 @@ class Identified:
     @property
     def fit_of_logs(self) -> Samples:
         """(n,) FIT of each log in per cent."""
-        return np.array([*self.fits.values()])
+        return np.array([run.fit for run in self.runs] or list(self.fits.values()))
 
     @cached_property
     def data(self) -> DataSet:

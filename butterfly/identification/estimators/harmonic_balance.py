@@ -129,8 +129,7 @@ class Linear(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
-        fit = _fitted(points, known, LINEAR, small=True)
-        return _inferred(fit, "joint linear complex fit")
+        return _inferred(_fitted(points, known, LINEAR, small=True), "joint linear complex fit")
 
 
 def _fitted(
