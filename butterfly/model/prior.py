@@ -148,8 +148,7 @@ class Prior:
 
     def _at(self, name: str, carried: AddedMass) -> float:
         """Return a known parameter under an added mass."""
-        loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
-        return self.parameters[name].value + loads.get(name, 0.0)
+        return self.parameters[name].value + carried.loads.get(name, 0.0)
 
     def reference(self, carried: AddedMass = NO_ADDED_MASS) -> str | None:
         """Name of the most precise torque of the scale; None if a fixed one sets it."""

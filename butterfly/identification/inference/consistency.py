@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import compress
 
 import numpy as np
 from scipy.special import stdtrit
@@ -125,9 +124,8 @@ def scale_errors(cells: CellEquations, carried: Sequence[AddedMass], known: Prio
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
     names, rows, residuals = cells.names, cells.rows, cells.residuals
-    loads = {mass.inertia_and_moment for mass in carried}
-    absent = [name not in names for name in ("p1", "p3")]
-    if not fixed or len(loads) <= 1 or any(any(compress(load, absent)) for load in loads):
+    lost = any(load and n not in names for mass in carried for n, load in mass.loads.items())
+    if not fixed or lost or len({mass.inertia_and_moment for mass in carried}) <= 1:
         return []
     grown = np.array([growth(names, cells.values, mass) for mass in carried])
     column = -np.einsum("kmn,kn->km", rows, grown)

@@ -166,9 +166,8 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
 
 def growth(names: Sequence[str], values: Samples, added: AddedMass) -> Samples:
     """Return how (n,) values change if all torques grow by a common factor: (n,) per 1 of it."""
-    loads = {"p1": added.inertia, "p3": added.gravity_moment}
-    pairs = zip(names, values.tolist(), strict=True)
-    return np.array([SHARES.get(name, 0.0) * value + loads.get(name, 0.0) for name, value in pairs])
+    shares = [SHARES.get(name, 0.0) for name in names]
+    return np.array([added.loads.get(name, 0.0) for name in names]) + values * shares
 
 
 def with_held(solved: CellEquations, name: str, known: Prior, added: AddedMass) -> CellEquations:
