@@ -206,8 +206,7 @@ class Identification(Identified, Result):
         return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
 
     def __repr__(self) -> str:
-        pairs = zip(self.estimate.names, self.estimate.values, strict=True)
-        values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
+        values = ", ".join(f"{n} {value:.4g}" for n, value in self.estimate.named.items())
         return f"<Identification: {self.title}{self._unless_good()}: {values}>"
 
     @property

@@ -161,7 +161,7 @@ def _fits_table(title: str, fits: Mapping[str, Samples], horizon: float) -> Text
 
 def _estimates_table(data: DataSet, estimates: Mapping[str, Estimate]) -> TextTable:
     names = dict.fromkeys(name for each in estimates.values() for name in each.names)
-    found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
+    found = [each.named for each in estimates.values()]
     rows = [
         (
             name,

@@ -32,7 +32,7 @@ from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.inference.identifiability import refuse_without_scale
+from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.simulation import rehearse
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
@@ -135,7 +135,7 @@ class RunResult:
             return
         known = implied(Prior.of(experiment.known), experiment.input_kind)
         try:
-            refuse_without_scale(experiment.added_masses, known)
+            with_scale(experiment.added_masses, known)
         except IdentifiabilityError as error:
             self._estimates += [EstimateRecord(estimator=s.label, error=str(error)) for s in specs]
             raise

@@ -241,20 +241,18 @@ class DataSet:
         return tuple(log.name for log, zero in pairs if zero.kind is OffsetKind.GUESS)
 
     @cached_property
-    def calm(self) -> list[int]:
-        """Numbers of the logs in which the hand stays away from the upright, if there is one."""
-        if not self.hangs:
-            return list(range(len(self.logs)))
-        return [
-            k
-            for k, log in enumerate(self.logs)
-            if log.closed or not turns_over(log, self.zero_of(log))
-        ]
-
-    @property
     def counted(self) -> list[int]:
-        """Numbers of the logs by whose free runs a model is judged: the calm ones, or else all."""
-        return self.calm or list(range(len(self.logs)))
+        """Numbers of the logs in which the hand stays away from the upright; of all, if none is."""
+        every = list(range(len(self.logs)))
+        return [k for k in every if not self._turns_over(self.logs[k])] or every
+
+    def _turns_over(self, log: Log) -> bool:
+        """Whether the hand passes near the upright, if there is one: small causes tell."""
+        if log.closed or not self.hangs:
+            return False
+        angle = log.angle - self.zero_of(log)
+        turned = 2 * math.pi * round(float(np.median(angle)) / (2 * math.pi))
+        return bool(np.max(np.abs(angle - turned)) > _UPRIGHT)
 
     def require_angles(self, *needed: str) -> None:
         """Raise InputError if something needs the angle, and a log has only a velocity."""
@@ -304,23 +302,16 @@ class DataSet:
 
     @property
     def whole(self) -> DataSet:
-        """All logs, those that are held out after the others."""
-        if self.test_logs is None:
+        """All logs, those that are held out after the others; its manifest names these."""
+        held, manifest = self.test_logs, self.manifest
+        if held is None:
             return self
-        both: dict[str, Any] = {
-            name: (*getattr(self, name), *getattr(self.test_logs, name)) for name in _OF_EACH_LOG
-        }
-        return replace(self, manifest=self.whole_manifest, test_logs=None, **both)
-
-    @property
-    def whole_manifest(self) -> Manifest | None:
-        """The manifest of all logs, which names those that are held out."""
-        test_logs = self.test_logs
-        if self.manifest is None or test_logs is None or test_logs.manifest is None:
-            return self.manifest
-        entries = [*self.manifest.logs, *test_logs.manifest.logs]
-        names = [log.name for log in test_logs.logs]
-        return self.manifest.model_copy(update={"logs": entries, "holdout": names})
+        if manifest is not None and held.manifest is not None:
+            entries, names = [*manifest.logs, *held.manifest.logs], [log.name for log in held.logs]
+            manifest = manifest.model_copy(update={"logs": entries, "holdout": names})
+        both: dict[str, Any]
+        both = {name: (*getattr(self, name), *getattr(held, name)) for name in _OF_EACH_LOG}
+        return replace(self, manifest=manifest, test_logs=None, **both)
 
     def holding_out(self, names: Sequence[str]) -> DataSet:
         """Return the data set with some logs, by name or glob pattern, as `test_logs`.
@@ -372,12 +363,6 @@ def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
         raise InputError("known", "p3", moment, "0, as no gravity acts on this joint")
     known = implied(given, first.input_kind, first.added_mass.joint)
     return beside_masses(known, [log.added_mass for log in logs])
-
-
-def turns_over(log: Log, zero: float) -> bool:
-    """Whether the hand, at rest at ``zero`` rad, passes near the upright: small causes tell."""
-    turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
-    return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
 
 
 def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:

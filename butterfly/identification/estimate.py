@@ -70,16 +70,29 @@ class Estimate:
     horizon: float | None = None
     known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
     freedom: Samples | None = None  # (n,) degrees, of the standard errors
-    unestimated: tuple[str, ...] = ()  # names to which the method gives a value all the same
-    ratios: bool = False  # whether the values are ratios to p1, gains excepted
     input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
     joint: JointKind = JointKind.HINGE
 
     @property
+    def named(self) -> dict[str, float]:
+        """The n values by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
+    @property
     def parameters(self) -> LumpedParameters:
         """The estimate as parameters of the model."""
-        found = dict(zip(self.names, self.values.tolist(), strict=True))
-        return LumpedParameters(**self.fixed | found)
+        return LumpedParameters(**self.fixed | self.named)
+
+    @property
+    def ratios(self) -> bool:
+        """Whether the values are ratios to p1, which is neither known nor estimated."""
+        return "p1" not in {*self.names, *self.fixed}
+
+    @property
+    def unestimated(self) -> tuple[str, ...]:
+        """Names to which the method gives a value without an estimate, by its finding."""
+        found = (each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED)
+        return next((each.parameters for each in found), ())
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
         """Return a row for each parameter, beside the truth; those known exactly come last."""
@@ -93,8 +106,9 @@ class Estimate:
             left_out = [float(values[k]) for values in self.left_out.values()]
             known = math.isfinite(self.lower[k]) and math.isfinite(self.upper[k])
             rows.append(
-                Parameter(
-                    **self._about(name, truth),
+                self._row(
+                    name,
+                    truth,
                     value=float(self.values[k]),
                     standard_error=or_none(errors[k]),
                     lower=or_none(self.lower[k]),
@@ -105,16 +119,9 @@ class Estimate:
                     claim=str(claims[k]) if known else "",
                 )
             )
+        exact: dict[str, Any] = {"standard_error": 0.0, "known": True, "claim": "known"}
         rows += [
-            Parameter(
-                **self._about(name, truth),
-                value=value,
-                standard_error=0.0,
-                lower=value,
-                upper=value,
-                known=True,
-                claim="known",
-            )
+            self._row(name, truth, value=value, lower=value, upper=value, **exact)
             for name, value in self.given.fixed.items()
         ]
         return tuple(rows)
@@ -127,7 +134,7 @@ class Estimate:
         absent = {name for name in ("p4", "delay") if self.known.fixed.get(name) == 0}
         return self.known.within(self.known.values.keys() - absent)
 
-    def _about(self, name: str, truth: Mapping[str, float] | None) -> dict[str, Any]:
+    def _row(self, name: str, truth: Mapping[str, float] | None, **numbers: Any) -> Parameter:  # noqa: ANN401 - as of `Parameter`
         term = TERMS[name]
         unit = unit_of(name, self.input_kind, self.joint)
         if self.ratios and not term.of_gain:
@@ -135,17 +142,12 @@ class Estimate:
         meaning = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
         if self.joint is JointKind.SLIDE:
             meaning = meaning.replace("inertia", "mass that moves").replace("torque", "force")
-        return {
-            "name": name,
-            "meaning": meaning,
-            "unit": unit,
-            "true": None if truth is None else float(truth[name]),
-        }
+        true = None if truth is None else float(truth[name])
+        return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
         """Return all that it holds, as JSON can hold it."""
         rows = {row["name"]: row for row in map(asdict, self.table(truth))}
-        values = dict(zip(self.names, self.values.tolist(), strict=True))
         content: dict[str, Any] = {
             "method": self.method,
             "ending": str(self.ending),
@@ -153,7 +155,7 @@ class Estimate:
             "joint": str(self.joint),
             "ratios": self.ratios,
             "parameters": rows,
-            "unestimated": {name: values[name] for name in self.unestimated},
+            "unestimated": {name: self.named[name] for name in self.unestimated},
             "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
             "left_out": left_out_content(self.names, self.left_out),
             "rivals": [each.tolist() for each in self.rivals],
@@ -214,17 +216,13 @@ class Estimate:
                 _mass(key) if isinstance(key, dict) else key: dict(each)
                 for key, each in content["local"]
             },
-            unestimated=tuple(map(str, others)),
-            ratios=bool(content.get("ratios", False)),
             input_kind=None if content.get("input") is None else InputKind(content["input"]),
             joint=JointKind(content.get("joint", JointKind.HINGE)),
         )
         named = {*names, *found.on_bound, *found.fixed, *found.unestimated}
         if not named <= TERMS.keys() or len({*names}) < len(names):
             raise ValueError("names that are no parameters, or twice the same")
-        each_of_all = (*found.rivals, *left_out.values())
-        each_of_all += () if found.freedom is None else (found.freedom,)
-        if any(each.shape != found.values.shape for each in each_of_all):
+        if any(each.shape != found.values.shape for each in found._arrays):
             raise ValueError("not as many values as names")
         if not np.allclose(found.covariance, found.covariance.T, atol=0.0, equal_nan=True):
             raise ValueError("a covariance that is not symmetric")
@@ -237,14 +235,18 @@ class Estimate:
     @property
     def usable(self) -> Estimate:
         """The same, if results can be made of it; a ValueError says why none can."""
-        arrays = (self.values, *self.left_out.values(), *self.rivals)
-        arrays += () if self.freedom is None else (self.freedom,)
-        if not all(np.isfinite(each).all() for each in arrays):
+        if not all(np.isfinite(each).all() for each in self._arrays):
             raise ValueError("values that are no numbers")
         others = (self.covariance, self.lower, self.upper, np.array(self.condition))
-        if any((np.abs(each) > _LARGEST).any() for each in (*arrays, *others)):
+        if any((np.abs(each) > _LARGEST).any() for each in (*self._arrays, *others)):
             raise ValueError(f"numbers above {_LARGEST:g}")
         return self
+
+    @property
+    def _arrays(self) -> tuple[Samples, ...]:
+        """(n,) arrays that hold a number for each name."""
+        arrays = (self.values, *self.left_out.values(), *self.rivals)
+        return arrays if self.freedom is None else (*arrays, self.freedom)
 
     @cached_property
     def level(self) -> Level:
@@ -336,13 +338,6 @@ class Estimate:
         half = np.minimum(half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2)
         lower = np.maximum(np.minimum(self.lower, rival - half), lower_bounds(self.names))
         return replace(self, lower=lower, upper=np.maximum(self.upper, rival + half))
-
-    def with_unit_errors(self, *slips: Finding) -> Estimate:
-        """Return the estimate with the slips that explain it said first, and no guess at others."""
-        if not slips:
-            return self
-        rest = (each for each in self.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
-        return replace(self, findings=(*slips, *rest))
 
 
 def left_out_content(

@@ -104,7 +104,10 @@ def judge(
         *judge_knowledge(found, data),
         *judge_basis(found, data),
     )
-    sure = judged_so_far.with_unit_errors(*find_unit_errors(data, estimator, judged_so_far))
+    sure = judged_so_far
+    if slips := find_unit_errors(data, estimator, sure):  # which explain what was a guess
+        rest = (each for each in sure.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
+        sure = replace(sure, findings=(*slips, *rest))
     search = current_search()
     if not search.left_out:
         return sure
@@ -134,11 +137,9 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):
         return best, estimate
-    rival = dict(zip(others[0][1].names, others[0][1].values.tolist(), strict=True))
-    values = zip(estimate.names, estimate.values.tolist(), strict=True)
+    named = estimate.named | {n: v for n, v in others[0][1].named.items() if n in estimate.names}
     unsure = Finding(FindingKind.CLOCK, ("p1",), number=share)
-    held = estimate.holding(np.array([rival.get(name, value) for name, value in values]))
-    return replace(best, correction=unsure), held
+    return replace(best, correction=unsure), estimate.holding(np.array([*named.values()]))
 
 
 @_UNWARNED
@@ -150,9 +151,8 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
     try:
         found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-        values = zip(found.names, found.values.tolist(), strict=True)
         # a p4 that is no number is, where nothing drives
-        wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
+        wrong = [n for n, value in found.named.items() if not math.isfinite(value) and n != "p4"]
         if wrong:
             raise IdentifiabilityError(
                 f"the equations of these logs give no finite {', '.join(wrong)}"
@@ -185,7 +185,7 @@ def simulated(
     held = () if data.test_logs is None else _runs(data.test_logs, estimate)
     looped = [run for run in (*runs, *held) if run.log.closed]
     opened = [each for part in (data, data.test_logs) if part for each in _opened(part, estimate)]
-    manifest = data.whole_manifest
+    manifest = data.whole.manifest
     return Identified(
         estimate=estimate,
         estimator=estimate.method,

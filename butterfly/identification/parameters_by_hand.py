@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.plausibility import judge_physics
@@ -34,13 +33,7 @@ class OtherParameters:
     name: str  # Where the parameters come from
     parameters: LumpedParameters  # Of the bare hand
     gain_fitted: bool  # Whether p4 was chosen here, for the highest median FIT
-    fits: Samples  # (n,) FIT of each log in per cent
-    horizon: float = math.inf  # Longest stretch in s that was simulated at a time
-
-    @property
-    def summary(self) -> FitSummary:
-        """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits, self.horizon)
+    fit: FitSummary  # Over the logs
 
     def numbers(self, estimate: Estimate) -> dict[str, Any]:
         """Return it for programs, in the units of an estimate."""
@@ -49,7 +42,7 @@ class OtherParameters:
             "name": self.name,
             "parameters": parameters,
             "gain_fitted": self.gain_fitted,
-            "fit": self.summary.numbers(),
+            "fit": self.fit.numbers(),
         }
 
 
@@ -65,10 +58,8 @@ def try_parameters(
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
         parameters = replace(parameters, p4=best_gain(parameters, data, source=name, track=track))
-    fits = data.simulations.fits_with(parameters, horizon)
-    return OtherParameters(
-        name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits, horizon=horizon
-    )
+    fit = FitSummary.of(data.simulations.fits_with(parameters, horizon), horizon)
+    return OtherParameters(name=name, parameters=parameters, gain_fitted=gain_fitted, fit=fit)
 
 
 def read_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
@@ -121,9 +112,6 @@ def best_gain(
     return float(guess * 10**fine.x)
 
 
-METHOD = "given parameters"
-
-
 def given_estimate(
     told: Mapping[str, object],
     source: str,
@@ -149,14 +137,12 @@ def given_estimate(
         if data is None:
             raise InputError(source, "p4", "nothing", "a value")
         parameters = replace(parameters, p4=best_gain(parameters, data, source=source))
-    found = asdict(parameters)
-    count = len(PARAMETERS)
-    unknown = np.full(count, np.nan)
+    found, unknown = asdict(parameters), np.full(len(PARAMETERS), np.nan)
     estimate = Estimate(
-        method=METHOD,
+        method="given parameters",
         names=PARAMETERS,
         values=np.array([found[name] for name in PARAMETERS]),
-        covariance=np.full((count, count), np.nan),
+        covariance=np.full((len(PARAMETERS), len(PARAMETERS)), np.nan),
         lower=unknown,
         upper=unknown,
         fixed={name: value for name, value in found.items() if name not in PARAMETERS},

@@ -262,6 +262,11 @@ class AddedMass:
         return self.mass * self.gravity * self.arm
 
     @property
+    def loads(self) -> dict[str, float]:
+        """What it adds to parameters of the joint, by name: its inertia and gravity moment."""
+        return {"p1": self.inertia, "p3": self.gravity_moment}
+
+    @property
     def inertia_and_moment(self) -> tuple[float, float]:
         """Z and X (81) of the `key`: its effect on the motion, except friction by its weight."""
         mass, arm, own, gravity, joint = self.key

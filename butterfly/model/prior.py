@@ -57,11 +57,12 @@ class Known:
     value: float
     uncertainty: float = 0.0
     heavy: bool = False  # whether it is a guess: half a Cauchy distribution, from the value up
+    held: bool = False  # whether it sets the scale of a fit, which holds it in spite of that
 
     @property
     def fixed(self) -> bool:
-        """Whether it is known exactly."""
-        return self.uncertainty == 0
+        """Whether a fit holds it: it is known exactly, or sets the scale."""
+        return self.held or self.uncertainty == 0
 
     def times(self, factor: float) -> Known:
         """Return the value and uncertainty times a factor."""
@@ -147,8 +148,7 @@ class Prior:
 
     def _at(self, name: str, carried: AddedMass) -> float:
         """Return a known parameter under an added mass."""
-        loads = {"p1": carried.inertia, "p3": carried.gravity_moment}
-        return self.parameters[name].value + loads.get(name, 0.0)
+        return self.parameters[name].value + carried.loads.get(name, 0.0)
 
     def reference(self, carried: AddedMass = NO_ADDED_MASS) -> str | None:
         """Name of the most precise torque of the scale; None if a fixed one sets it."""
@@ -170,11 +170,22 @@ class Prior:
         the delay.
         """
         usual = Known(value=0.0, uncertainty=_USUAL_DELAY * step, heavy=True)
-        return Prior({"delay": usual}) | self
+        return self if "delay" in self.values else Prior({"delay": usual}) | self
 
-    def fixing(self, name: str) -> Prior:
-        """Return the prior with one parameter fixed."""
-        return self | Prior({name: replace(self.values[name], uncertainty=0.0)})
+    def holding(self, name: str) -> Prior:
+        """Return the prior with one uncertain parameter held."""
+        return self | Prior({name: replace(self.values[name], held=True)})
+
+    @property
+    def held(self) -> str | None:
+        """Name of the uncertain parameter that is held, if any."""
+        return next((name for name, each in self.values.items() if each.held), None)
+
+    @property
+    def given(self) -> Prior:
+        """The values that were given: no guess of the delay, no uncertain parameter held."""
+        values = self.values.items()
+        return Prior({name: replace(each, held=False) for name, each in values if not each.heavy})
 
     def open(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return the names without a fixed value."""
@@ -281,7 +292,7 @@ class Penalty:
 
         ``values``: where heavy tails are linearised, by default at their peak.
         """
-        own = [known[name] if name in known and not known[name].fixed else None for name in names]
+        own = [known[n] if n in known and known[n].uncertainty else None for n in names]
         if not any(own):
             return None
         mean = np.array([each.value if each else 0.0 for each in own])

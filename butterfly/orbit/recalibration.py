@@ -20,7 +20,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, Regression, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
+from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import LinearModel, choose
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
@@ -97,7 +97,7 @@ class Recalibration:
 
     def loaded(self, added: AddedMass = NO_ADDED_MASS, inertia: float = 1.0) -> LumpedParameters:
         """Return the parameters of the hand carrying a mass; of ratios, with p1 = ``inertia``."""
-        values = dict(zip(self.estimate.names, self.estimate.values.tolist(), strict=True))
+        values = self.estimate.named
         if not self.estimate.ratios:
             bare = LumpedParameters(**values, cogging_periods=self.cogging_periods)
             return bare.with_added_mass(added)
@@ -167,8 +167,8 @@ def estimate_of(
         values = without_logs(solved, np.unique(regression.cluster[run == number]).tolist())
         if np.isfinite(values).all():
             left_out[f"run {number}"] = values
-    fit = SolvedFit(method=method, equations=solved, left_out=left_out, findings=[Finding(scale)])
-    return replace(infer(fit, FittedLogs()), ratios="p1" not in solved.names)
+    findings = [Finding(scale)]
+    return infer(SolvedFit(method=method, equations=solved, left_out=left_out, findings=findings))
 
 
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:

@@ -118,7 +118,7 @@ def require_possible(estimate: Estimate) -> Verdict:
 
 def values_of(estimate: Estimate) -> dict[str, float]:
     """Return the values by parameter, as sentences need them."""
-    return estimate.fixed | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    return estimate.fixed | estimate.named
 
 
 def values_sentence(estimate: Estimate) -> str:

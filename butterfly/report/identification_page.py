@@ -299,7 +299,7 @@ def _against_table(identification: Identified) -> PageTable:
     for other in identification.comparisons:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
         values[3] += " (fitted)" if other.gain_fitted else ""
-        rows.append((other.name, *values, *_fits(other.summary)))
+        rows.append((other.name, *values, *_fits(other.fit)))
     headers = ("parameters", *_COMPARED, "median FIT in %", "mean", "worst")
     return PageTable(name="against", headers=headers, rows=rows if len(rows) > 1 else ())
 

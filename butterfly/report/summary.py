@@ -121,7 +121,7 @@ def tables(identification: Identified, truth: LumpedParameters | None) -> list[T
         fits = [(f"{estimate.method}, this identification", fit)]
         for other in identification.comparisons:
             gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
-            fits.append((other.name + gain, other.summary))
+            fits.append((other.name + gain, other.fit))
         lines = [(name, *map(fit_text, (f.median, f.mean, f.worst))) for name, f in fits]
         title = f"FIT in %{fit.over} on the same logs"
         found.append(TextTable(title, ("parameters", "median", "mean", "worst"), lines))

@@ -184,5 +184,4 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         on_bound=on_bound,
         findings=tuple(findings),
         resonances=resonances,
-        unestimated=_UNESTIMATED,
     )

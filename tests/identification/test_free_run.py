@@ -171,6 +171,6 @@ def test_comparisons_share_the_trajectories_and_say_whether_the_gain_was_fitted(
     fitted = try_parameters("sheet", replace(ROBOT, p4=math.nan), swings)
     given = try_parameters("table", replace(ROBOT, p1=1.2 * ROBOT.p1), swings)
     assert (fitted.gain_fitted, given.gain_fitted) == (True, False)
-    assert fitted.summary.worst > 99
-    assert given.summary.median < fitted.summary.median - 5
+    assert fitted.fit.worst > 99
+    assert given.fit.median < fitted.fit.median - 5
     assert len(built) <= 2 * len(swings.logs)  # the grid follows the resonance, not the gain

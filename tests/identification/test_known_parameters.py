@@ -96,6 +96,15 @@ def test_a_gain_takes_the_place_of_a_second_mass_and_widens_all_by_its_uncertain
     assert not estimate.fixed.keys() & {*estimate.names}
 
 
+def test_a_gain_that_sets_the_scale_does_so_beside_a_bias_of_each_log(pair):
+    estimator = OutputError(terms=(), per_log=("bias",), workers=1)
+    estimate = estimator(knowing(pair, p4=(ROBOT.p4, 0.02 * ROBOT.p4)))
+    assert found(estimate)["p1"] == pytest.approx(ROBOT.p1, rel=0.02)
+    assert {"bias"} in [values.keys() for values in estimate.local.values()]
+    errors = dict(zip(estimate.names, estimate.standard_errors, strict=True))
+    assert errors["p4"] == pytest.approx(0.02 * ROBOT.p4, rel=0.01)
+
+
 def test_two_priors_are_weighed_by_their_uncertainties(sines):
     told = {"p4": (1.01 * ROBOT.p4, 0.02 * ROBOT.p4), "p3": (ROBOT.p3, 0.002 * ROBOT.p3)}
     one = METHODS["output-error"](knowing(sines, p3=told["p3"]))

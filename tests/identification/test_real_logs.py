@@ -201,7 +201,7 @@ def test_the_logs_are_outside_their_bands_and_nothing_that_the_model_has_is_name
 def test_table_5_follows_the_same_logs_far_worse(real):
     """With its best p4, as it is found on fewer logs."""
     table_5 = LumpedParameters(p1=0.0028, p2=0.0188, p3=0.0583, p4=3.625)
-    found = try_parameters("Table 5", table_5, real.data).summary
+    found = try_parameters("Table 5", table_5, real.data).fit
     assert (found.median, found.mean, found.worst) == pytest.approx((37.4, 35.4, 2.8), abs=1.0)
     few = real.data.take(range(0, 41, 6))
     assert best_gain(table_5, few) == pytest.approx(table_5.p4, rel=0.15)

@@ -51,7 +51,7 @@ def test_what_is_said_later_goes_before():
     assert Prior.of(both.to_dict()) == both
     assert both.fitted(("p1", "p3")) == ("p1", "p4")
     assert (both.scale(), both.reference(), NO_PRIOR.reference()) == (("p4",), "p4", None)
-    assert both.fixing("p4").reference() is None
+    assert both.holding("p4").reference() is None
 
 
 def test_a_known_mass_tells_the_scale_where_the_rest_of_its_torque_is_known():

@@ -117,8 +117,8 @@ def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
 
 
 def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
-    ratios = replace(_estimate(reach=(0.5, 0.5, 0.01, 0.5)), ratios=True)
-    ratios = replace(ratios, names=("p2", "p3", "p4", "delay"))
+    names = ("p2", "p3", "p4", "delay")
+    ratios = replace(_estimate(reach=(0.5, 0.5, 0.01, 0.5)), names=names)
     verdict = estimate_verdict(ratios)
     assert verdict.level is Level.GOOD
     assert "p4/p1 ±1 %; p2/p1 ±50 %, p3/p1 ±50 %, delay ±50 %" in (verdict.reasons[0])

@@ -330,7 +330,7 @@ def _moves(before: Estimate, found: Estimate) -> bool:
     """Return whether p1 to p4 move by more than counts as known, and intervals that may be used."""
     if before.level is Level.WARNING:
         return True
-    then = dict(zip(found.names, found.values, strict=True))
+    then = found.named
     rows = zip(before.names, before.values, before.lower, before.upper, strict=True)
     return any(
         abs(then[name] - value) > max((upper - lower) / 2, PRECISE * abs(value))

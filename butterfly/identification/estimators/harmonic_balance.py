@@ -31,8 +31,8 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations, Regression
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.inference.identifiability import ScaleParameter, refuse_without_scale
-from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
+from butterfly.identification.inference.identifiability import with_scale
+from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import (
     LinearProblem,
     TermChoice,
@@ -95,17 +95,17 @@ class HarmonicBalance(Estimator):
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
-        reference, base = _fitted(points, known, PARAMETERS)
+        base = _fitted(points, known, PARAMETERS)
         offers = (name for name in COMMON if name in offered(self.method))
         chosen = base.with_terms(self.terms, offers)
         slow = chosen.settings.get("stribeck_velocity", base.phasors.stribeck_velocity)
         phasors = replace(base.phasors, names=chosen.names, stribeck_velocity=slow)
-        return _inferred(HarmonicBalanceFit.of(phasors), "harmonic balance", reference, chosen)
+        return _inferred(HarmonicBalanceFit.of(phasors), "harmonic balance", chosen)
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """Return the terms after each round of a stagewise choice from some offers."""
         self.with_terms(offers)
-        _, base = _fitted(data.take(data.steady).sines, data.known, PARAMETERS)
+        base = _fitted(data.take(data.steady).sines, data.known, PARAMETERS)
         return base.with_terms(None, offers).path
 
 
@@ -129,47 +129,39 @@ class Linear(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
-        reference, fit = _fitted(points, known, LINEAR, small=True)
-        return _inferred(fit, "joint linear complex fit", reference)
+        return _inferred(_fitted(points, known, LINEAR, small=True), "joint linear complex fit")
 
 
 def _fitted(
     points: Sequence[ResponsePoint], known: Prior, names: tuple[str, ...], *, small: bool = False
-) -> tuple[ScaleParameter, HarmonicBalanceFit]:
-    """Return what tells the scale, and the fit of some parameters; with ``small``, sin th is th."""
+) -> HarmonicBalanceFit:
+    """Return the fit of some parameters; with ``small``, sin th is th."""
     if not points:
         raise IdentifiabilityError(
             "no log is marked as a sine: set omega and amplitude in the manifest, or use weak-form "
             "or output-error, which accept any input"
         )
-    masses, unknown = [point.added_mass for point in points], len(known.fitted(names))
-    refuse_without_scale(masses, known)
+    unknown, known = len(known.fitted(names)), with_scale([p.added_mass for p in points], known)
     if 2 * len(points) <= unknown:
         count = f"{len(points)} {'log gives' if len(points) == 1 else 'logs give'}"
         equations = f"{2 * len(points)} equations for {unknown} parameters"
         raise IdentifiabilityError(f"{count} {equations}: add runs at other frequencies")
-    reference = ScaleParameter.of(masses, known)
-    phasors = Phasors.of(points, reference.fixed.fitted(names), reference.fixed, small=small)
-    return reference, HarmonicBalanceFit.of(phasors)
+    return HarmonicBalanceFit.of(Phasors.of(points, known.fitted(names), known, small=small))
 
 
-def _inferred(
-    fit: HarmonicBalanceFit,
-    method: str,
-    reference: ScaleParameter,
-    chosen: TermChoice | None = None,
-) -> Estimate:
+def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = None) -> Estimate:
     """Return the estimate of a fit, whose intervals do not know what the method neglects."""
     rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
     return infer(
         SolvedFit(
             method=method,
-            equations=reference.whole(fit.solved),
-            rivals=[reference.grown(each, fit.solved.names) for each in rivals],
+            equations=fit.solved,
+            masses=fit.phasors.masses,
+            known=fit.phasors.known,
+            rivals=rivals,
             fixed=chosen.settings if chosen else {},
             findings=[Finding(FindingKind.APPROXIMATE), *findings],
-        ),
-        FittedLogs(fit.phasors.masses, known=reference.known),
+        )
     )
 
 

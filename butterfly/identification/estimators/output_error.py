@@ -32,8 +32,8 @@ from butterfly.identification.estimators.base import Estimator, require_names, r
 from butterfly.identification.estimators.start import lowest_end, servo_start, starts
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
-from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
-from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
+from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
+from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import candidates
 from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
@@ -131,15 +131,15 @@ class OutputError(Estimator):
         rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
         first = starts(data, rows)
         settled, logs = self.with_terms(rows).settled(data.logs, first)
-        scale = ScaleParameter.of_logs(logs, data.known)
+        known = prior_of_fit(logs, data.known)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
-        return settled.chosen(logs, first, scale.fixed, (rows, rare))[0].path or ((),)
+        return settled.chosen(logs, first, known, (rows, rare))[0].path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
         asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
         data.require_angles(*asked & {*OF_ANGLE, "zero"})
-        calm = data.take(data.calm)
+        calm = data.take(data.counted)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
             return self.of_logs(data.logs, first, data.known)
@@ -163,19 +163,19 @@ class OutputError(Estimator):
         require_usable(self.method, known)
         self._require_told_once(known)
         settled, logs = self.settled(logs, first)
-        scale = ScaleParameter.of_logs(logs, known)
+        known = prior_of_fit(logs, known)
         rows, rare = self._rows(logs, known) if self.terms is None else ((), set[str]())
-        fitted, weighed = settled.chosen(logs, first, scale.fixed, (rows, rare))
+        fitted, weighed = settled.chosen(logs, first, known, (rows, rare))
         try:
-            found = settled.inferred(fitted, weighed, scale, known)
+            found = settled.inferred(fitted, weighed, known)
         except IdentifiabilityError:
             fewer = tuple(name for name in rows if name not in fitted.problem.names)
             if fewer == rows:
                 raise
             # no term that was not asked for refuses an answer
             others = fewer, rare.intersection(fewer)
-            fitted, weighed = settled.chosen(logs, first, scale.fixed, others)
-            found = settled.inferred(fitted, weighed, scale, known)
+            fitted, weighed = settled.chosen(logs, first, known, others)
+            found = settled.inferred(fitted, weighed, known)
         whole = self.horizon is None and settled.horizon == math.inf
         return replace(found, horizon=None) if whole else found
 
@@ -201,9 +201,7 @@ class OutputError(Estimator):
             return stagewise_weighed(every[0], fitted, weighed, *rows)
         return fitted, weighed
 
-    def inferred(
-        self, fitted: Fitted, weighed: WeighedLogs | None, scale: ScaleParameter, known: Prior
-    ) -> Estimate:
+    def inferred(self, fitted: Fitted, weighed: WeighedLogs | None, known: Prior) -> Estimate:
         """Return the estimate of a fit, its logs weighed if they scatter."""
         problem, end, said, logs = fitted.problem, fitted.end, fitted.findings, fitted.problem.logs
         solved = cells = problem.solved(end)
@@ -214,25 +212,24 @@ class OutputError(Estimator):
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
-        whole, unweighted = scale.whole(solved), scale.whole(cells)
         beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
         rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
         found = SolvedFit(
             method="output error",
-            equations=whole,
-            unweighted=unweighted,
-            shared=problem.shared + bool(scale.name),
-            rivals=[scale.grown(each, solved.names[: each.size]) for each in rivals],
-            consider_covariance=_waits(logs, whole.names),
-            fixed=self._fixed(problem, scale.name),
+            equations=solved,
+            unweighted=cells,
+            shared=problem.shared,
+            masses=[log.added_mass for log in logs],
+            conditions=problem.conditions,
+            known=known,
+            driven=is_driven(logs),
+            rivals=rivals,
+            consider_covariance=_waits(logs, solved.names),
+            fixed=self._fixed(problem),
             findings=said,
         )
-        masses, driven = [log.added_mass for log in logs], is_driven(logs)
-        return replace(
-            infer(found, FittedLogs(masses, problem.conditions, known, driven)),
-            local=_local(owned, solved.values),
-            horizon=self.horizon or math.inf,
-        )
+        local, horizon = _local(owned, solved.values), self.horizon or math.inf
+        return replace(infer(found), local=local, horizon=horizon)
 
     def _over(
         self, terms: Iterable[str], fixed: Iterable[str], horizon: float
@@ -290,10 +287,10 @@ class OutputError(Estimator):
         brought = companions({*terms, *known.uncertain}) - {*terms, *self.fixed, *known.parameters}
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
-    def _fixed(self, problem: Problem, reference: str | None) -> dict[str, float]:
+    def _fixed(self, problem: Problem) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
-        fitted = {reference, *problem.names}
+        fitted = {*problem.names}
         if "slow_delay" not in fitted and not start.slow_delay:
             fitted.add("slow_interval")
         return {

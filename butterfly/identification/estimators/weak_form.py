@@ -42,8 +42,8 @@ from butterfly.identification.equations import CellEquations, Solution
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.identifiability import ScaleParameter, is_driven
-from butterfly.identification.inference.infer import FittedLogs, SolvedFit, infer
+from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
+from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
@@ -109,35 +109,37 @@ class WeakForm(Estimator):
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass."""
         require_usable(self.method, known)
-        reference = ScaleParameter.of_logs(logs, known)
-        plain, chosen = self.least_squares(logs, zeros, reference.fixed)
+        known = prior_of_fit(logs, known)
+        plain, chosen = self.least_squares(logs, zeros, known)
         fixed = chosen.settings | {"cogging_periods": self._periods(known)}
         parameters = LumpedParameters(**fixed | plain.values)
         fit = refined(plain, instruments_of(logs, plain.about.windows, parameters, zeros))
 
         solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
         rivals = [each + solved.values - plain.solved.values for each in chosen.rival_values]
-        whole = reference.whole(solved)
-        doubt = None if uncertain is None else offset_covariance(fit, uncertain, whole.names)
+        doubt = None if uncertain is None else offset_covariance(fit, uncertain)
         counted = solved.log.size == cells * len(logs)
         conditions = Conditions.of(logs, cells) if counted else None  # which are cell by cell
         return infer(
             SolvedFit(
                 method="weak form",
-                equations=whole,
-                rivals=[reference.grown(each, solved.names) for each in rivals],
+                equations=solved,
+                masses=[log.added_mass for log in logs],
+                conditions=conditions,
+                known=known,
+                driven=is_driven(logs),
+                rivals=rivals,
                 consider_covariance=doubt,
                 torques=True,
                 fixed=fixed,
                 findings=chosen.findings,
-            ),
-            FittedLogs([log.added_mass for log in logs], conditions, known, is_driven(logs)),
+            )
         )
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """Return the terms after each round of a stagewise choice from some offers."""
         self.with_terms(offers)
-        known = ScaleParameter.of_logs(data.logs, data.known).fixed
+        known = prior_of_fit(data.logs, data.known)
         choosing = replace(self, terms=None)
         return choosing.least_squares(data.logs, data.equilibria, known, offers)[1].path
 
@@ -224,15 +226,13 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
         raise IdentifiabilityError("the parameters cannot be separated with these logs") from None
 
 
-def offset_covariance(fit: WeakFit, uncertain: Samples, names: Sequence[str]) -> Samples:
-    """(n, n) covariance that (k, logs) errors of zeros add to n parameters."""
+def offset_covariance(fit: WeakFit, uncertain: Samples) -> Samples:
+    """(n, n) covariance that (k, logs) errors of zeros add to the n values of a fit."""
     solved, masses = fit.solved, [each.added for each in fit.about.windows]
     gravity = replace(fit.about, names=("p3", "p3_offset")).regression()
     moment = fit.values["p3"] + np.array([mass.gravity_moment for mass in masses])
     slopes = gravity.rows[:, 0] * fit.values.get("p3_offset", 0.0)
     slopes -= gravity.rows[:, 1] * moment[gravity.cluster]
     pulls = (uncertain[:, gravity.cluster] * slopes) @ fit.regression.jacobian(solved.values)
-    moved = np.zeros((len(pulls), len(names)))
-    for each, pull in zip(moved, pulls, strict=True):
-        each[[list(names).index(name) for name in solved.names]] = solved.change_by(pull)
-    return moved.T @ moved
+    moved = np.reshape([solved.change_by(pull) for pull in pulls], pulls.shape)
+    return np.asarray(moved.T @ moved)

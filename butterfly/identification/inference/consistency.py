@@ -12,11 +12,10 @@ from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Prior
-from butterfly.model.terms import SHARES
 
 _OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -124,15 +123,11 @@ def scale_errors(cells: CellEquations, carried: Sequence[AddedMass], known: Prio
     factor is that of all others, turned. Its step is where the logs of k cells would have it.
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
-    masses, names = list(carried), list(cells.names)
-    rows, residuals = cells.rows, cells.residuals
-    loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}
-    lost = any(any(load) and name not in names for name, load in loads.items())
-    if not fixed or lost or len({mass.inertia_and_moment for mass in masses}) <= 1:
+    names, rows, residuals = cells.names, cells.rows, cells.residuals
+    lost = any(load and n not in names for mass in carried for n, load in mass.loads.items())
+    if not fixed or lost or len({mass.inertia_and_moment for mass in carried}) <= 1:
         return []
-    grown = np.tile(cells.values * [SHARES.get(n, 0.0) for n in names], (len(masses), 1))
-    for name in set(loads) & set(names):
-        grown[:, names.index(name)] += loads[name]
+    grown = np.array([growth(names, cells.values, mass) for mass in carried])
     column = -np.einsum("kmn,kn->km", rows, grown)
     whole = np.concatenate([rows, column[:, :, None]], axis=2)
     flat, size = unit_columns(whole.reshape(-1, len(names) + 1))

@@ -109,22 +109,38 @@ def is_driven(logs: Iterable[Log]) -> bool:
     return any(bool(np.any(log.input)) for log in logs)
 
 
-def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> None:
-    """Raise IdentifiabilityError without two different masses, or a torque that is known, not 0."""
+def prior_of_fit(logs: Sequence[Log], known: Prior) -> Prior:
+    """Return what is known in a fit of logs: with a guess of the delay, and a scale.
+
+    IdentifiabilityError if nothing sets the scale.
+    """
+    step = float(np.median([log.mean_step for log in logs]))
+    masses = [log.added_mass for log in logs]
+    return with_scale(masses, known.with_default_delay(step), driven=is_driven(logs))
+
+
+def with_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> Prior:
+    """Return what is known, with the uncertain parameter held that alone sets the scale, if any.
+
+    IdentifiabilityError without two different masses, or a torque that is known, not 0.
+    """
     if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
             "the input is always zero, so p4 and delay are not identifiable: add logs of the "
             "driven joint, or give both (--known p4=...,delay=0)"
         )
     carried = sorted(set(masses))
-    scale = [name for name in known.scale(carried[0]) if driven or name != "p4"]
-    if scale or len({mass.inertia_and_moment for mass in carried}) > 1:
-        return
-    same = "all logs have the same" if carried[0].mass else "no log has an"
-    raise IdentifiabilityError(
-        f"{same} added mass, so p1..p4 are identifiable only up to a common factor: "
-        f"{'; or '.join(_remedies(carried[0], driven=driven))}"
-    )
+    if len({mass.inertia_and_moment for mass in carried}) > 1:
+        return known
+    torques = known if driven else known.within(known.parameters.keys() - {"p4"})
+    if not torques.scale(carried[0]):
+        same = "all logs have the same" if carried[0].mass else "no log has an"
+        raise IdentifiabilityError(
+            f"{same} added mass, so p1..p4 are identifiable only up to a common factor: "
+            f"{'; or '.join(_remedies(carried[0], driven=driven))}"
+        )
+    name = torques.reference(carried[0])
+    return known if name is None else known.holding(name)
 
 
 def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
@@ -148,86 +164,44 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
     return remedies
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScaleParameter:
-    """What tells the scale of logs."""
+def growth(names: Sequence[str], values: Samples, added: AddedMass) -> Samples:
+    """Return how (n,) values change if all torques grow by a common factor: (n,) per 1 of it."""
+    shares = [SHARES.get(name, 0.0) for name in names]
+    return np.array([added.loads.get(name, 0.0) for name in names]) + values * shares
 
-    # the parameter that is held; None where masses, or what is known exactly, tell the scale
-    name: str | None
-    known: Prior
-    added: AddedMass  # what all logs carry
 
-    @classmethod
-    def of(
-        cls, masses: Sequence[AddedMass], known: Prior, *, driven: bool = True
-    ) -> ScaleParameter:
-        """Find it for logs with some masses; of undriven ones p4 tells nothing."""
-        same = len({mass.inertia_and_moment for mass in masses}) == 1
-        telling = known if driven else known.within(known.parameters.keys() - {"p4"})
-        name = telling.reference(masses[0]) if same else None
-        return cls(name=name, known=known, added=masses[0])
+def with_held(solved: CellEquations, name: str, known: Prior, added: AddedMass) -> CellEquations:
+    """Return equations with a parameter that their solver held, and its row of the prior.
 
-    @classmethod
-    def of_logs(cls, logs: Sequence[Log], known: Prior) -> ScaleParameter:
-        """Find it for logs; IdentifiabilityError if nothing tells their scale."""
-        masses, driven = [log.added_mass for log in logs], is_driven(logs)
-        refuse_without_scale(masses, known, driven=driven)
-        step = float(np.median([log.mean_step for log in logs]))
-        return cls.of(masses, known.with_default_delay(step), driven=driven)
-
-    @property
-    def fixed(self) -> Prior:
-        """What is known, with the reference held."""
-        return self.known if self.name is None else self.known.fixing(self.name)
-
-    def grown(self, values: Samples, names: Sequence[str]) -> Samples:
-        """Return (n,) values of a fit that held the reference, with its own in its place."""
-        if self.name is None:
-            return values
-        return np.insert(values, self._place(names), self.known.parameters[self.name].value)
-
-    def whole(self, solved: CellEquations) -> CellEquations:
-        """Return the end of a fit that held the reference, with it and its uncertainty."""
-        if self.name is None:
-            return solved
-        values, at = self.grown(solved.values, solved.names), self._place(solved.names)
-        names = (*solved.names[:at], self.name, *solved.names[at:])
-        turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
-        about = dict(zip(names, values.tolist(), strict=True))
-        prior = Penalty.of(names, self.known.parameters, solved.realised_variance, about)
-        assert prior is not None  # noqa: S101 - the reference is uncertain
-        bread, unsettled = solved.bread, solved.unsettled
-        if bread is not None:
-            of_logs = bread if solved.prior is None else bread - solved.prior.curvature
-            bread = turned.T @ of_logs @ turned + prior.curvature
-        whole = replace(
-            solved,
-            names=names,
-            values=values,
-            rows=solved.rows @ turned,
-            on_bound=np.insert(solved.on_bound, at, [False]),
-            lower=np.insert(solved.lower, at, TERMS[self.name].lower),
-            bread=bread,
-            unsettled=None if unsettled is None else np.insert(unsettled, at, 0.0),
-            prior=prior,
-        )
-        if prior.active.sum() == 1:
-            return whole
-        rows, left = whole.with_prior
-        moved = np.maximum(values - scaled_least_squares(rows, left), whole.lower)
-        return replace(
-            whole, values=moved, residuals=solved.residuals + whole.rows @ (moved - values)
-        )
-
-    def _place(self, names: Sequence[str]) -> int:
-        before = [*PARAMETERS, self.name]
-        return sum(each in names for each in before[: before.index(self.name)])
-
-    def _shares(self, solved: CellEquations) -> Samples:
-        """(n,) changes of the others that do to residuals what one of the reference does."""
-        assert self.name is not None  # noqa: S101 - asked of a reference only
-        carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
-        pairs = solved.named.items()
-        grown = [SHARES.get(n, 0.0) * own + carried.get(n, 0.0) for n, own in pairs]
-        own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
-        return -np.array(grown) / own
+    ``added``: what all logs carry. The parameter's column follows from the others, as no residual
+    changes if all torques grow by a common factor.
+    """
+    before = [*PARAMETERS, name]
+    at = sum(each in solved.names for each in before[: before.index(name)])
+    names = (*solved.names[:at], name, *solved.names[at:])
+    values = np.insert(solved.values, at, known.fixed[name])
+    grown = growth(names, values, added)
+    turned = np.insert(np.eye(len(solved.names)), at, -np.delete(grown, at) / grown[at], axis=1)
+    about = dict(zip(names, values.tolist(), strict=True))
+    prior = Penalty.of(names, known.parameters, solved.realised_variance, about)
+    assert prior is not None  # noqa: S101 - what is held is uncertain
+    bread, unsettled = solved.bread, solved.unsettled
+    if bread is not None:
+        of_logs = bread if solved.prior is None else bread - solved.prior.curvature
+        bread = turned.T @ of_logs @ turned + prior.curvature
+    whole = replace(
+        solved,
+        names=names,
+        values=values,
+        rows=solved.rows @ turned,
+        on_bound=np.insert(solved.on_bound, at, [False]),
+        lower=np.insert(solved.lower, at, TERMS[name].lower),
+        bread=bread,
+        unsettled=None if unsettled is None else np.insert(unsettled, at, 0.0),
+        prior=prior,
+    )
+    if prior.active.sum() == 1:
+        return whole
+    rows, left = whole.with_prior
+    moved = np.maximum(values - scaled_least_squares(rows, left), whole.lower)
+    return replace(whole, values=moved, residuals=solved.residuals + whole.rows @ (moved - values))

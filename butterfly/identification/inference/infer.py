@@ -8,7 +8,6 @@ from itertools import compress
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
@@ -36,7 +35,8 @@ from butterfly.identification.inference.covariance import (
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     precision,
-    refuse_without_scale,
+    with_held,
+    with_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
@@ -52,77 +52,98 @@ _NOTHING = np.finfo(float).tiny ** 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedFit:
-    """The n values at which a method ended, and the equations about them."""
+    """The n values at which a method ended, the equations about them, and what is known of both.
+
+    A known value that was held, as it sets the scale, is none of the n.
+    """
 
     method: str
     equations: CellEquations  # as the solver weighs them
     # before logs were weighed as wholes: conditions are compared in these; the same if None
     unweighted: CellEquations | None = None
     shared: int | None = None  # number of values, the first ones, that are the robot's; None: all
+    masses: Sequence[AddedMass] = ()  # one per log
+    conditions: Conditions | None = None  # under which the cells were recorded
+    known: Prior = NO_PRIOR  # of the robot
+    driven: bool = True  # whether an input ever acts
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
     rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
     consider_covariance: Samples | None = None  # (n, n), of what was taken as given
     torques: bool = False  # whether residuals are torques, which a misfit may add to any value
-    fixed: dict[str, float] = field(default_factory=dict)  # values that were held
+    fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method
 
+    @property
+    def with_held(self) -> SolvedFit:
+        """The fit with the known value that was held, and its uncertainty, among the n."""
+        name, given, consider = self.known.held, self.known.given, self.consider_covariance
+        if name is None:
+            return replace(self, known=given)
+        about = name, self.known, self.masses[0]
+        whole, unweighted = with_held(self.equations, *about), self.unweighted
+        at, value = whole.names.index(name), self.known.fixed[name]
+        if consider is not None:
+            consider = np.insert(np.insert(consider, at, 0.0, axis=0), at, 0.0, axis=1)
+        return replace(
+            self,
+            equations=whole,
+            unweighted=unweighted and with_held(unweighted, *about),
+            shared=None if self.shared is None else self.shared + 1,
+            known=given,
+            rivals=[np.insert(each, at, value) for each in self.rivals],
+            consider_covariance=consider,
+        )
 
-@dataclass(frozen=True, eq=False)
-class FittedLogs:
-    """What is known of the logs of a fit, and of their robot."""
-
-    masses: Sequence[AddedMass] = ()  # one per log
-    conditions: Conditions | None = None  # under which the cells were recorded
-    known: Prior = NO_PRIOR
-    driven: bool = True  # whether an input ever acts
-
-    def carried(self, log: NDArray[np.intp], share: float) -> list[AddedMass]:
-        """Return the masses of cells by (k,) numbers of logs, uncertain by a share at least."""
+    def carried(self, share: float) -> list[AddedMass]:
+        """Return the masses of the independent cells, uncertain by a share at least."""
         weighed = [
             replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
             for each in self.masses
         ]
-        return [weighed[number] for number in log] if weighed else []
+        return [weighed[number] for number in self.equations.independent.log] if weighed else []
 
 
-def infer(fit: SolvedFit, logs: FittedLogs) -> Estimate:
+def infer(solved: SolvedFit) -> Estimate:
     """Return the estimate of a fit: values with covariance, intervals, agreement and findings.
 
     IdentifiabilityError if the equations are singular for every practical purpose.
     """
-    equations, cells, robot = fit.equations, fit.equations.independent, slice(fit.shared)
+    fit = solved.with_held
+    equations, cells = fit.equations, fit.equations.independent
+    known, robot = fit.known, slice(fit.shared)
+    names, fixed = equations.names[robot], known.fixed | fit.fixed
     conditioning = conditioning_of(equations)
-    contrasts, rivals = agreement_of(fit, logs.conditions)
-    carried = logs.carried(cells.log, weighed_within(contrasts))
-    spread = covariance, freedom = covariance_of(fit, carried, logs.known)
-    left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit, logs)
+    contrasts, rivals = agreement_of(fit)
+    carried = fit.carried(weighed_within(contrasts))
+    spread = covariance, freedom = covariance_of(fit, carried)
+    left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit)
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
-    few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if logs.masses and count <= FEW else []
+    few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if fit.masses and count <= FEW else []
     limits = limits_of(fit, spread, left_out.values(), rivals)
     return Estimate(
         method=fit.method,
-        names=equations.names[robot],
+        names=names,
         values=equations.values[robot],
         covariance=covariance[robot, robot],
         lower=np.maximum(limits[0], equations.lower[robot]),
         upper=limits[1],
         left_out={key: each[robot] for key, each in left_out.items()},
         condition=conditioning.number,
-        on_bound=tuple(compress(equations.names[robot], equations.on_bound[robot])),
+        on_bound=tuple(compress(names, equations.on_bound[robot])),
         ending=ending_of(fit, limits),
         findings=(
             *conditioning.findings,
             *findings_of_bounds(fit, covariance),
             *prior_contradictions(cells, covariance),
-            *scale_errors(cells, carried, logs.known),
+            *scale_errors(cells, carried, known),
             *few,
             *few_logs,
             *fit.findings,
         ),
-        fixed=logs.known.fixed | fit.fixed,
+        fixed={name: value for name, value in fixed.items() if name not in names},
         agreement=contrasts,
-        known=logs.known,
+        known=known,
         rivals=tuple(fit.rivals),
         freedom=freedom[robot],
     )
@@ -138,25 +159,23 @@ def conditioning_of(equations: CellEquations) -> Conditioning:
     return found
 
 
-def agreement_of(
-    fit: SolvedFit, conditions: Conditions | None
-) -> tuple[tuple[Contrast, ...], list[Rival]]:
+def agreement_of(fit: SolvedFit) -> tuple[tuple[Contrast, ...], list[Rival]]:
     """Return the contrasts between conditions, the best first, and (n,) rivals about the fit."""
-    if conditions is None:
+    if fit.conditions is None:
         return (), []
     about = fit.unweighted or fit.equations
-    contrasts, rivals = disagreements_of(about, conditions)
+    contrasts, rivals = disagreements_of(about, fit.conditions)
     shift = fit.equations.values - about.values
     return contrasts, [each._replace(values=each.values + shift) for each in rivals]
 
 
-def covariance_of(fit: SolvedFit, carried: Sequence[AddedMass], known: Prior) -> Pair:
+def covariance_of(fit: SolvedFit, carried: Sequence[AddedMass]) -> Pair:
     """Return the (n, n) covariance of the values and its (n,) degrees of freedom.
 
     It is cluster-robust, with the uncertainty of the masses that cells carried and of the scales.
     """
     cells = fit.equations.independent
-    considered = moved_by_givens(cells, carried, known)
+    considered = moved_by_givens(cells, carried, fit.known)
     covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
     if cells.bread is not None:
         rows, _ = cells.with_prior
@@ -166,18 +185,16 @@ def covariance_of(fit: SolvedFit, carried: Sequence[AddedMass], known: Prior) ->
     return covariance, freedom
 
 
-def without_each_mass(
-    fit: SolvedFit, logs: FittedLogs
-) -> tuple[dict[Hashable, Samples], list[Finding]]:
+def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Finding]]:
     """Return (n,) estimates to first order without each added mass, or the finding of too few."""
-    masses, known, numbers = logs.masses, logs.known, np.unique(fit.equations.log)
+    masses, known, numbers = fit.masses, fit.known, np.unique(fit.equations.log)
     different = sorted({masses[number] for number in numbers}) if masses else []
     left_out: dict[Hashable, Samples] = {}
     exact = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():
         others = [other for other in different if other != mass]
         try:
-            refuse_without_scale(others, exact, driven=logs.driven)
+            with_scale(others, exact, driven=fit.driven)
         except IdentifiabilityError:
             continue
         carrying = [number for number, carried in enumerate(masses) if carried == mass]

@@ -18,7 +18,6 @@ from butterfly.identification.inference.agreement import (
     weighed_within,
 )
 from butterfly.identification.inference.infer import (
-    FittedLogs,
     SolvedFit,
     agreement_of,
     infer,
@@ -62,6 +61,10 @@ def _problem(seed, change=None, noise=0.05):
     return rows, target, cells(NAMES, factors, left, values=found, log=LOG)
 
 
+def _fit(equations, **values):
+    return SolvedFit(**{"method": "any", "equations": equations, "masses": MASSES} | values)
+
+
 def _following(x, slope, name="p4"):
     change = np.zeros((LOGS * CELLS, 3))
     change[:, NAMES.index(name)] = slope * x
@@ -90,8 +93,8 @@ def test_a_parameter_that_follows_a_condition_is_named_with_what_a_fit_with_it_f
 
 def test_intervals_hold_what_would_be_at_the_limit():
     _, _, equations = _problem(2, _following(COMMAND, 0.002))
-    found = infer(SolvedFit(method="any", equations=equations), FittedLogs(MASSES, _conditions()))
-    plain = infer(SolvedFit(method="any", equations=equations), FittedLogs(MASSES))
+    found = infer(_fit(equations, conditions=_conditions()))
+    plain = infer(_fit(equations))
     place = NAMES.index("p4")
     assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
@@ -101,8 +104,8 @@ def test_intervals_hold_what_would_be_at_the_limit():
 def test_rivals_of_unweighted_equations_move_with_the_values_of_the_fit():
     _, _, plain = _problem(2, _following(COMMAND, 0.002))
     weighed = replace(plain, values=plain.values + 0.5 * UNITS)
-    fit = SolvedFit(method="any", equations=weighed, unweighted=plain)
-    contrasts, (rival, *_) = agreement_of(fit, _conditions())
+    fit = _fit(weighed, unweighted=plain, conditions=_conditions())
+    contrasts, (rival, *_) = agreement_of(fit)
     expected, (other, *_) = disagreements_of(plain, _conditions())
     assert contrasts == expected
     np.testing.assert_allclose(rival.values, other.values + 0.5 * UNITS)
@@ -110,13 +113,12 @@ def test_rivals_of_unweighted_equations_move_with_the_values_of_the_fit():
 
 def test_values_without_a_mass_are_those_of_a_fit_to_the_other_logs():
     rows, target, equations = _problem(1)
-    fit = SolvedFit(method="any", equations=equations)
-    found, findings = without_each_mass(fit, FittedLogs(MASSES))
+    found, findings = without_each_mass(_fit(equations))
     assert (set(found), findings) == (set(MASSES), [])
     kept = [MASSES[k] != MASSES[1] for k in LOG]
     anew = np.linalg.lstsq(rows[kept].reshape(-1, 3) * UNITS, target[kept].ravel(), rcond=None)[0]
     np.testing.assert_allclose(found[MASSES[1]], anew * UNITS, rtol=1e-6)
-    found, (few,) = without_each_mass(fit, FittedLogs(MASSES[:1] * LOGS))
+    found, (few,) = without_each_mass(_fit(equations, masses=MASSES[:1] * LOGS))
     assert (found, few.kind, few.number) == ({}, FindingKind.FEW_MASSES, 1)
 
 
@@ -140,8 +142,8 @@ def test_a_rival_is_as_uncertain_as_what_it_leaves_of_the_residuals_makes_it():
     left = target.ravel() - flat @ np.linalg.lstsq(flat, target.ravel(), rcond=None)[0]
     errors = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)) * np.mean(left**2))[:3] * UNITS
     np.testing.assert_allclose(rival.reach / errors, 2.4, rtol=0.5)  # Student's, of twelve logs
-    found = infer(SolvedFit(method="any", equations=equations), FittedLogs(MASSES, _conditions()))
-    plain = infer(SolvedFit(method="any", equations=equations), FittedLogs(MASSES))
+    found = infer(_fit(equations, conditions=_conditions()))
+    plain = infer(_fit(equations))
     place = NAMES.index("p4")
     most = (plain.upper - plain.lower)[place] / 2
     assert rival.reach[place] < most / 2
@@ -172,7 +174,7 @@ def test_a_mass_that_is_weighed_wrong_is_told_and_within_what_masses_agree():
 
 def test_words_name_the_cause_and_which_way_the_parameter_goes():
     equations = _problem(4, _following(COMMAND, -0.002))[2]
-    found = infer(SolvedFit(method="any", equations=equations), FittedLogs(MASSES, _conditions()))
+    found = infer(_fit(equations, conditions=_conditions()))
     best = found.agreement[0]
     assert causes(best) == ("a dead zone of the drive",)
     text = contrast_text(best, found)

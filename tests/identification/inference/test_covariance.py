@@ -13,7 +13,6 @@ from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.equations import Regression, compressed
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
 from butterfly.identification.inference.infer import (
-    FittedLogs,
     SolvedFit,
     findings_of_bounds,
     infer,
@@ -116,7 +115,7 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
     exact = AddedMass(mass=0.05, arm=arm)
     unsure = AddedMass(mass=0.05, arm=arm, mass_uncertainty=uncertainty)
     fit = SolvedFit(method="test", equations=_solved(jacobian, residuals), left_out={})
-    alone, wider = (infer(fit, FittedLogs([mass] * 40)).covariance for mass in (exact, unsure))
+    alone, wider = (infer(replace(fit, masses=[mass] * 40)).covariance for mass in (exact, unsure))
     moved = uncertainty * np.array([arm**2, arm * exact.gravity])
     np.testing.assert_allclose(wider - alone, np.outer(moved, moved), rtol=1e-6)
 
@@ -126,11 +125,11 @@ def test_a_fit_that_stopped_within_a_fraction_of_its_intervals_has_settled(share
     rng = np.random.default_rng(9)
     equations = _solved(rng.standard_normal((40, 2)), rng.standard_normal(40))
     fit = SolvedFit(method="test", equations=equations)
-    found = infer(fit, FittedLogs())
+    found = infer(fit)
     assert found.ending is Ending.CONVERGED
     moved = share * (found.upper - found.lower) / 2
     stopped = replace(fit, equations=equations.stopped(moved * [1.0, -1.0]))
-    assert infer(stopped, FittedLogs()).ending == ending
+    assert infer(stopped).ending == ending
 
 
 def test_the_next_step_goes_to_the_least_squares():
@@ -157,7 +156,7 @@ def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
         about = bread and np.array([[bread]])
         equations = _solved(root[:, None], root * (centre - values), about)
         fit = SolvedFit(method="test", equations=equations)
-        found[bread] = infer(fit, FittedLogs()).standard_errors[0]
+        found[bread] = infer(fit).standard_errors[0]
     assert found[float(np.count_nonzero(inside))] == pytest.approx(expected, rel=5e-3)
     assert found[None] < 0.95 * expected
 
@@ -294,7 +293,7 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     solved = cells(("p1", "coulomb", "zero"), rows, left, values=values, **bounds)
     left_out = {"heavy": np.array([9.0, 0.1])}
     fit = SolvedFit(method="any", equations=solved, left_out=left_out, shared=2)
-    found = infer(fit, FittedLogs())
+    found = infer(fit)
     assert found.names == ("p1", "coulomb")
     assert found.covariance.shape == (2, 2)
     assert found.lower[1] == 0.0
