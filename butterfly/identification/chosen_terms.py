@@ -198,7 +198,7 @@ def fitted_of(found: ChosenTerms[Any], end: Minimum, before: Fitted) -> Fitted:
         for each in found.rival_values()
     )
     said = [each for each in before.findings if each.kind is not FindingKind.NOT_HELPING]
-    more = ((*first, *terms) for terms in found.path[bool(first) :])
+    more = ((*first, *terms) for terms in found.path[bool(before.path) :])
     return Fitted(
         problem=problem,
         end=end,
