@@ -227,24 +227,24 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     directions = at.directions(len(unknowns.keys))
     left = at.reduced(directions)
     pairs = list(zip(found, left.logs, strict=True))
-    sensors = [each.drawn(rest.residuals, random) for each, rest in pairs]
-    _reduce([errors for _, errors in sensors], at, directions)
+    draws = [each.drawn(rest.residuals, random) for each, rest in pairs]
+    _reduce([errors for _, errors in draws], at, directions)
     judged = [
-        each.judged(rest.residuals, *sensor)
-        for (each, rest), sensor in zip(pairs, sensors, strict=True)
+        each.judged(rest.residuals, *drawn)
+        for (each, rest), drawn in zip(pairs, draws, strict=True)
     ]
-    missing = MissingTerms()
-    contrasts: tuple[tuple[Contrast, ...], tuple[Samples, ...]] = (), ()
+    result = Residuals(logs=())
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
-        contrasts = unknowns.contrasts(left, logs)
+        agreement, rivals = unknowns.contrasts(left, logs)
         missing, shares = unknowns.missing_terms(at, directions, logs)
-        both = zip(judged, shares, strict=True)
-        judged = [replace(each, share=float(share)) for each, share in both]
+        result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
+        both = zip(judged, shares.tolist(), strict=True)
+        judged = [replace(each, share=share) for each, share in both]
     following = iter(judged)
     places = zip(data.logs, every, strict=True)
-    whole = tuple(_bare(log) if each is None else next(following) for log, each in places)
-    return Residuals(logs=whole, missing=missing, agreement=contrasts[0], rivals=contrasts[1])
+    whole = (_bare(log) if each is None else next(following) for log, each in places)
+    return replace(result, logs=tuple(whole))
 
 
 def _bare(log: Log) -> LogResiduals:
