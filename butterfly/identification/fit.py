@@ -9,7 +9,7 @@ often: it takes no last step on trust.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -23,7 +23,7 @@ from scipy.special import ndtri
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import CELLS
-from butterfly.identification.equations import compressed
+from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 from butterfly.progress import current_search
@@ -84,6 +84,19 @@ class LogEquations:
     residuals: Samples  # (m,)
     rows: Samples  # (m, k) derivatives
     columns: NDArray[np.intp]  # (k,) numbers of these parameters, of all n
+
+    @classmethod
+    def relative(
+        cls, errors: Samples, rows: Samples, columns: Sequence[int], motion: float
+    ) -> LogEquations:
+        """Return the equations of (m,) errors over an rms motion, all arrays scaled in place.
+
+        The ``rows`` are (m, k) derivatives by parameters with these numbers; squares sum to a mean.
+        """
+        unit = 1 / (motion * errors.size**0.5)
+        errors *= unit
+        rows *= unit
+        return cls(residuals=errors, rows=rows, columns=np.array(columns, dtype=np.intp))
 
     def weighted(self, weights: Samples) -> LogEquations:
         """Return the equations, the squares of each of m counting so many times."""
@@ -200,6 +213,20 @@ class Equations:
             residuals[k, :, : left.shape[1]] = left
         return rows.reshape(-1, *rows.shape[2:]), residuals.reshape(-1, most)
 
+    def cells(self, names: tuple[str, ...], lower: Samples, count: int) -> CellEquations:
+        """Return those of stretches, each log cut into so many, of n names and least values."""
+        rows, residuals = self.compressed(count)
+        return CellEquations(
+            names=names,
+            values=self.values,
+            lower=lower,
+            on_bound=self.values <= lower,
+            rows=rows,
+            residuals=residuals,
+            log=np.repeat(np.arange(len(self.logs)), count),
+            prior=self.prior,
+        )
+
     @cached_property
     def _weighted(self) -> tuple[LogEquations, ...]:
         if self.loss is Loss.LINEAR:
@@ -224,6 +251,28 @@ class Equations:
         left = -pull - rows[:, ~free] @ step[~free]
         step[free] = lsq_linear(rows[:, free], left, box, method="bvls", tol=1e-12).x
         return np.asarray(step / size)
+
+    def in_steps(self, directions: Samples) -> Equations:
+        """Return the equations in d lengths of steps along (n, d) directions, which are 0."""
+        columns = np.arange(directions.shape[1])
+        logs = (
+            replace(log, rows=log.rows @ directions[log.columns], columns=columns)
+            for log in self.logs
+        )
+        return replace(self, values=np.zeros(columns.size), logs=tuple(logs))
+
+    def directions(self, count: int) -> Samples:
+        """Return (n, d) independent changes of ``count`` first values that move residuals by 1."""
+        scaled, size = unit_diagonal(self.curvature[:count, :count])
+        curvatures, axes = np.linalg.eigh(scaled)
+        felt = curvatures > ROUNDING * curvatures[-1]
+        changes = np.zeros((self.values.size, np.count_nonzero(felt)))
+        changes[:count] = axes[:, felt] / np.sqrt(curvatures[felt]) / size[:, None]
+        return changes
+
+    def reduced(self, directions: Samples) -> Equations:
+        """Return the equations after the best step along (n, d) directions (see `directions`)."""
+        return self.moved(-directions @ (directions.T @ self.gradient))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -145,7 +145,7 @@ class Problem:
     @property
     def labels(self) -> tuple[str, ...]:
         """(n,) what the unknowns are called, and of whom."""
-        return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
+        return labels_of(self.keys)
 
     @property
     def logs(self) -> list[Log]:
@@ -161,15 +161,6 @@ class Problem:
     def conditions(self) -> Conditions:
         """Under which the cells were recorded."""
         return Conditions.of(self.logs, cells_of(len(self.motion), len(self.keys)))
-
-    def columns_of(self, log: Log) -> dict[str, int]:
-        """Return the numbers of a log's unknowns by name; its own go before shared ones."""
-        mine: dict[str, int] = {}
-        for owner in (None, log.added_mass, log.name):
-            mine |= {name: k for k, (name, whose) in enumerate(self.keys) if whose == owner}
-        if log.zero is not None and log.zero.fixed:
-            mine.pop("zero", None)
-        return mine
 
     def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
         """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
@@ -198,7 +189,7 @@ class Problem:
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
     def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
         simulation, log = self.simulations[index], self.simulations[index].log
-        mine = self.columns_of(log)
+        mine = columns_of(self.keys, log)
         own = {name: float(values[k]) for name, k in mine.items()}
         moved = {name: value for name, value in own.items() if name not in INITIAL}
         parameters = replace(self.start, **moved)
@@ -210,11 +201,9 @@ class Problem:
         zero = own["zero"] if "zero" in own else reading_of(log, self.zeros)
         names = list(own) if slopes else []
         errors, rows = simulation.linearised(names, parameters, zero, own.get("velocity"))
-        unit = 1 / (self.motion[index] * errors.size**0.5)
-        errors *= unit
-        rows *= unit
-        columns = np.array([mine[name] for name in names], dtype=np.intp)
-        return LogEquations(residuals=errors, rows=rows, columns=columns)
+        return LogEquations.relative(
+            errors, rows, [mine[name] for name in names], self.motion[index]
+        )
 
     def weighed(self, at: Equations) -> Equations:
         """Return equations with what is known of the values, weighed by what they tell."""
@@ -284,17 +273,7 @@ class Problem:
 
     def cells(self, at: Equations, count: int) -> CellEquations:
         """Return the equations of stretches, each log cut into so many."""
-        rows, residuals = at.compressed(count)
-        return CellEquations(
-            names=self.labels,
-            values=at.values,
-            lower=self.lower,
-            on_bound=at.values <= self.lower,
-            rows=rows,
-            residuals=residuals,
-            log=np.repeat(np.arange(len(at.logs)), count),
-            prior=at.prior,
-        )
+        return at.cells(self.labels, self.lower, count)
 
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, by the bare names of the unknowns."""
@@ -302,6 +281,21 @@ class Problem:
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
         found = replace(self.cells(end.at, count), names=self.names, bread=bread)
         return found if end.converged else found.stopped(found.next_step)
+
+
+def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:
+    """Return what unknowns are called, and of whom."""
+    return tuple(name if whose is None else f"{name} of {whose}" for name, whose in keys)
+
+
+def columns_of(keys: Sequence[Key], log: Log) -> dict[str, int]:
+    """Return the numbers of a log's unknowns by name; its own go before shared ones."""
+    mine: dict[str, int] = {}
+    for owner in (None, log.added_mass, log.name):
+        mine |= {name: k for k, (name, whose) in enumerate(keys) if whose == owner}
+    if log.zero is not None and log.zero.fixed:
+        mine.pop("zero", None)
+    return mine
 
 
 _IMPOSSIBLE = LogEquations(

@@ -19,7 +19,7 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, near, offset_errors
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.problem import Start
+from butterfly.identification.problem import Start, columns_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
@@ -143,7 +143,7 @@ def test_output_error_fits_no_zero_that_is_exact_and_one_prior_for_each_that_is_
         told = [replace(log, zero=zero, added_mass=mass) for log, zero, mass in facts]
         first = Start(ROBOT, dict.fromkeys(masses, 0.3))
         problem = OutputError(terms=(), fixed=PARAMETERS).problem(told, first)
-        columns = [[*problem.columns_of(log).values()] for log in told]
+        columns = [[*columns_of(problem.keys, log).values()] for log in told]
         return [*problem.keys], problem.known, columns
 
     assert keys(None, None, None) == ([("zero", None)], {}, [[0], [0], [0]])

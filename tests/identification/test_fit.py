@@ -249,3 +249,17 @@ def test_no_other_start_is_gone_on_from_where_small_white_errors_alone_are_left(
     other = Problem(9, _end(5))
     lowest_end([Problem(8, first), other])
     assert len(other.made) == made
+
+
+def test_the_best_step_of_some_unknowns_leaves_what_a_regression_does_even_if_two_act_alike():
+    rows = np.random.default_rng(0).standard_normal((50, 3)) * (1, 1e3, 1e-3)
+    rows[:, 1], errors = 1e3 * rows[:, 0], np.sin(np.arange(50))
+    at = _equations(np.ones(3), errors, rows)
+    directions = at.directions(2)
+    np.testing.assert_allclose(np.linalg.norm(rows @ directions, axis=0), [1.0])
+    (log,) = at.reduced(directions).logs
+    slope = rows[:, 0] @ errors / (rows[:, 0] @ rows[:, 0])
+    np.testing.assert_allclose(log.residuals, errors - slope * rows[:, 0])
+    cells = at.in_steps(directions).cells(("step",), np.full(1, -np.inf), 5)
+    assert cells.cost.sum() == pytest.approx(errors @ errors)
+    np.testing.assert_allclose(directions @ cells.next_step, [-slope / 2, -slope / 2e3, 0.0])

@@ -9,41 +9,39 @@ them (a parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
-from butterfly.identification.blocks import Condition, Conditions, cells_of, independent_cells_of
+from butterfly.arrays import Samples, take_away
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.linearised_run import (
-    Derivatives,
-    LinearisedRun,
-    directions_of,
-    reduce,
-    rms,
-)
 from butterfly.identification.diagnostics.sensor_errors import Curve, SensorErrors, correlations
-from butterfly.identification.equations import CellEquations, compressed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.agreement import (
-    Contrast,
-    contrasts_of,
-    differing_values,
-    from_log_to_log,
+from butterfly.identification.fit import Equations, LogEquations
+from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.inference.agreement import Contrast, contrasts_of
+from butterfly.identification.inference.linear_terms import (
+    STRIBECK,
+    LinearModel,
+    candidates,
+    stribeck_velocities,
 )
-from butterfly.identification.inference.linear_terms import LinearModel
 from butterfly.identification.inference.stagewise import stagewise
 from butterfly.identification.inference.submodels import submodels_of
-from butterfly.identification.levels import PRECISE, SPREADS
+from butterfly.identification.levels import DRAWS, PRECISE, SHOWS, SPREADS
+from butterfly.identification.predict import covariance_root, honest_covariance
+from butterfly.identification.problem import Key, columns_of, labels_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
-from butterfly.model.terms import PARAMETERS, lower_bounds
+from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
@@ -213,39 +211,40 @@ def residual_units(joint: JointKind, place: str = "residuals.") -> dict[str, str
 
 
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
-    """Compare what free runs of an estimate leave with what sensors and lacking terms explain."""
-    model = Derivatives.of(data, estimate)
+    """Compare what free runs of an estimate leave with what sensors and absent terms explain."""
+    unknowns = _Unknowns.of(data, estimate)
     every = [
-        LinearisedRun.of(
+        unknowns.expanded(
             runs[k] if runs else data.simulations.run(k, estimate),
             data.simulations.setting(k, estimate),
-            model,
         )
         for k in range(len(data.logs))
     ]
-    logs = [each for each in every if each is not None]
-    if not logs:
+    found = [each for each in every if each is not None]
+    if not found:
         return Residuals(logs=tuple(map(_bare, data.logs)))
-    directions = directions_of(logs)
-    left = [each.errors[:, None].copy() for each in logs]
-    reduce(logs, directions, left)
-    random = np.random.default_rng(0)
-    pairs = [each.drawn(rest[:, 0], random) for each, rest in zip(logs, left, strict=True)]
-    reduce(logs, directions, [errors for _, errors in pairs])
+    at, random = unknowns.equations(found), np.random.default_rng(0)
+    directions = at.directions(len(unknowns.keys))
+    left = at.reduced(directions)
+    pairs = list(zip(found, left.logs, strict=True))
+    draws = [each.drawn(rest.residuals, random) for each, rest in pairs]
+    _reduce([errors for _, errors in draws], at, directions)
     judged = [
-        _judged(each, rest[:, 0], errors, sensor)
-        for each, rest, (sensor, errors) in zip(logs, left, pairs, strict=True)
+        each.judged(rest.residuals, *drawn)
+        for (each, rest), drawn in zip(pairs, draws, strict=True)
     ]
-    missing, beyond = MissingTerms(), sum(each.outside for each in judged) > _BY_CHANCE * len(every)
-    agreement, rivals = _contrasts(estimate, logs, directions, left) if beyond else ((), ())
-    if model.lacking and beyond:
-        missing, shares = _missing_terms(estimate, logs, directions, model.lacking)
-        both = zip(judged, shares, strict=True)
-        judged = [replace(each, share=float(share)) for each, share in both]
-    rest = iter(judged)
-    pairs_of_logs = zip(data.logs, every, strict=True)
-    whole = (_bare(log) if each is None else next(rest) for log, each in pairs_of_logs)
-    return Residuals(logs=tuple(whole), missing=missing, agreement=agreement, rivals=rivals)
+    result = Residuals(logs=())
+    if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
+        logs = [each.run.log for each in found]
+        agreement, rivals = unknowns.contrasts(left, logs)
+        missing, shares = unknowns.missing_terms(at, directions, logs)
+        result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
+        both = zip(judged, shares.tolist(), strict=True)
+        judged = [replace(each, share=share) for each, share in both]
+    following = iter(judged)
+    places = zip(data.logs, every, strict=True)
+    whole = (_bare(log) if each is None else next(following) for log, each in places)
+    return replace(result, logs=tuple(whole))
 
 
 def _bare(log: Log) -> LogResiduals:
@@ -254,110 +253,206 @@ def _bare(log: Log) -> LogResiduals:
     return LogResiduals(name=log.name, label=log.label, motion=motion)
 
 
-def _judged(
-    each: LinearisedRun, errors: Samples, drawn: Samples, sensor: SensorErrors
-) -> LogResiduals:
-    """Judge a log by its (m,) errors that are left, and by (m, k) that are drawn."""
-    left, count, step = rms(errors), errors.size, each.step
-    lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
-    lag = np.asarray(step * np.arange(lags + 1), dtype=np.float64)
-    allowed = each.unsure / left if left else 0.0
-    own, crossed = correlations([errors, *drawn.T], each.inputs, lags)
-    # the spread of the parameters, to first order, beside that of the readings
-    reach = SPREADS * np.hypot(each.reach, sensor.spread)
-    log = each.run.log
-    white = sensor.spread / (log.time[each.counted].size / count) ** 0.5
-    return LogResiduals(
-        name=log.name,
-        label=log.label,
-        motion=each.motion,
-        error=rms(each.whole),
-        left=left,
-        explained=white if sensor.white else rms(drawn),
-        sensor=sensor,
-        autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
-        cross_correlation=Curve.of(lag, crossed, count, allowed),
-        band=ErrorBand(time=each.middles, reach=reach),
-    )
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _RunErrors:
+    """The m errors of one log's free run where they count, and what they change by."""
+
+    run: FreeRun
+    first: int  # number of the first sample that counts
+    step: float  # of the simulation in s
+    # (m,) numbers of samples averaged, middles of steps in s, and mean delivered inputs
+    averages: tuple[NDArray[np.int64], Samples, Samples]
+    blank: LogResiduals  # name and motion of the log
+    errors: Samples  # (m,) simulated less measured angle in rad
+    starts: tuple[Samples, ...]  # of segments: (k, j) orthonormal, in which each start moves errors
+    equations: LogEquations  # of errors over the motion, less what starts explain
+    # (m,) standard deviations in rad that the parameters give the simulated angle, to first order
+    reach: Samples
+
+    @cached_property
+    def unsure(self) -> float:
+        """What counts for nothing, in rad: a share of the motion about its straight line."""
+        log = self.run.log
+        time, angle = (
+            each[self.first :] - each[self.first :].mean() for each in (log.time, log.measured)
+        )
+        return SHOWS * float(np.std(angle - time * ((time @ angle) / (time @ time))))
+
+    def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
+        """Return the sensor, and (m, k) draws of errors if (m,) are left; k is 0 if it is white."""
+        counts, middles, _ = self.averages
+        unit, counted = self.blank.motion * left.size**0.5, slice(self.first, None)  # rad
+        angle = self.run.simulated[counted] - np.interp(
+            self.run.log.time[counted], middles, self.errors - unit * left
+        )
+        sensor = SensorErrors.of(self.run.log.measured[counted], angle)
+        if sensor.white:
+            return sensor, np.empty((left.size, 0))
+        shifts = self.unsure * random.standard_normal(DRAWS)
+        drawn = sensor.draw(angle, shifts, counts, random)
+        drawn /= unit
+        _take_away(self.starts, drawn)
+        return sensor, drawn
+
+    def judged(self, left: Samples, sensor: SensorErrors, drawn: Samples) -> LogResiduals:
+        """Judge the log by (m,) relative errors that are left, and by (m, k) that are drawn."""
+        count, motion = left.size, self.blank.motion
+        size = motion * float(np.linalg.norm(left))
+        lags = max(1, min(round(_LONGEST_LAG / self.step), count // 4))
+        lag = np.asarray(self.step * np.arange(lags + 1), dtype=np.float64)
+        allowed = self.unsure / size if size else 0.0
+        auto, crossed = correlations([left, *drawn.T], self.averages[2], lags)
+        white = sensor.spread * (count / (self.run.log.time.size - self.first)) ** 0.5
+        by_draws = motion * float(np.linalg.norm(drawn)) / DRAWS**0.5
+        # the spread of the parameters, to first order, and that of the readings
+        reach = SPREADS * np.hypot(self.reach, sensor.spread)
+        return replace(
+            self.blank,
+            error=float(np.linalg.norm(self.errors)) / count**0.5,
+            left=size,
+            explained=white if sensor.white else by_draws,
+            sensor=sensor,
+            autocorrelation=Curve.of(lag[1:], auto, count, allowed**2),
+            cross_correlation=Curve.of(lag, crossed, count, allowed),
+            band=ErrorBand(time=self.averages[1], reach=reach),
+        )
 
 
-def _contrasts(
-    estimate: Estimate, logs: Sequence[LinearisedRun], directions: Samples, left: Sequence[Samples]
-) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
-    """Return what follows a condition in (m, 1) errors, and (n,) values that hold as well."""
-    names, known = estimate.names, logs[0].known.shape[1]
-    cells = cells_of(len(logs), known)
-    every = [
-        each.unit * np.column_stack([each.known, own]) for each, own in zip(logs, left, strict=True)
-    ]
-    parts = [part for own in every for part in np.array_split(own, cells)]
-    rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
-    more = known - len(names)
-    pull = sum(each.unit**2 * each.known.T @ each.errors for each in logs)
-    equations = CellEquations(
-        names=(*names, *(f"own {k}" for k in range(more))),
-        values=np.append(estimate.values, np.zeros(more)) - directions @ (directions.T @ pull),
-        lower=np.append(lower_bounds(names), np.full(more, -np.inf)),
-        on_bound=np.append(
-            [name in estimate.on_bound for name in names], np.zeros(more, dtype=bool)
-        ),
-        rows=rows,
-        residuals=residuals,
-        log=np.repeat(np.arange(len(logs)), cells),
-    )
-    conditions = Conditions.of([each.run.log for each in logs], cells)
-    found, ends = contrasts_of(equations, conditions)
-    both = (*found, *from_log_to_log(equations.of_logs))
-    found = tuple(sorted(both, key=lambda each: -each.share))
-    if found and found[0].condition is Condition.LOG:
-        differing = differing_values(equations, found[0].parameter)
-        ends = [] if differing is None else [differing]
-    return found, tuple(each[: len(names)] for each in ends)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Unknowns:
+    """The unknowns of a whole model, and the absent terms, by which errors are differentiated."""
+
+    estimate: Estimate
+    keys: tuple[Key, ...]  # of its n unknowns: the parameters, then zeros and biases
+    absent: tuple[str, ...]  # terms of the table that it does not have, and that logs may show
+    settings: Mapping[str, float]  # Stribeck velocity in rad/s, if its friction is absent
+    root: Samples  # (p, p) root of the covariance of p parameters; zeros where there is none
+
+    @classmethod
+    def of(cls, data: DataSet, estimate: Estimate) -> _Unknowns:
+        """Return the model of an estimate, and what else the logs of a data set may show."""
+        local = estimate.owners(data.unread)
+        has = {*estimate.names, *(name for name, _ in local)}
+        named = [row.name for row in TERMS.values() if row.looks_like and row.name not in has]
+        absent = candidates(named, data.masses, estimate.known)
+        absent = tuple(name for name in absent if not getattr(estimate.parameters, name))
+        settings = {}
+        if STRIBECK in absent:
+            fastest = math.sqrt(2) * max(log.rms_speed for log in data.logs)
+            speeds = stribeck_velocities(fastest, estimate.known)
+            settings = {"stribeck_velocity": speeds[len(speeds) // 2]}
+        try:
+            root = covariance_root(honest_covariance(estimate))
+        except IdentifiabilityError:
+            root = np.zeros((len(estimate.names),) * 2)
+        keys = (*((name, None) for name in estimate.names), *local)
+        return cls(estimate=estimate, keys=keys, absent=absent, settings=settings, root=root)
+
+    def expanded(self, run: FreeRun, setting: Setting) -> _RunErrors | None:
+        """Return the errors of a log's free run; None if it fails or nothing moves."""
+        log, first, blank = run.log, first_counted(run.log), _bare(run.log)
+        parameters = replace(setting.parameters, **self.settings)
+        columns = columns_of(self.keys, log)
+        columns |= {name: len(self.keys) + k for k, name in enumerate(self.absent)}
+        simulation = setting.simulation(log, first)
+        about = (parameters, setting.zero, setting.velocity)
+        with np.errstate(all="ignore"):
+            errors, rows = simulation.linearised([*columns], *about)
+            squares = [run.fit, float(errors @ errors), float(np.vdot(rows, rows))]
+        if not (blank.motion > 0 and np.isfinite(squares).all()):
+            return None
+        reach = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
+        starts, left = simulation.directions(*about), errors.copy()
+        _take_away(starts, left)
+        _take_away(starts, rows)
+        return _RunErrors(
+            run=run,
+            first=first,
+            step=simulation.step,
+            averages=simulation.averages(parameters),
+            blank=blank,
+            errors=errors,
+            starts=starts,
+            equations=LogEquations.relative(left, rows, [*columns.values()], blank.motion),
+            reach=reach,
+        )
+
+    def equations(self, runs: Sequence[_RunErrors]) -> Equations:
+        """Return the equations of free runs in the n unknowns and in absent terms."""
+        more = len(self.keys) + len(self.absent) - self.estimate.values.size
+        values = np.append(self.estimate.values, np.zeros(more))
+        return Equations(values=values, logs=tuple(each.equations for each in runs))
+
+    def contrasts(
+        self, left: Equations, logs: Sequence[Log]
+    ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
+        """Return parameters that follow a condition in what is left, and (p,) values of rivals."""
+        names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
+        unknowns = left.in_steps(np.eye(left.values.size, len(names)))
+        cells = replace(
+            unknowns.cells(names, lower_bounds(names), count),
+            values=left.values[: len(names)],
+            on_bound=np.array([name in self.estimate.on_bound for name in names]),
+        )
+        found, ends = contrasts_of(cells, Conditions.of(logs, count))
+        return found, tuple(each[: self.estimate.values.size] for each in ends)
+
+    def missing_terms(
+        self, at: Equations, directions: Samples, logs: Sequence[Log]
+    ) -> tuple[MissingTerms, Samples]:
+        """Return which absent terms help where all (n, d) directions are fitted, and (k,) shares.
+
+        The shares are those of each log's squared errors that the terms explain.
+        """
+        count, size = directions.shape[1], self.estimate.values.size
+        names = (*(f"step {k}" for k in range(count)), *self.absent)
+        by_terms = np.eye(at.values.size)[:, len(self.keys) :]
+        steps = at.in_steps(np.column_stack([directions, by_terms]))
+        cells = steps.cells(names, lower_bounds(names), independent_cells_of(len(logs), len(names)))
+        # derivatives foretell the residuals as well as a value counts as known
+        rounding = PRECISE * float(np.sqrt(cells.cost.mean()))
+        nested = submodels_of(cells, [log.added_mass for log in logs], rounding)
+        model = LinearModel(models=(nested,), optional=self.absent)
+        if not (self.absent and model.determined):
+            return MissingTerms(), np.zeros(len(logs))
+        found = stagewise(model, self.absent, ())
+        terms, ends = found.path[-1], np.array([model.values, found.model.values])
+        before, after = nested.costs(ends).reshape(2, len(logs), -1).sum(axis=2)
+        shares = 1 - after / np.where(before > 0, before, 1.0)
+        values = self.estimate.values + (ends[:, :count] @ directions.T)[:, :size]
+        far = np.abs(values[1] - values[0]) > (self.estimate.upper - self.estimate.lower) / 2
+        pairs = zip(self.estimate.names, far.tolist(), strict=True)
+        swapped = [(row.name, taken) for row, taken in found.ties if row.swapped(taken)]
+        moved = tuple(name for name, large in pairs if large and name in PARAMETERS and terms)
+        return MissingTerms(
+            terms=terms,
+            others=tuple(
+                tuple(row if name == taken else name for name in terms) for row, taken in swapped
+            ),
+            share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
+            moved=moved,
+            rival=values[1] if moved else None,
+        ), shares
 
 
-def _missing_terms(
-    estimate: Estimate, logs: Sequence[LinearisedRun], directions: Samples, lacking: tuple[str, ...]
-) -> tuple[MissingTerms, Samples]:
-    """Choose from the terms that the model lacks; and (k,) shares of each log that they explain."""
-    always = tuple(f"change {k}" for k in range(directions.shape[1]))
-    names = (*always, *lacking)
-    cells = independent_cells_of(len(logs), len(names))
-    every = [
-        each.unit * np.column_stack([each.known @ directions, each.lacking, each.errors])
-        for each in logs
-    ]
-    parts = [part for own in every for part in np.array_split(own, cells)]
-    rows, residuals = compressed((part[:, :-1], part[:, -1]) for part in parts)
-    equations = CellEquations(
-        names=names,
-        values=np.zeros(len(names)),
-        lower=np.append(np.full(len(always), -np.inf), lower_bounds(lacking)),
-        on_bound=np.zeros(len(names), dtype=bool),
-        rows=rows,
-        residuals=residuals,
-        log=np.repeat(np.arange(len(logs)), cells),
-    )
-    # derivatives foretell the residuals as well as a value counts as known
-    rounding = PRECISE * float(np.sqrt(equations.cost.mean()))
-    nested = submodels_of(equations, [each.run.log.added_mass for each in logs], rounding)
-    model = LinearModel(models=(nested,), optional=lacking)
-    if not model.determined:
-        return MissingTerms(), np.zeros(len(logs))
-    found = stagewise(model, lacking, ())
-    ends = np.array([model.values, found.model.values])
-    before, after = nested.costs(ends).reshape(2, len(logs), -1).sum(axis=2)
-    shares = 1 - after / np.where(before > 0, before, 1.0)
-    count, terms = estimate.values.size, found.path[-1]
-    before_and_after = estimate.values + (ends[:, : len(always)] @ directions.T)[:, :count]
-    far = np.abs(np.diff(before_and_after, axis=0)[0]) > (estimate.upper - estimate.lower) / 2
-    pairs = zip(estimate.names, far.tolist(), strict=True)
-    moved = tuple(name for name, own in pairs if own and name in PARAMETERS and terms)
-    swapped = [(row.name, taken) for row, taken in found.ties if row.swapped(taken)]
-    others = [tuple(row if name == taken else name for name in terms) for row, taken in swapped]
-    return MissingTerms(
-        terms=terms,
-        others=tuple(others),
-        share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
-        moved=moved,
-        rival=before_and_after[1] if moved else None,
-    ), shares
+def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> None:
+    """Take from each log's (m, k) errors, in place, what a step along (n, d) directions explains.
+
+    Logs of which k is 0 stay as they are.
+    """
+    for draw in range(max(each.shape[1] for each in errors)):
+        logs = [
+            replace(log, residuals=each[:, draw] if each.size else np.zeros(len(each)))
+            for log, each in zip(at.logs, errors, strict=True)
+        ]
+        left = replace(at, logs=tuple(logs)).reduced(directions)
+        for each, log in zip(errors, left.logs, strict=True):
+            if each.size:
+                each[:, draw] = log.residuals
+
+
+def _take_away(directions: Sequence[Samples], errors: Samples) -> None:
+    """Take from (m, ...) errors the orthonormal directions of segments, one after the other."""
+    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
+    for each, part in zip(directions, np.split(errors, ends), strict=True):
+        take_away(each, part)

@@ -117,10 +117,14 @@ def disagreements_of(
 def contrasts_of(
     equations: CellEquations, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], list[Samples]]:
-    """Return the same contrasts, and (n,) values of their rivals."""
+    """Return the same contrasts and those from log to log, and (n,) values of their rivals."""
     accepted = _accepted(equations, conditions)
-    ends = [end for *_, each in accepted for _, end in each]
-    return tuple(contrast for contrast, *_ in accepted), ends
+    every = [*(each for each, *_ in accepted), *from_log_to_log(equations.of_logs)]
+    found = tuple(sorted(every, key=lambda each: -each.share))
+    if found and found[0].condition is Condition.LOG:
+        differing = differing_values(equations, found[0].parameter)
+        return found, [] if differing is None else [differing]
+    return found, [end for *_, each in accepted for _, end in each]
 
 
 def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
