@@ -94,21 +94,24 @@ def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
     Windows have ``reach`` samples, `step` s apart, on either side; near an end the polynomial of
     the first or last window is used.
     """
-    weights = _weights(reach, order)
+    rises, fit = _window(reach, order)
     width = 2 * reach + 1
-    begin = weights[:-1] @ (values[:width] - values[0])  # so that where all are alike it is 0
-    end = weights[:-1] @ (values[-1] - values[: -width - 1 : -1])
+    begin = rises[:-1] @ (fit @ (values[:width] - values[0]))  # so that where all are alike it is 0
+    end = rises[:-1] @ (fit @ (values[-1] - values[: -width - 1 : -1]))
     inner = np.zeros(values.size - 2 * reach)
-    _antisymmetric(values, weights[-1, reach + 1 :], inner)
+    _antisymmetric(values, (rises[-1] @ fit)[reach + 1 :], inner)
     return np.concatenate([begin, inner, end[::-1]]) / step
 
 
 @lru_cache(maxsize=64)
-def _weights(reach: int, order: int) -> Samples:
-    """(reach + 1, 2 reach + 1): by row, slope at a sample up to the middle of a window."""
+def _window(reach: int, order: int) -> tuple[Samples, Samples]:
+    """Return (reach + 1, k) slopes of polynomials up to the middle of a window; (k, m) their fit.
+
+    Products of the two have m = 2 reach + 1 columns for each row: too many to keep.
+    """
     x = np.arange(-reach, reach + 1) / reach
-    rise = legendre.legval(x[: reach + 1], legendre.legder(np.eye(order + 1)))
-    return np.asarray(rise.T @ np.linalg.pinv(legendre.legvander(x, order)) / reach)
+    rises = legendre.legval(x[: reach + 1], legendre.legder(np.eye(order + 1))).T / reach
+    return np.asarray(rises), np.linalg.pinv(legendre.legvander(x, order))
 
 
 @compiled
