@@ -111,7 +111,7 @@ def _window(reach: int, order: int) -> tuple[Samples, Samples]:
     """
     x = np.arange(-reach, reach + 1) / reach
     rises = legendre.legval(x[: reach + 1], legendre.legder(np.eye(order + 1))).T / reach
-    return np.asarray(rises), np.linalg.pinv(legendre.legvander(x, order))
+    return np.asarray(rises), np.asarray(np.linalg.pinv(legendre.legvander(x, order)))
 
 
 @compiled
