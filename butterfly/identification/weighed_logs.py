@@ -43,8 +43,7 @@ class WeighedLogs:
         cls, problem: Problem, at: Equations, values: Samples, own: Samples | None = None
     ) -> WeighedLogs:
         """Weigh equations about values, or about these and what (k, n) each log has of its own."""
-        unit = np.eye(values.size)
-        logs = LogRows.of((log.residuals, log.rows, unit[log.columns]) for log in at.logs)
+        logs = LogRows.of((log.residuals, log.spread(log.rows, values.size)) for log in at.logs)
         moved = np.zeros((len(at.logs), values.size)) if own is None else own
         return cls(problem=problem, values=values, own=moved, logs=logs.moved(-moved))
 

@@ -53,8 +53,8 @@ class LogRows:
     told: NDArray[np.bool_]  # (k, q) which coordinates are not empty
 
     @classmethod
-    def of(cls, logs: Iterable[tuple[Samples, Samples, Samples]]) -> LogRows:
-        """Take (m,) residuals, and (m, p) and (p, n) factors of the derivatives, of each log."""
+    def of(cls, logs: Iterable[tuple[Samples, Samples]]) -> LogRows:
+        """Take (m,) residuals, and (m, n) derivatives, of each log."""
         parts = [_coordinates(*log) for log in logs]
         told = np.arange(max(own.size for _, own, _ in parts)) < [[own.size] for _, own, _ in parts]
         count, most = told.shape
@@ -212,12 +212,10 @@ def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
     return np.asarray(variance + least[:, None, None] * np.eye(count))
 
 
-def _coordinates(
-    residuals: Samples, rows: Samples, mixture: Samples
-) -> tuple[Samples, Samples, Samples]:
+def _coordinates(residuals: Samples, rows: Samples) -> tuple[Samples, Samples, Samples]:
     """Return (q, n) R, (q,) U'r and (q, q) U'NU of a log (see `LogRows.of`)."""
     basis, triangle = np.linalg.qr(rows)
-    scaled, lengths = unit_columns(triangle @ mixture)
+    scaled, lengths = unit_columns(triangle)
     left, sizes, right = np.linalg.svd(scaled, full_matrices=False)
     told = sizes > np.finfo(float).eps * residuals.size * sizes[0]
     basis = basis @ left[:, told]

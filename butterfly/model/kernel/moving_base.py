@@ -81,17 +81,15 @@ def begin_to_give(time, angle, velocity, c, torques):
 
     the torque is -h' sdd, sdd its mean over an interval.
     """
-    force, rests, rate = 0.0, _momentum(angle[0], velocity[0], c), 0.0
+    force, rests, rate = 0.0, _moments(angle[0], c)[1] * velocity[0], 0.0
     for k in range(time.size - 1):
-        h, x, v = time[k + 1] - time[k], angle[k], velocity[k]
-        rise, end = angle[k + 1] - x, velocity[k + 1]
+        h, ends = time[k + 1] - time[k], (angle[k], velocity[k], angle[k + 1], velocity[k + 1])
         count = max(least_base_steps(c, h), 1)
-        begun = rate
+        dt, begun = h / count, rate
         for part in range(count):
-            dt, middle, whole = h / count, (part + 0.5) / count, (part + 1.0) / count
-            first = _momentum_at(part / count, h, x, v, rise, end, c)
-            second = _momentum_at(middle, h, x, v, rise, end, c)
-            third = _momentum_at(whole, h, x, v, rise, end, c)
+            first = _between(part / count, h, ends, c)[1]
+            second = _between((part + 0.5) / count, h, ends, c)[1]
+            third = _between((part + 1.0) / count, h, ends, c)[1]
             a1, b1 = (rests - c.slow * force - first) / c.swing, -force
             s, r = force + 0.5 * dt * a1, rests + 0.5 * dt * b1
             a2, b2 = (r - c.slow * s - second) / c.swing, -s
@@ -101,34 +99,24 @@ def begin_to_give(time, angle, velocity, c, torques):
             a4, b4 = (r - c.slow * s - third) / c.swing, -s
             force += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
             rests += dt / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
-        rate = (rests - c.slow * force - _momentum(x + rise, end, c)) / c.swing
-        mean = (rate - begun) / h
+        rate = (rests - c.slow * force - _between(1.0, h, ends, c)[1]) / c.swing
         for i in range(3):
-            _, lever = _moments(_angle_at(0.5 * i, h, x, v, rise, end), c)
-            torques[k, i] = -lever * mean
+            torques[k, i] = -_between(0.5 * i, h, ends, c)[0] * (rate - begun) / h
 
 
 @inner
-def _momentum(x, v, c):
-    """Return h' thd in kg m rad/s."""
-    _, lever = _moments(x, c)
-    return lever * v
-
-
-@inner
-def _momentum_at(share, h, x, v, rise, end, c):
-    """Return `_momentum` at a share of an interval, by the cubic through both its ends."""
-    slope = 6.0 * share * (1.0 - share) * rise / h
-    slope += (1.0 - share) * (1.0 - 3.0 * share) * v + share * (3.0 * share - 2.0) * end
-    return _momentum(_angle_at(share, h, x, v, rise, end), slope, c)
-
-
-@inner
-def _angle_at(share, h, x, v, rise, end):
-    """Return the angle at a share of an interval, by the same cubic."""
-    rest = 1.0 - share
-    bent = h * share * rest * (rest * v - share * end)
-    return x + share * share * (3.0 - 2.0 * share) * rise + bent
+def _between(share, h, ends, c):
+    """Return h' and h' thd at a share of an interval, by the cubic through both its ends."""
+    (x, v, y, w), rest = ends, 1.0 - share
+    at = (
+        x
+        + share * share * (3.0 - 2.0 * share) * (y - x)
+        + h * share * rest * (rest * v - share * w)
+    )
+    _, lever = _moments(at, c)
+    speed = 6.0 * share * rest * (y - x) / h
+    speed += rest * (1.0 - 3.0 * share) * v + share * (3.0 * share - 2.0) * w
+    return lever, lever * speed
 
 
 @inner
