@@ -80,13 +80,6 @@ def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
     assert _names(tmp_path / THESIS) == [THESIS]
 
 
-def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
-    write_mat(sine_log, tmp_path / THESIS)
-    with pytest.raises(InputError, match="a manifest, or --arm"):
-        read(tmp_path)
-    assert _names(tmp_path, arm=0.1) == [THESIS]
-
-
 def test_a_sweep_s_results_lead_to_the_logs_of_a_run(tmp_path):
     plan = small_plan(tmp_path, keep_signals=True, sweep={"repetitions": 1})
     run_sweep(plan, tmp_path / "kept", HereEngine())

@@ -163,27 +163,6 @@ def test_a_wrong_belief_about_friction_settles_at_the_predicted_invariant():
     assert found == pytest.approx(predicted, rel=5e-4)
 
 
-def test_the_lag_of_the_filtered_difference_is_as_stated_and_the_observer_has_none():
-    step, omega = 1e-3, 6.0
-    time = np.arange(0, 10, step)
-    for estimator, lag in (
-        (FilteredDifference(0.005), 0.005 + step / 2),
-        (Observer(THESIS, bandwidth=100.0), 0.0),
-    ):
-        angle = 0.3 * np.cos(omega * time)
-        acceleration = -(omega**2) * angle
-        torque = THESIS.p1 * acceleration + THESIS.p3 * np.sin(angle)
-        torque += THESIS.p2 * -0.3 * omega * np.sin(omega * time)
-        found = np.array(
-            [
-                estimator.update(t, x, u)
-                for t, x, u in zip(time, angle, np.roll(torque / THESIS.p4, 1), strict=True)
-            ]
-        )
-        late = 0.3 * omega * -np.sin(omega * (time - lag))
-        assert np.abs(found - late)[2000:].max() < 0.02 * 0.3 * omega
-
-
 @pytest.mark.parametrize("wrong", [0.0, 1.0, -1.0])
 def test_what_makes_no_sense_is_refused(wrong):
     orbit = Orbit.of_amplitude(THESIS, SIXTY)

@@ -26,7 +26,7 @@ from butterfly.twin import c
 from butterfly.twin.javascript import as_javascript
 from tests.orbit.setting import plant
 from tests.report.browser import needs_chromium, seen_by_chromium
-from tests.twin.compiled import GEAR, drawn, needs_node, said
+from tests.twin.compiled import GEAR, KINDS, drawn, needs_node, said
 
 MODEL = Path(butterfly.report.__file__).parent / "templates/live_model.js"
 READER = Path(__file__).parent / "reader.js"
@@ -45,16 +45,7 @@ DRIVER = """
 }})();
 """
 EXACT = 1e-9  # rad
-KINDS = {
-    "smooth": {},
-    "stribeck": {"load_friction": 0.05},
-    "lag and stribeck": {},
-    "gear": {},
-    "base and friction": {},
-    "drive": {},
-    "slide": {},
-    "pulled": {},
-}
+MORE = {"stribeck": {"load_friction": 0.05}}
 """What joints have beside that which they are drawn with."""
 
 
@@ -62,7 +53,7 @@ def _log_of(kind, seed=1, noise=1e-3):
     """A joint of a kind with a delay, and a log of it that it does not quite follow."""
     twin, step, commands = drawn(seed, kind)
     added = AddedMass() if kind == "slide" else AddedMass(mass=0.05, arm=0.1)
-    parameters = replace(twin.parameters, **KINDS.get(kind, {}))
+    parameters = replace(twin.parameters, **MORE.get(kind, {}))
     twin = replace(twin, parameters=parameters, added=added, limit=np.inf, resolution=0.0)
     delivered = np.asarray(parameters.delivered(commands))
     angle = c.mover(step, 1)(twin, np.zeros(64), delivered, 0.0, 0.0)[:-1]

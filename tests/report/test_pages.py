@@ -134,6 +134,7 @@ def test_a_comparison_says_what_the_model_leaves_over(pages, residuals):
 def test_the_report_of_a_sweep_counts_verdicts_and_lists_what_went_wrong(pages):
     page = pages["sweep"]
     assert page.summary[0].startswith("60 runs, 58 ")
+    assert "Verdicts on 58 estimates: 0 good, 57 use with care, 1 do not use." in page.summary
     assert any("1 of 58" in each for each in page.summary)
     assert (page.numbers["ok"], page.numbers["unconverged"]) == (58, 1)
     assert page.numbers["verdicts"] == {"m": {"good": 0, "use with care": 57, "do not use": 1}}
