@@ -10,7 +10,6 @@ import butterfly as bf
 from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance
 from butterfly.report.finding_texts import estimate_sentences
-from butterfly.thesis import method
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import changed
 from tests.verdicts import follow_nothing, impossible_data
@@ -54,14 +53,6 @@ def impossible(quick_data, tmp_path_factory):
     found = bf.identify(impossible_data(quick_data, folder / "data"), "weak-form", terms=())
     found.save(folder / "saved.json")
     return folder / "saved.json"
-
-
-@pytest.fixture(scope="module")
-def by_thesis(quick_data):
-    """An identification by a method that does not estimate all."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "_STARTS", (0.3,))
-        return bf.identify(bf.read(quick_data).take([0, 2, 3, 5, 6, 8]), "thesis")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -16,7 +16,8 @@ from butterfly.model.kernel.steps import exceeds_at
 from butterfly.twin.languages import C, JavaScript
 from butterfly.twin.reduced import NUMBER, Fields
 from butterfly.twin.translate import Translator
-from tests.twin.compiled import compile_with, needs_cc, needs_node, said
+from tests.programs import said
+from tests.twin.compiled import compile_with, needs_cc, needs_node
 
 NUMBERS = st.floats(-1e6, 1e6)
 
