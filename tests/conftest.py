@@ -21,6 +21,7 @@ from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.thesis import method
 from butterfly.twin.accuracy import Yardstick
 
 # Compilation and file systems make the first example slow. The draws are the same every time, so
@@ -131,6 +132,15 @@ def quick_data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("quick")
     experiment = read_experiment(brief_quickstart(folder, "grey-box"))
     return write_logs(experiment, simulate(experiment), folder / "data").parent
+
+
+@pytest.fixture(scope="session")
+def by_thesis(quick_data):
+    """An identification by a method without a covariance, which does not estimate all."""
+    data = read_data_set(read_manifest(quick_data / "manifest.yaml"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(method, "_STARTS", (0.3,))
+        return identify(data.take([0, 2, 3, 5, 6, 8]), "thesis")
 
 
 @pytest.fixture

@@ -1,5 +1,4 @@
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -7,6 +6,7 @@ import pytest
 
 import butterfly
 from tests.conftest import brief_quickstart
+from tests.programs import said
 
 SOURCES = {
     "inner": """
@@ -62,14 +62,7 @@ def _start(package, code=CALL, cache="cache"):
     own = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONDONTWRITEBYTECODE": "1"}
     if cache is not None:
         own["NUMBA_CACHE_DIR"] = str(package.parent / cache)
-    done = subprocess.run(  # noqa: S603 - our own interpreter
-        [sys.executable, "-c", code],
-        env=os.environ | own,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout
+    return said(sys.executable, "-c", code, env=os.environ | own)
 
 
 @pytest.mark.slow

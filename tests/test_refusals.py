@@ -15,6 +15,7 @@ from butterfly.logs.mat import write_mat
 from butterfly.model.linear import quasi_linear_response
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, STEP, simulated, wild
+from tests.logs.written import mat73
 
 PAGE = (Path(__file__).parents[1] / "docs/refusals.md").read_text(encoding="utf-8")
 _CELLS = [line[2:].split(" | ", 2) for line in PAGE.splitlines()]
@@ -310,13 +311,10 @@ def test_it_is_refused_in_these_words_and_the_remedy_works(situation, run):
 
 
 def test_without_h5py_files_of_v7_3_are_refused_and_with_it_read(tmp_path, monkeypatch, butterfly):
-    h5py = pytest.importorskip("h5py")
     path, older = tmp_path / "v73.mat", tmp_path / "v7.mat"
     log = simulated(ROBOT, MASSES[0], lambda t: 0.02 * np.sin(3 * t), 3.0)
-    with h5py.File(path, "w", userblock_size=512) as file:
+    with mat73(path) as file:
         file["D"] = [log.time, log.input, log.angle]
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
     write_mat(log, older)
     with monkeypatch.context() as without:
         without.setitem(sys.modules, "h5py", None)

@@ -9,8 +9,7 @@ from butterfly.files import json_text, write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.result import HEAD, document
-from butterfly.verdict import Level, Verdict
+from butterfly.result import document
 
 
 def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tmp_path):
@@ -21,15 +20,6 @@ def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tm
     assert "kg m²" in (tmp_path / "x.json").read_text(encoding="utf-8")
     assert json_text(made, ascii_only=True).isascii()
     assert json.loads(json_text(made)) == made
-
-
-def test_a_document_begins_alike_with_and_without_a_verdict():
-    verdict = Verdict(Level.CARE, ("Few logs.",))
-    judged = document("x", "t", {}, verdict=verdict)
-    plain = document("x", "t", {})
-    assert list(judged) == list(plain) == list(HEAD)
-    assert (judged["verdict"], judged["reasons"]) == ("use with care", ["Few logs."])
-    assert (plain["verdict"], plain["reasons"]) == (None, [])
 
 
 def test_what_a_slide_leaves_over_is_in_metres():

@@ -101,15 +101,10 @@ def test_what_cannot_be_read_is_one_error_with_its_line(tmp_path, text, message)
     assert str(caught.value).startswith(f"{tmp_path}/a.yaml:{message}")
 
 
-def test_a_place_that_holds_no_text_is_named(tmp_path):
+def test_bytes_that_are_no_text_are_named(tmp_path):
     (tmp_path / "latin.yaml").write_bytes("é: 1".encode("latin-1"))
-    for path, message in [
-        (tmp_path / "nowhere.yaml", "no such file"),
-        (tmp_path, "a folder"),
-        (tmp_path / "latin.yaml", "bytes that are not text"),
-    ]:
-        with pytest.raises(InputError, match=message):
-            load_yaml(path)
+    with pytest.raises(InputError, match="bytes that are not text"):
+        load_yaml(tmp_path / "latin.yaml")
 
 
 @given(st.text())

@@ -3,7 +3,6 @@
 import pytest
 
 import butterfly as bf
-from butterfly.thesis import method
 
 WRONG = {"p1": 0.004, "p2": 0.0015, "p3": 0.05}
 
@@ -22,14 +21,6 @@ def result(data):
 def few(data):
     """What is identified from four logs."""
     return bf.identify(data.take([0, 2, 3, 5]), terms=())
-
-
-@pytest.fixture(scope="session")
-def by_thesis(data):
-    """What a method finds that has no covariance."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "_STARTS", (0.3,))
-        return bf.identify(data.take([0, 2, 3, 5]), "thesis")
 
 
 @pytest.fixture(scope="session")

@@ -3,13 +3,13 @@
 import ast
 import inspect
 import pickle
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import butterfly as bf
+from tests.programs import said
 
 PACKAGE = Path(bf.__file__).parent
 
@@ -17,9 +17,7 @@ PACKAGE = Path(bf.__file__).parent
 def test_nothing_heavy_is_loaded_before_it_is_used():
     heavy = {"numpy", "scipy", "mujoco", "numba", "pydantic", "plotly", "matplotlib", "control"}
     code = f"import butterfly as bf, sys; dir(bf); print(*({heavy!r} & sys.modules.keys()))"
-    command = [sys.executable, "-c", code]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
-    assert ended.stdout.split() == []
+    assert said(sys.executable, "-c", code).split() == []
 
 
 def test_every_name_that_the_stub_promises_is_there():

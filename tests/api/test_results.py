@@ -20,7 +20,7 @@ from butterfly.identification.splits import Split
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.mat import write_mat
 from tests.api.conftest import results_of
-from tests.verdicts import follow_nothing, impossible_data
+from tests.verdicts import follow_nothing
 
 
 def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
@@ -71,19 +71,6 @@ def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
         again = bf.load(tmp_path / f"{each.kind}.json")
         assert again.judged == each.judged
         assert repr(again) == repr(each)
-
-
-def test_nothing_is_made_of_values_that_no_joint_has(quick_data, tmp_path):
-    found = bf.identify(impossible_data(quick_data, tmp_path / "data"), "weak-form", terms=())
-    for asked in (
-        lambda: bf.design(found),
-        lambda: bf.compare(found),
-        lambda: bf.predict(quick_data, found),
-        lambda: bf.draws(found),
-        lambda: found.model,
-    ):
-        with pytest.raises(bf.UnusableError, match=r"^Do not use: No joint has these values"):
-            asked()
 
 
 def test_the_table_of_parameters_is_aligned_and_has_values_units_and_intervals(result):

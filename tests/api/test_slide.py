@@ -1,12 +1,14 @@
 """A slide's results speak of kg and m."""
 
 import numpy as np
+import pytest
 
 import butterfly as bf
 from butterfly.identification.estimators import WeakForm
 from tests.independent.integrator import Joint, motion
 
 
+@pytest.mark.usefixtures("brief_twins")
 def test_a_slide_s_table_is_in_kilograms_and_it_is_exported_as_a_slide(tmp_path):
     time = 4e-3 * np.arange(1520)
     command = np.repeat([0.8, -1.0, 0.3, 1.0, -0.9, -0.4, 0.7, -0.6], 190)

@@ -36,15 +36,12 @@ def test_a_manifest_its_folder_and_what_was_identified_from_it_are_the_same_data
 ):
     expected = _names(quick_data)
     assert len(expected) == 9
-    shutil.copytree(quick_data, tmp_path / "there/logs")
     saved = _saved(tmp_path / "result.json", quick_data)
-    moved = _saved(tmp_path / "there/result.json", quick_data, root="logs")
     gone = _saved(tmp_path / "gone.json", quick_data, root="gone")
-    for source in (quick_data / "manifest.yaml", saved, moved):
+    for source in (quick_data / "manifest.yaml", saved):
         assert _names(source) == expected
     with pytest.raises(InputError, match=r"data\.manifest\.root: got .*gone"):
         read(gone)
-    assert _names(gone, root=quick_data) == expected
 
 
 def test_a_log_is_described_by_the_manifest_beside_it(quick_data):
@@ -78,13 +75,6 @@ def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
         (tmp_path / entry.file).touch()
     write_mat(sine_log, tmp_path / THESIS)
     assert _names(tmp_path / THESIS) == [THESIS]
-
-
-def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
-    write_mat(sine_log, tmp_path / THESIS)
-    with pytest.raises(InputError, match="a manifest, or --arm"):
-        read(tmp_path)
-    assert _names(tmp_path, arm=0.1) == [THESIS]
 
 
 def test_a_sweep_s_results_lead_to_the_logs_of_a_run(tmp_path):

@@ -3,7 +3,6 @@
 import inspect
 import os
 import re
-import subprocess
 import sys
 from functools import cache
 from importlib import import_module
@@ -17,6 +16,7 @@ from butterfly.cli.output import ExitCode
 from tests.cli.one_line import assert_one_line_error, done
 from tests.cli.one_line import program as run_program
 from tests.cli.test_written import CALLS
+from tests.programs import said
 
 OF_DATA = {"--root", "--arm", "--input", "--intersample", "--columns", "--units", "--known"}
 SHORT = {"-o": "--out", "-m": "--method", "-r": "--report", "-q": "--quiet"}
@@ -133,9 +133,7 @@ def _imported(*stages):
         "        with contextlib.suppress(SystemExit): sys.argv[1:] = call.split(); main()\n"
         "    print('imported', *{name.partition('.')[0] for name in sys.modules})"
     )
-    command = [sys.executable, "-c", program]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
-    lines = [line.split() for line in ended.stdout.splitlines()]
+    lines = [line.split() for line in said(sys.executable, "-c", program).splitlines()]
     return [{*words} for words in lines if words[:1] == ["imported"]]
 
 

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.cli.output import ExitCode
-from butterfly.identification.estimators import harmonic_balance
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
 
@@ -105,16 +103,6 @@ def test_the_real_logs_are_those_of_the_shipped_manifest(
     done(butterfly("identify", "real-logs", "--root", logs_folder))
     assert len(given[0].logs) == 41
     assert len(given[0].masses) == 3
-
-
-def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
-    butterfly, quick_data, monkeypatch
-):
-    monkeypatch.setattr(harmonic_balance, "MOST", 1)
-    code, out, err = butterfly("identify", quick_data, "-m", "harmonic-balance", "--terms=")
-    assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
-    assert "95 % interval" in out
-    assert out.startswith("Do not use: The fit did not converge.\n")
 
 
 @pytest.mark.slow

@@ -9,16 +9,6 @@ from tests.cli.one_line import assert_one_line_error, done
 from tests.experiment.setting import changed
 
 
-def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
-    butterfly, quick_in_mujoco, tmp_path
-):
-    changed(quick_in_mujoco, estimators=[{"method": "output-error", "terms": []}])
-    out = done(butterfly("run", quick_in_mujoco, "--out", tmp_path / "out"))
-    assert "0.00325" in out
-    assert "deviation" in out
-    assert (tmp_path / "out/report.html").stat().st_size > 5e5
-
-
 def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path):
     changed(quick, added_masses=[{"mass": 0.05, "arm": 0.104}])
     result = butterfly("run", quick, "--out", tmp_path / "out")

@@ -10,7 +10,6 @@ import butterfly as bf
 from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance
 from butterfly.report.finding_texts import estimate_sentences
-from butterfly.thesis import method
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import changed
 from tests.verdicts import follow_nothing, impossible_data
@@ -56,14 +55,6 @@ def impossible(quick_data, tmp_path_factory):
     return folder / "saved.json"
 
 
-@pytest.fixture(scope="module")
-def by_thesis(quick_data):
-    """An identification by a method that does not estimate all."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "_STARTS", (0.3,))
-        return bf.identify(bf.read(quick_data).take([0, 2, 3, 5, 6, 8]), "thesis")
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_code_3(
     butterfly, words, tmp_path, monkeypatch, command
@@ -103,6 +94,19 @@ def test_nothing_is_made_of_values_that_no_joint_has(
     assert told["reasons"][0].startswith("No joint has these values")
     assert err.startswith("error: Do not use: No joint has these values: p1 gives an inertia of")
     assert err.count("\n") == 1
+
+
+def test_from_python_nothing_is_made_of_values_that_no_joint_has(impossible, quick_data):
+    found = bf.load(impossible)
+    for asked in (
+        lambda: bf.design(found),
+        lambda: bf.compare(found),
+        lambda: bf.predict(quick_data, found),
+        lambda: bf.draws(found),
+        lambda: found.model,
+    ):
+        with pytest.raises(bf.UnusableError, match=r"^Do not use: No joint has these values"):
+            asked()
 
 
 @pytest.mark.slow
@@ -170,16 +174,6 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
         assert "do not use" in butterfly("results", "table", out, *told)[1]
 
 
-@pytest.mark.slow
-def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monkeypatch):
-    follow_nothing(monkeypatch)
-    changed(quick, sweep={"repetitions": 2})
-    said = done(butterfly("run", quick, "--out", tmp_path / "out", "--jobs", 1))
-    assert "Verdicts on 2 estimates: " in said
-    numbers = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))
-    assert sum(numbers["verdicts"]["output-error"].values()) == 2
-
-
 def test_what_a_method_does_not_estimate_is_no_value_of_it(told, by_thesis, tmp_path):
     """And the fault of a poor method is no slip of the logs."""
     page = tmp_path / "r.html"
@@ -225,7 +219,9 @@ def test_of_several_estimators_the_verdict_is_two_lines_and_sentences_name_their
     methods = ("weak-form", "output-error")
     fewer(quick, estimators=[{"method": method} for method in methods])
     words = ("run", quick, "--out", tmp_path / "out")
-    values, model, other, *others, hint = _sentences(done(butterfly(*words)))
+    out = done(butterfly(*words))
+    values, model, other, *others, hint = _sentences(out)
+    assert re.search(r"^  p1 .*0\.00325", out, re.MULTILINE)  # the true one, beside both
     assert values.startswith("Good: weak-form: p1 ±")
     assert model.startswith("Model: error ")
     assert other.startswith("output-error: Good: p1 ±")

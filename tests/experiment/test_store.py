@@ -162,18 +162,6 @@ def test_a_field_may_be_set_to_anything(values, kind):
     assert (table["f"].null_count == 0) or None in values
 
 
-def test_a_swept_number_may_be_written_without_a_point(tmp_path):
-    path = tmp_path / "s.yaml"
-    grid = "{plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}"
-    path.write_text(f"extends: quickstart\nname: s\nsweep: {{grid: {grid}}}\n")
-    plan = planned(path)
-    columns = SweepColumns(plan.fields, plan.tasks)
-    schema = columns.schema(RUNS)
-    assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
-    (first,) = columns.rows(RUNS, plan.tasks[0], None)
-    assert (first["plant.encoder.noise"], first["duration"]) == (1e-4, 20.0)
-
-
 WRITES = 300
 
 

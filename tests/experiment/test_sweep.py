@@ -254,6 +254,7 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     code, out, err = butterfly(*command, "--figures")
     assert code == 0, err
     assert "6 already done" in out
+    assert "Verdicts on 6 estimates: " in out
     assert "Against encoder noise" in (one / "report.html").read_text(encoding="utf-8")
     assert (one / "report-figures/axis-0.png").exists()
     numbers = json.loads((one / "report.json").read_text())

@@ -20,7 +20,6 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.logs.thinning import thinned
-from butterfly.logs.units import Units
 from tests.logs.said_table import written
 
 KIND = {"input_kind": InputKind.TORQUE}
@@ -70,19 +69,6 @@ def test_a_log_is_named_by_its_file_whatever_the_case_and_what_is_missing_stays_
     assert (read.name, read.source) == (path.name, str(path))
     np.testing.assert_array_equal(read.angle, log.angle)
     assert read_log(path, name="mine", **KIND).name == "mine"
-
-
-@pytest.mark.parametrize(
-    ("ending", "names"),
-    [(".csv", ("time", "velocity")), (".parquet", ("time", "velocity")), (".mat", ("0", "D.3"))],
-)
-def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
-    log = sine_log.take(np.arange(100))
-    write_log(log, tmp_path / f"log{ending}")
-    columns = {"time": names[0], "input": 1, "angle": names[1]}
-    read = read_log(tmp_path / f"log{ending}", columns, Units.of({"angle": "deg"}), **KIND)
-    np.testing.assert_array_equal(read.input, log.input)
-    np.testing.assert_allclose(read.angle, np.radians(log.velocity))
 
 
 @pytest.mark.parametrize("form", ["mat", "json", "parquet", "csv", "tsv"])

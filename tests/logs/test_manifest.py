@@ -65,6 +65,16 @@ def test_an_encoder_on_the_motor_is_read_by_the_joint_and_needs_the_ratio(tmp_pa
         read_entry(drafted.model_copy(update={"encoder": "motor"}), drafted.logs[0])
 
 
+def _read(path, text):
+    """What a manifest says, which is the same when it is written and read again."""
+    path.write_text(text)
+    manifest = read_manifest(path)
+    with call(overwrite=True):
+        write_manifest(manifest, path)
+    assert read_manifest(path) == manifest
+    return manifest
+
+
 @pytest.mark.parametrize("law", ["pid-torque", "cascade-torque", "speed-torque"])
 def test_a_loop_on_the_motors_side_drives_as_it_does_seen_from_the_joint(law):
     time = np.arange(0.0, 1.0, 0.01)
@@ -78,9 +88,8 @@ def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):
     write_mat(sine_log, tmp_path / "a.mat")
     entry = "{file: a.mat, added_mass: {value: 52, uncertainty: 1}, omega: 2, amplitude: 300}"
     units = "{time: ms, input: -mV, angle: counts/4096, mass: g, arm: mm, omega: Hz}"
-    path = tmp_path / "m.yaml"
-    path.write_text(f"name: a\ninput: voltage\narm: 104\nunits: {units}\nlogs: [{entry}]\n")
-    manifest = read_manifest(path)
+    text = f"name: a\ninput: voltage\narm: 104\nunits: {units}\nlogs: [{entry}]\n"
+    manifest = _read(tmp_path / "m.yaml", text)
     log = read_entry(manifest, manifest.logs[0])
     np.testing.assert_allclose(log.time, sine_log.time / 1000)
     np.testing.assert_allclose(log.input, -sine_log.input / 1000)
@@ -89,23 +98,16 @@ def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):
     assert (mass.mass, mass.arm, mass.mass_uncertainty) == pytest.approx((0.052, 0.104, 0.001))
     assert log.excitation.omega == pytest.approx(4 * np.pi)
     assert log.excitation.amplitude == pytest.approx(0.3)
-    with call(overwrite=True):
-        write_manifest(manifest, path)
-    assert read_manifest(path) == manifest
 
 
 def test_the_own_inertia_of_an_added_mass_is_used_as_given_and_written_again(tmp_path):
     path = tmp_path / "m.yaml"
     logs = "[{file: a.csv, added_mass: 0.2, inertia: 1e-4}, {file: b.csv}]"
-    path.write_text(f"name: a\ninput: torque\narm: 0.1\nlogs: {logs}\n")
-    manifest = read_manifest(path)
+    manifest = _read(path, f"name: a\ninput: torque\narm: 0.1\nlogs: {logs}\n")
     disc, none = (manifest.added_mass(entry) for entry in manifest.logs)
     assert disc == AddedMass(mass=0.2, arm=0.1, own_inertia=1e-4)
     assert (disc.inertia, disc.gravity_moment) == pytest.approx((2.1e-3, 0.1962))
     assert none.inertia == 0
-    with call(overwrite=True):
-        write_manifest(manifest, path)
-    assert read_manifest(path) == manifest
     assert path.read_text().count("inertia:") == 1
     path.write_text(path.read_text().replace("0.0001", "-0.0001"))
     with pytest.raises(InputError, match="inertia"):
@@ -140,13 +142,9 @@ logs:
 
 def test_zeros_are_told_for_the_set_a_mass_or_a_log(tmp_path):
     path = tmp_path / "m.yaml"
-    path.write_text(ZEROS)
-    manifest = read_manifest(path)
+    manifest = _read(path, ZEROS)
     told = [manifest.zero_of(entry) for entry in manifest.logs]
     assert told == [Known(value=0.1, uncertainty=0.01), Known(value=0.2), Known(value=0.3)]
-    with call(overwrite=True):
-        write_manifest(manifest, path)
-    assert read_manifest(path) == manifest
     other = manifest.with_zero(Known(value=0.7))
     assert {other.zero_of(entry) for entry in other.logs} == {Known(value=0.7)}
     path.write_text(ZEROS.replace("[{added_mass: 0.05,", "[{added_mass: 0.06,"))

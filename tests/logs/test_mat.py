@@ -44,8 +44,6 @@ def test_stray_variables_are_ignored_velocity_may_be_missing_and_columns_have_un
 )
 def test_a_wrong_content_is_named(tmp_path, variables, message):
     path = tmp_path / "bad.mat"
-    with pytest.raises(InputError, match=r"bad\.mat: path: got no such file"):
-        read_mat(path, **KIND)
     savemat(path, variables)
     with pytest.raises(InputError, match=rf"bad\.mat: {message}"):
         read_mat(path, **KIND)

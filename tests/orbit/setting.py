@@ -72,6 +72,15 @@ def generic(spec, amplitudes, *, simulator=Simulator.MUJOCO, duration=60.0):
     return Linear().of_points([response_point(log) for log in logs]).parameters
 
 
+def two_sines(spec, masses, duration):
+    """Log two small sines with each of some masses in kg, by the grey box."""
+    sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
+    jobs = [(AddedMass(mass=mass, arm=0.1), sine) for mass in masses for sine in sines]
+    seeds = np.random.SeedSequence(0).spawn(len(jobs))
+    rig = replace(spec.rig, simulator=Simulator.GREY_BOX)
+    return list(simulate_runs(rig, jobs, duration, seeds))
+
+
 def sixty_degrees(**changes):
     """Plan rounds at 60 degrees."""
     target = {"target": lambda p: Orbit.of_amplitude(p, SIXTY), "starts": (1.05, 0.6, 0.9, 1.5)}

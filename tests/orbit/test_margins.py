@@ -12,10 +12,8 @@ from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.margins import loop_margins
 from butterfly.plant.joints import GreyBoxJoint
-from butterfly.plant.motor import CommandPath, ControlLoop
-from butterfly.plant.rig import SimulatedMotor
-from butterfly.plant.sensors import Clock
-from tests.plant.setting import FINE, robot
+from butterfly.plant.motor import CommandPath
+from tests.plant.setting import robot, under_law
 
 pytestmark = pytest.mark.slow
 
@@ -86,12 +84,10 @@ def _held(orbit, gamma, delay, duration):
             return joint.velocity
 
     law = EnergyShaping(orbit, gamma, velocity=Exact())
-    motor = SimulatedMotor(joint, encoder=FINE, path=CommandPath(delay=delay))
-    with ControlLoop(motor, clock=Clock(step=CYCLE)) as loop:
-        try:
-            log = loop.run(law, duration)
-        except InputError:  # the joint spins faster and faster
-            return math.inf
+    try:
+        log = under_law(joint, law, duration, CYCLE, path=CommandPath(delay=delay))
+    except InputError:  # the joint spins faster and faster
+        return math.inf
     last = log.time > duration - 4 * orbit.period
     turn = np.abs(log.angle[last]).max()
     return abs(float(energy(p, turn, 0.0)) / orbit.energy - 1)

@@ -14,10 +14,9 @@ from butterfly.model.energy import Orbit, energy, potential
 from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, Observer, gain_for
 from butterfly.plant.joints import GreyBoxJoint
-from butterfly.plant.motor import CommandPath, ControlLoop, Reading
-from butterfly.plant.rig import SimulatedMotor
-from butterfly.plant.sensors import Clock, FilteredDifference
-from tests.plant.setting import FINE, JOINTS, robot
+from butterfly.plant.motor import CommandPath, Reading
+from butterfly.plant.sensors import FilteredDifference
+from tests.plant.setting import JOINTS, robot, under_law
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
 SIXTY = math.radians(60)
@@ -27,12 +26,6 @@ ROBOT = robot(TorqueDrive(gain=10.0), viscous=1e-3)
 def _invariant(parameters, orbit, angle, velocity):
     """(n,) values of I = E - E* (107) in J along a motion."""
     return energy(parameters, angle, velocity) - orbit.energy
-
-
-def _swing(joint, law, duration, path=CommandPath(), step=1e-3):
-    motor = SimulatedMotor(joint, encoder=FINE, path=path)
-    with ControlLoop(motor, clock=Clock(step=step)) as loop:
-        return loop.run(law, duration)
 
 
 def test_the_60_degree_orbit_has_the_known_period_and_squared_speed_whatever_names_it():
@@ -121,7 +114,7 @@ def test_the_loop_holds_the_orbit_from_within_and_from_without(joint):
     gamma = gain_for(orbit, 0.5)
     for start in (0.3, 1.6):
         law = EnergyShaping(orbit, gamma)
-        log = _swing(joint(ROBOT, angle=start), law, 18.0, step=4e-3)
+        log = under_law(joint(ROBOT, angle=start), law, 18.0, 4e-3)
         last = log.angle[log.time > 15]
         assert np.abs(last).max() == pytest.approx(SIXTY, abs=0.02)
 
@@ -129,7 +122,7 @@ def test_the_loop_holds_the_orbit_from_within_and_from_without(joint):
 def test_from_rest_a_kick_starts_it_and_the_command_stays_within_its_limit():
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
     law = EnergyShaping(orbit, gain_for(orbit, 0.3), kick=5e-4)
-    log = _swing(GreyBoxJoint(ROBOT), law, 40.0, CommandPath(limit=5e-4), step=4e-3)
+    log = under_law(GreyBoxJoint(ROBOT), law, 40.0, 4e-3, path=CommandPath(limit=5e-4))
     assert np.abs(log.input).max() == 5e-4
     assert np.abs(log.angle[log.time > 36]).max() == pytest.approx(SIXTY, abs=0.02)
 
@@ -138,7 +131,7 @@ def test_the_invariant_decays_as_the_closed_form_says():
     orbit = Orbit.of_amplitude(THESIS, SIXTY)
     gamma = gain_for(orbit, 0.6)
     law = EnergyShaping(orbit, gamma, velocity=Observer(THESIS, bandwidth=200.0))
-    log = _swing(GreyBoxJoint(ROBOT, angle=SIXTY + 0.05), law, 4 * orbit.period)
+    log = under_law(GreyBoxJoint(ROBOT, angle=SIXTY + 0.05), law, 4 * orbit.period)
     velocity = np.gradient(log.angle, log.time)
     values = _invariant(THESIS, orbit, log.angle, velocity)
     areas = np.concatenate([[0], np.cumsum(velocity[:-1] ** 2 * np.diff(log.time))])
@@ -154,34 +147,13 @@ def test_a_wrong_belief_about_friction_settles_at_the_predicted_invariant():
     excess = THESIS.p4 * believed.p2 / believed.p4 - THESIS.p2
     predicted = excess / (THESIS.p4 * gamma)
     law = EnergyShaping(orbit, gamma, velocity=FilteredDifference(0.001))
-    log = _swing(GreyBoxJoint(ROBOT, angle=1.0), law, 20.0)
+    log = under_law(GreyBoxJoint(ROBOT, angle=1.0), law, 20.0)
     velocity = np.gradient(log.angle, log.time)
     values = _invariant(THESIS, orbit, log.angle, velocity)
     upwards = np.flatnonzero((log.angle[:-1] < 0) & (log.angle[1:] >= 0) & (log.time[1:] > 12))
     periods = slice(upwards[0], upwards[-1])
     found = np.average(values[periods], weights=velocity[periods] ** 2)
     assert found == pytest.approx(predicted, rel=5e-4)
-
-
-def test_the_lag_of_the_filtered_difference_is_as_stated_and_the_observer_has_none():
-    step, omega = 1e-3, 6.0
-    time = np.arange(0, 10, step)
-    for estimator, lag in (
-        (FilteredDifference(0.005), 0.005 + step / 2),
-        (Observer(THESIS, bandwidth=100.0), 0.0),
-    ):
-        angle = 0.3 * np.cos(omega * time)
-        acceleration = -(omega**2) * angle
-        torque = THESIS.p1 * acceleration + THESIS.p3 * np.sin(angle)
-        torque += THESIS.p2 * -0.3 * omega * np.sin(omega * time)
-        found = np.array(
-            [
-                estimator.update(t, x, u)
-                for t, x, u in zip(time, angle, np.roll(torque / THESIS.p4, 1), strict=True)
-            ]
-        )
-        late = 0.3 * omega * -np.sin(omega * (time - lag))
-        assert np.abs(found - late)[2000:].max() < 0.02 * 0.3 * omega
 
 
 @pytest.mark.parametrize("wrong", [0.0, 1.0, -1.0])

@@ -43,6 +43,12 @@ def play(joint, duration=5.0, amplitude=0.5, omega=4.0, step=0.01):
         return loop.play(lambda time: amplitude * np.sin(omega * time), duration)
 
 
+def under_law(joint, law, duration, step=1e-3, **parts):
+    """The log of a joint under feedback, in the same way; ``parts`` of the motor."""
+    with ControlLoop(SimulatedMotor(joint, encoder=FINE, **parts), clock=Clock(step=step)) as loop:
+        return loop.run(law, duration)
+
+
 def integrated(log, rhs, start):
     """Angle at a log's stamps by SciPy, each held input integrated on its own to 1e-12."""
     state, angles = np.array(start), [start[0]]
@@ -58,16 +64,16 @@ def grey_box(parameters, time, inputs, start=0.0):
     return simulate(parameters, time, np.repeat(inputs[: time.size - 1, None], 3, axis=1), start)
 
 
-def mujoco_alone(model, commands, start=0.0):
-    """(n + 1, 2) angles and velocities of a model, or its text, in plain MuJoCo, and its step."""
+def mujoco_alone(model, commands, start=0.0, *, by="ctrl", which=0, joint=0):
+    """(n + 1, 2) angles and velocities of a joint of a model or text in MuJoCo, and its step."""
     model = mujoco.MjModel.from_xml_string(model) if isinstance(model, str) else model
     data = mujoco.MjData(model)
-    data.qpos[0] = start
+    data.qpos[joint] = start
     states = [(start, 0.0)]
     for command in commands:
-        data.ctrl[0] = command
+        getattr(data, by)[which] = command
         mujoco.mj_step(model, data)
-        states.append((data.qpos[0], data.qvel[0]))
+        states.append((data.qpos[joint], data.qvel[joint]))
     return np.array(states), model.opt.timestep
 
 

@@ -14,7 +14,7 @@ from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ControlLoop, ReplayMotor
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.sensors import Clock
-from tests.plant.setting import ADDED, FINE, JOINTS, grey_box, robot
+from tests.plant.setting import ADDED, FINE, JOINTS, grey_box, robot, under_law
 
 ROBOT = robot()
 
@@ -25,8 +25,7 @@ def _spring(reading):
 
 
 def _run(joint, law=_spring, **parts):
-    with ControlLoop(SimulatedMotor(joint, encoder=FINE, **parts), clock=Clock(step=0.002)) as loop:
-        return loop.run(law, 5.0)
+    return under_law(joint, law, 5.0, 0.002, **parts)
 
 
 def test_under_feedback_mujoco_and_grey_box_give_the_same_log():

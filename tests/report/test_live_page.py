@@ -16,17 +16,15 @@ from butterfly.api.verbs import identify
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import Log, Sine
+from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.plant.rig import Rig, Simulator
-from butterfly.plant.rollout import simulate_runs
-from butterfly.plant.sensors import Clock
 from butterfly.report.live_log import Column, LiveLog
 from butterfly.twin import c
 from butterfly.twin.javascript import as_javascript
-from tests.orbit.setting import plant
+from tests.orbit.setting import plant, two_sines
+from tests.programs import said
 from tests.report.browser import needs_chromium, seen_by_chromium
-from tests.twin.compiled import GEAR, drawn, needs_node, said
+from tests.twin.compiled import GEAR, KINDS, drawn, needs_node
 
 MODEL = Path(butterfly.report.__file__).parent / "templates/live_model.js"
 READER = Path(__file__).parent / "reader.js"
@@ -45,16 +43,7 @@ DRIVER = """
 }})();
 """
 EXACT = 1e-9  # rad
-KINDS = {
-    "smooth": {},
-    "stribeck": {"load_friction": 0.05},
-    "lag and stribeck": {},
-    "gear": {},
-    "base and friction": {},
-    "drive": {},
-    "slide": {},
-    "pulled": {},
-}
+MORE = {"stribeck": {"load_friction": 0.05}}
 """What joints have beside that which they are drawn with."""
 
 
@@ -62,7 +51,7 @@ def _log_of(kind, seed=1, noise=1e-3):
     """A joint of a kind with a delay, and a log of it that it does not quite follow."""
     twin, step, commands = drawn(seed, kind)
     added = AddedMass() if kind == "slide" else AddedMass(mass=0.05, arm=0.1)
-    parameters = replace(twin.parameters, **KINDS.get(kind, {}))
+    parameters = replace(twin.parameters, **MORE.get(kind, {}))
     twin = replace(twin, parameters=parameters, added=added, limit=np.inf, resolution=0.0)
     delivered = np.asarray(parameters.delivered(commands))
     angle = c.mover(step, 1)(twin, np.zeros(64), delivered, 0.0, 0.0)[:-1]
@@ -167,13 +156,8 @@ def test_a_column_is_rounded_to_its_range_and_no_more(values):
 def seen(tmp_path_factory):
     """What a reader of the page of a small data set sees in Chromium."""
     folder = tmp_path_factory.mktemp("live")
-    bench = plant({"coulomb": 1e-4})
-    clock = Clock(step=0.004)
-    rig = Rig(robot=bench.robot, simulator=Simulator.GREY_BOX, encoder=bench.encoder, clock=clock)
-    sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
-    runs = [(AddedMass(mass=mass, arm=0.1), sine) for mass in (0.0, 0.05) for sine in sines]
-    seeds = np.random.SeedSequence(0).spawn(len(runs))
-    data = DataSet.of(list(simulate_runs(rig, runs, 20.0, seeds)), name="four sines")
+    logs = two_sines(plant({"coulomb": 1e-4}, step=0.004), (0.0, 0.05), 20.0)
+    data = DataSet.of(logs, name="four sines")
     page = folder / "r.html"
     identify(data).report(page)
     text, reader = page.read_text(encoding="utf-8"), READER.read_text(encoding="utf-8")

@@ -20,20 +20,15 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
-from butterfly.logs.log import Sine
-from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.plant.rig import Rig, Simulator
-from butterfly.plant.rollout import simulate_runs
-from butterfly.plant.sensors import Clock
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep_page import sweep_page
 from butterfly.thesis.method import Thesis
 from tests.identification.simulated import estimate_of
-from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
+from tests.orbit.setting import grey_rig, plant, sixty_degrees, two_sines, wrong
 from tests.report.browser import HASTE, needs_chromium, seen_by_chromium
 
 pytestmark = pytest.mark.slow
@@ -45,13 +40,8 @@ ROUGH = plant({"coulomb": 1e-4})
 @pytest.fixture(scope="module")
 def data():
     """Six short sines with three added masses."""
-    masses = [AddedMass(mass=mass, arm=0.1) for mass in (0.0, 0.05, 0.1)]
-    sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
-    runs = [(mass, sine) for mass in masses for sine in sines]
-    seeds = np.random.SeedSequence(0).spawn(len(runs))
-    bench = {"encoder": ROUGH.encoder, "clock": Clock(step=0.004)}
-    rig = Rig(robot=ROUGH.robot, simulator=Simulator.GREY_BOX, **bench)
-    return DataSet.of(list(simulate_runs(rig, runs, 40.0, seeds)), name="six sines")
+    bench = plant({"coulomb": 1e-4}, step=0.004)
+    return DataSet.of(two_sines(bench, (0.0, 0.05, 0.1), 40.0), name="six sines")
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +124,7 @@ def test_a_comparison_says_what_the_model_leaves_over(pages, residuals):
 def test_the_report_of_a_sweep_counts_verdicts_and_lists_what_went_wrong(pages):
     page = pages["sweep"]
     assert page.summary[0].startswith("60 runs, 58 ")
+    assert "Verdicts on 58 estimates: 0 good, 57 use with care, 1 do not use." in page.summary
     assert any("1 of 58" in each for each in page.summary)
     assert (page.numbers["ok"], page.numbers["unconverged"]) == (58, 1)
     assert page.numbers["verdicts"] == {"m": {"good": 0, "use with care": 57, "do not use": 1}}

@@ -2,7 +2,6 @@
 
 import ctypes
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.twin.twin import Twin
+from tests.programs import said
 
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1")
 TICK = 2.0**-14  # s
@@ -124,9 +124,3 @@ def _mover(run):
 def compile_with(compiler, *arguments):
     """Compile, without a warning."""
     said(compiler, *STRICT, *arguments)
-
-
-def said(*command, **how):
-    """What a program of the system says, if nothing fails."""
-    ran = subprocess.run(command, check=True, capture_output=True, text=True, **how)  # noqa: S603
-    return ran.stdout

@@ -2,7 +2,6 @@
 
 from xml.etree import ElementTree
 
-import mujoco
 import numpy as np
 
 from butterfly.identification.free_run import Setting
@@ -10,6 +9,7 @@ from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.twin.twin import Twin
+from tests.plant.setting import mujoco_alone
 
 STEP = 0.002
 DRIVEN = 0.4 * np.sin(5 * STEP * np.arange(1000)) + 0.2 * np.sin(9 * STEP * np.arange(1000))
@@ -45,15 +45,8 @@ def twin(kind="smooth", /, added=MASS, **more):
 
 def moved(model, driven=DRIVEN, by="ctrl", which=0):
     """(n + 1,) angles of the joint of a model that is driven by one of its inputs."""
-    data, joint = mujoco.MjData(model), 0
-    if by == "ctrl":
-        joint = model.jnt_qposadr[model.actuator_trnid[which, 0]]
-    angles = [0.0]
-    for command in driven:
-        getattr(data, by)[which] = command
-        mujoco.mj_step(model, data)
-        angles.append(data.qpos[joint])
-    return np.array(angles)
+    joint = model.jnt_qposadr[model.actuator_trnid[which, 0]] if by == "ctrl" else 0
+    return mujoco_alone(model, driven, by=by, which=which, joint=joint)[0][:, 0]
 
 
 def parsed(text):

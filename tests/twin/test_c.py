@@ -17,7 +17,8 @@ from butterfly.plant.motor import CommandPath
 from butterfly.twin import c
 from butterfly.twin.accuracy import Yardstick
 from butterfly.twin.forms import Options, write_as
-from tests.twin.compiled import KINDS, compile_with, drawn, libraries, library, needs_cc, said
+from tests.programs import said
+from tests.twin.compiled import KINDS, compile_with, drawn, libraries, library, needs_cc
 
 EXACT = 1e-12  # rad
 STICKING = {"coulomb", "stribeck", "gear", "lag", "base and friction", "drive", "slide"}

@@ -10,7 +10,7 @@ import pytest
 from butterfly.plant.robot import Clutch
 from butterfly.twin.forms import Options, write_as
 from butterfly.twin.snippet import inertial
-from tests.twin.moving import KINDS, MASS, STEP, moved, ours, parsed, twin
+from tests.twin.moving import KINDS, STEP, moved, ours, parsed, twin
 
 
 def _pasted(text, body, *, gravity="0 0 -9.81", armature="0"):
@@ -53,14 +53,6 @@ def test_the_armature_makes_up_for_what_one_s_own_body_lacks():
     assert f"armature = {p1:.6g} - I" in text
     theirs = moved(_pasted(text, body, armature=str(p1 - own)))
     np.testing.assert_allclose(theirs, moved(_pasted(text, inertial(joint))), atol=1e-9)
-
-
-def test_what_swings_moves_as_its_parameters_say():
-    mass, beside, below, inertia = twin("motor", MASS).body
-    loaded = twin("motor", MASS).loaded
-    assert inertia + mass * (beside**2 + below**2) == pytest.approx(loaded.p1, rel=1e-12)
-    pull = mass * 9.81 * np.cos(loaded.tilt)
-    assert (pull * below, pull * beside) == pytest.approx((loaded.p3, loaded.p3_offset), rel=1e-12)
 
 
 def test_a_clutch_is_not_in_the_lines_and_no_error_is_claimed():

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from butterfly.model.kernel.equation import Constants
 from butterfly.model.kernel.steps import exceeds_at
-from butterfly.twin import c
 from butterfly.twin.languages import C, JavaScript
 from butterfly.twin.reduced import NUMBER, Fields
 from butterfly.twin.translate import Translator
-from tests.twin.compiled import KINDS, compile_with, drawn, needs_cc, needs_node, said
+from tests.programs import said
+from tests.twin.compiled import compile_with, needs_cc, needs_node
 
 NUMBERS = st.floats(-1e6, 1e6)
 
@@ -66,32 +66,6 @@ def test_a_loop_over_signs_with_early_ends_is_the_same_in_c(in_c, drives, begin,
     at, side = exceeds_at.py_func(drives, begin, -width, width)
     assert made[0] == pytest.approx(at, abs=1e-9)
     assert made[1] == side or at > 1 - 1e-9
-
-
-DRIVER = """
-const c = {constants}, h = {step};
-let state = [0, 0, 0, 0];
-const angles = [];
-for (const command of {commands}) {{
-    state = {name}(...{order}.map((each) => ({{state, drives: c.p4 * command, h, c}})[each]));
-    angles.push(state[0]);
-}}
-console.log(JSON.stringify(angles));
-"""
-
-
-@needs_node
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "drive"])
-def test_javascript_moves_as_the_compiled_kernel(kind, tmp_path):
-    twin, step, commands = drawn(0, kind)
-    moved, _ = c.kernel_of(twin)
-    text = JavaScript("joint", [*moved.called]).text()
-    order, name = json.dumps(moved.arguments), f"joint_{moved.name}"
-    values = {"constants": json.dumps(c.constants(twin)), "step": step, "name": name}
-    driver = DRIVER.format(commands=commands.tolist(), order=order, **values)
-    (tmp_path / "joint.js").write_text(f"{text}\n{driver}", encoding="utf-8")
-    ours = c.mover(step, 1)(twin, np.zeros(64), commands, 0.0, 0.0)
-    assert np.abs(json.loads(said("node", tmp_path / "joint.js")) - ours[1:]).max() < 1e-12
 
 
 def _written(rng, depth):
