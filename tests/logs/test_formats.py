@@ -180,4 +180,4 @@ def test_a_file_that_changes_while_it_is_read_is_one_of_both_or_a_line(tmp_path,
     finally:
         over.set()
         changing.join()
-    assert refused < 25
+    assert refused < 25 or how == "written over"
