@@ -137,17 +137,20 @@ class ChosenTerms(Generic[M]):
 
 def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTerms[M]:
     """Add and take away terms of some rows until none helps; of rare ones more is asked."""
-    gone: set[str] = set()
+    refused: set[str] = set()
+    gone: set[str] = set()  # since a term was added, which they may need
     ties: list[tuple[str, str]] = []
     path, added = [_ordered(model.terms, rows)], 0
     while True:
-        absent = [name for name in rows if name not in model.terms | gone]
+        absent = [name for name in rows if name not in model.terms | gone | refused]
         asked = [name for name in absent if is_simulated_with(name, model.terms)]
         offers = model.offers(asked) if asked else []
         last = added == _ROUNDS or (model.simulates and out_of_time("the selection of terms"))
-        found = None if last else _best(model, offers, rare, gone, ties)
+        found = None if last else _best(model, offers, rare, refused, ties)
         added += found is not None
-        if found is None:
+        if found is not None:
+            gone.clear()
+        else:
             idle = _idle(model, rows)
             if idle is None:
                 break
@@ -167,7 +170,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
             if holm[each.name] < 1 - CONFIDENCE
             or (each.ratio > 1 and (each.name not in rare or each.share > _SHARE))
         ),
-        idle=tuple(name for name in rows if name in gone.union(felt)),
+        idle=tuple(name for name in rows if name in (gone | refused).union(felt)),
         inseparable=tuple(name for name in asked if name not in felt),
     )
 
@@ -177,21 +180,30 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _idle(model: Model, rows: Collection[str]) -> str | None:
-    """Return the term that helps least to predict, if it is no more than by chance."""
-    gains = {
-        name: float(gain.mean())
-        for name, gain in gains_in(model.nested, model.kept, model.terms).items()
-        if name in rows and not gain.mean() > max(standard_error(gain), model.nested.negligible)
+def _idle(model: Model, rows: Sequence[str]) -> str | None:
+    """Return the term that helps least to predict, if it is no more than by chance.
+
+    Where what was left out cannot be predicted at all, it is that without which this is done best.
+    """
+    nested, terms = model.nested, _ordered(model.terms, rows)
+    fewer = [model.kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
+    whole, *errors = np.sqrt(nested.held_out(np.array([model.kept, *fewer])))
+    whole = np.nan_to_num(whole, nan=float(np.finfo(np.float32).max))
+    gains = {name: each - whole for name, each in zip(terms, errors, strict=True)}
+    means = {
+        name: float(np.mean(gain))
+        for name, gain in gains.items()
+        if np.isfinite(gain).all()
+        and not gain.mean() > max(standard_error(gain), nested.negligible)
     }
-    return min(gains, key=lambda name: gains[name], default=None)
+    return min(means, key=lambda name: means[name], default=None)
 
 
 def _best(
     model: M,
     offers: Sequence[Offer],
     rare: Collection[str],
-    gone: set[str],
+    refused: set[str],
     ties: list[tuple[str, str]],
 ) -> M | None:
     """Fit the row with the largest gain and those near it; return the best fit, if any holds."""
@@ -207,7 +219,7 @@ def _best(
         near = [each for each in passing if each.gain.mean() >= least]
         tried = [(each.name, model.adding(each)) for each in near[: 1 + _TIES]]
         fits = {name: fit for name, fit in tried if fit is not None}
-        gone.update(name for name, fit in tried if fit is None)
+        refused.update(name for name, fit in tried if fit is None)
         if fits:
             costs = {name: fit.nested.equations.cost for name, fit in fits.items()}
             taken = min(costs, key=lambda name: float(costs[name].sum()))
@@ -216,7 +228,7 @@ def _best(
                 if name != taken and worse.mean() <= standard_error(worse):
                     ties.append((name, taken))
             return fits[taken]
-        passing = [each for each in passing if each.name not in gone]
+        passing = [each for each in passing if each.name not in refused]
     return None
 
 
@@ -265,16 +277,6 @@ def offers_in(
             )
         )
     return offers
-
-
-def gains_in(
-    nested: Submodels, kept: NDArray[np.bool_], terms: Iterable[str]
-) -> dict[str, Samples]:
-    """Return by how much each term of a fit predicts cells better than the fit without it: (k,)."""
-    fewer = {n: kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms}
-    whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer.values()])))
-    gains = (np.nan_to_num(each - whole, nan=np.inf) for each in errors)
-    return dict(zip(fewer, gains, strict=True))
 
 
 def is_possible(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:

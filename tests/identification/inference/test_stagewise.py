@@ -17,7 +17,7 @@ from butterfly.identification.inference.linear_terms import (
     demanded,
     stribeck_velocities,
 )
-from butterfly.identification.inference.stagewise import is_possible
+from butterfly.identification.inference.stagewise import is_possible, stagewise
 from butterfly.identification.inference.submodels import Submodels, folds_of, without_logs
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -78,6 +78,20 @@ def test_a_common_term_that_might_help_is_a_rival():
         for known, values in zip(chosen.rivals, chosen.rival_values, strict=True):
             assert known["drag"] != 0.0 or known["bias"] != 0.0
             np.testing.assert_array_equal(values, [known["p1"], known["p3"]])
+
+
+class _Descended(LinearModel):
+    """A fit whose values are known, as a descent finds them, though its equations are singular."""
+
+    nested = property(lambda self: self.models[0])
+
+
+def test_a_fit_that_predicts_nothing_loses_what_it_cannot_tell_and_only_that():
+    names = (*ALWAYS, "drag", "load", "bias")
+    truth = {"p1": 1, "p3": 2, "drag": 0.5, "bias": 0.5}
+    nested = _nested(truth=truth, names=names, twins=[("load", "p3")])
+    begun = _Descended(models=(nested,), optional=names[2:], terms=frozenset(names[2:]))
+    assert stagewise(begun, names[2:], ()).path == (names[2:], ("drag", "bias"))
 
 
 def test_of_exact_data_the_smallest_exact_set_is_chosen():
