@@ -70,11 +70,6 @@ class FreeRun:
         return min(self.fit, self.velocity_fit)
 
     @cached_property
-    def mean_error(self) -> float:
-        """Mean absolute error, in rad or rad/s."""
-        return float(np.mean(np.abs(self.simulated - self.log.measured)))
-
-    @cached_property
     def rms(self) -> float:
         """Rms error, in rad or rad/s."""
         with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged

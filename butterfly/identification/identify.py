@@ -193,7 +193,9 @@ def simulated(
         fits={run.log.name: run.fit for run in runs},
         velocity_fits={run.log.name: run.velocity_fit for run in runs},
         held_out={run.log.name: run.fit for run in held},
-        mean_errors={run.log.name: run.mean_error for run in looped},
+        mean_errors={
+            run.log.name: float(np.mean(np.abs(run.simulated - run.log.measured))) for run in looped
+        },
         drive_fits={run.log.name: run.fit for run in opened},
         logs=data,
         runs=runs,

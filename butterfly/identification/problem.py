@@ -252,10 +252,6 @@ class Problem:
             initial=initial,
         )
 
-    def beginning_with(self, optional: Iterable[str]) -> Problem:
-        """Return the problem with those of some terms alone that the first guess has."""
-        return self.without({name for name in optional if not getattr(self.start, name)})
-
     def without(self, names: Container[str]) -> Problem:
         """Return the problem without some terms, and what says nothing without them."""
         lost = {name for name in self.names if name in names}

@@ -193,7 +193,8 @@ class OutputError(Estimator):
         refused = self._rows(logs, known)[0] if self.terms is None else ()
         every = [self.problem(logs, each, known).without({*refused} - {*rows[0]}) for each in first]
         enough = SHOWS if rows[0] else ROUNDING  # of a fit that is but the first
-        fitted = lowest_end([each.beginning_with(rows[0]) for each in every], enough)
+        begun = (each.without([n for n in rows[0] if not getattr(each.start, n)]) for each in every)
+        fitted = lowest_end([*begun], enough)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
         fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
         weighed = weighed_from(fitted.problem, fitted.end)

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +69,6 @@ class LogRows:
         change = np.broadcast_to(changes, (len(self.rows), self.rows.shape[2]))
         residuals = self.residuals + np.einsum("kqn,kn->kq", self.rows, change)
         return replace(self, residuals=residuals)
-
-    @cached_property
-    def noise_level(self) -> float:
-        """Root of the mean variance of a coordinate, as the autocovariance of residuals has it."""
-        return float(np.sqrt(np.mean(np.diagonal(self.noise, axis1=1, axis2=2)[self.told])))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,19 +132,15 @@ class Likelihood:
 
     def findings(self, found: Scatter, names: Sequence[str]) -> list[Finding]:
         """Return which of the likeliest scatter is more than chance, of parameters by name."""
-        whole = self.value(found.sizes)
+        whole = self.expanded(found.sizes)[0]
         groups = ([name for name in names if name in FRICTION], ["p4"])
         return [
             Finding(FindingKind.SCATTER, tuple(own), number=float(found.sizes[k]))
             for k, own in enumerate(groups, start=1)
             # twice the logarithm of a likelihood ratio is a squared normal deviate
             if found.sizes[k] > MATTERS
-            and self.value(self.best(without=k).sizes) - whole > CLEARLY**2
+            and self.expanded(self.best(without=k).sizes)[0] - whole > CLEARLY**2
         ]
-
-    def value(self, sizes: Samples) -> float:
-        """Return it."""
-        return self.expanded(sizes)[0]
 
     def expanded(self, sizes: Samples) -> tuple[float, Samples]:
         """Return it, and its (3,) derivatives.
@@ -182,7 +172,9 @@ class Likelihood:
     def best(self, without: int | None = None) -> Scatter:
         """Return the likeliest scatter; one of the sizes may be left out."""
         usual = np.array(_USUAL)
-        usual[0] += CLEARLY * self._logs.noise_level
+        # root of the mean variance of a coordinate, as the autocovariance of residuals has it
+        noise = np.diagonal(self._logs.noise, axis1=1, axis2=2)[self._logs.told]
+        usual[0] += CLEARLY * float(np.sqrt(noise.mean()))
         usual[np.arange(usual.size) == without] = 0.0
 
         def cost(shares: Samples) -> tuple[float, Samples]:
