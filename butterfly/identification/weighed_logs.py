@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.arrays import Samples
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import (
     Fitted,
     FreeRunModel,
@@ -21,12 +22,14 @@ from butterfly.identification.chosen_terms import (
     fitted_of,
 )
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum, minimise
+from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.stagewise import stagewise
 from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
 from butterfly.identification.problem import Problem
 from butterfly.progress import out_of_time
+
+_STEPS = 8  # of weighed logs in other terms, at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,15 +40,26 @@ class WeighedLogs:
     values: Samples
     own: Samples  # (k, n) what each log is simulated with besides
     logs: LogRows
+    fixed: Scatter | None = None  # if it is not the likeliest
 
     @classmethod
     def of(
-        cls, problem: Problem, at: Equations, values: Samples, own: Samples | None = None
+        cls,
+        problem: Problem,
+        at: Equations,
+        values: Samples,
+        own: Samples | None = None,
+        like: WeighedLogs | None = None,
     ) -> WeighedLogs:
-        """Weigh equations about values, or about these and what (k, n) each log has of its own."""
-        logs = LogRows.of((log.residuals, log.spread(log.rows, values.size)) for log in at.logs)
+        """Weigh equations about values, or about these and what (k, n) each log has of its own.
+
+        ``like``: others, of the same scatter and noise; these are the likeliest if not given.
+        """
+        rows = ((log.residuals, log.spread(log.rows, values.size)) for log in at.logs)
+        logs = LogRows.of(rows, like.logs.left if like else ())
         moved = np.zeros((len(at.logs), values.size)) if own is None else own
-        return cls(problem=problem, values=values, own=moved, logs=logs.moved(-moved))
+        fixed = like.scatter if like else None
+        return cls(problem=problem, values=values, own=moved, logs=logs.moved(-moved), fixed=fixed)
 
     def whitened(self, scatter: Scatter) -> Equations:
         """Return the equations, their errors independent and of variance 1 with some scatter."""
@@ -73,7 +87,8 @@ class WeighedLogs:
         moved = self.scatter.apart(self.logs.moved(self.step), self._spread)
         moved = np.maximum(moved, self.problem.lower - values)
         at = self.problem.equations(values + moved)
-        return WeighedLogs.of(self.problem, at, values, moved) if at.is_finite else None
+        like = self if self.fixed else None
+        return WeighedLogs.of(self.problem, at, values, moved, like) if at.is_finite else None
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -91,45 +106,58 @@ class WeighedLogs:
     @cached_property
     def scatter(self) -> Scatter:
         """The likeliest scatter."""
-        return self._likelihood.best()
+        return self.fixed or self._likelihood.best()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeighedMinimum(Minimum):
+    """Where a fit to weighed logs ended, a step from these."""
+
+    weighed: WeighedLogs
+
+    @classmethod
+    def of(cls, weighed: WeighedLogs, *, converged: bool = True) -> WeighedMinimum:
+        """Return the end of the step that weighed logs ask for."""
+        at = weighed.at.moved(weighed.step)
+        return cls(at=at, converged=converged, evaluations=0, weighed=weighed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeighedModel(FreeRunModel):
-    """The end of a fit to weighed logs, whose scatter stays while terms are chosen."""
+    """A fit to weighed logs, whose scatter and noise stay while terms are chosen."""
 
-    weighed: WeighedLogs
+    end: WeighedMinimum
 
-    def of_logs(self, there: Problem, values: Samples) -> Samples:
-        """(k, n) what each log has of its own in other terms, within bounds."""
-        mine = self.weighed
+    def equations(self, there: Problem, values: Samples) -> Equations:
+        """Return whitened equations of a problem in other terms about (n,) values."""
+        found = self._weighed(there, values)
+        return replace(self.end.at, values=values + np.inf) if found is None else found.at
+
+    def _weighed(self, there: Problem, values: Samples) -> WeighedLogs | None:
+        """Return the logs about (n,) values in other terms; None if they cannot be simulated."""
+        mine = self.end.weighed
         own = np.zeros((len(mine.own), values.size))
         for k, label in enumerate(there.labels):
             if label in mine.problem.labels:
                 own[:, k] = mine.own[:, mine.problem.labels.index(label)]
-        return np.maximum(own, there.lower - values)
-
-    def equations(self, there: Problem, values: Samples) -> Equations:
-        """Return whitened equations of a problem in other terms about (n,) values."""
-        own = self.of_logs(there, values)
+        own = np.maximum(own, there.lower - values)
         at = there.equations(values + own)
-        if not at.is_finite:
-            return replace(at, values=values)
-        return WeighedLogs.of(there, at, values, own).whitened(self.weighed.scatter)
+        return WeighedLogs.of(there, at, values, own, mine) if at.is_finite else None
 
     def descended(
         self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = MATTERS
-    ) -> Minimum:
-        """Return where a descent in other terms ends, as far as their choice needs it.
-
-        The weights move with the values, so that small steps take nothing.
-        """
-        begun = self.equations(there, there.initial) if at is None else at
-
-        def expand(values: Samples, _: float) -> Equations:
-            return self.equations(there, values)
-
-        return minimise(expand, begun, there.box, most, max(enough, MATTERS))
+    ) -> WeighedMinimum:
+        """Return where the steps of weighed logs lead in other terms, as far as needed."""
+        found = self._weighed(there, there.initial if at is None else at.values)
+        for _ in range(min(most, _STEPS)):
+            if found is None:
+                raise IdentifiabilityError("the simulation of weighed logs diverges")
+            if found.at.decrease(found.step) <= max(enough, MATTERS) * found.at.cost:
+                return WeighedMinimum.of(found)
+            found = found.next
+        if found is None:
+            raise IdentifiabilityError("the simulation of weighed logs diverges")
+        return WeighedMinimum.of(found, converged=False)
 
 
 def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
@@ -152,21 +180,20 @@ def stagewise_weighed(
 
     The friction of each log would take the place of those, which the mean of all needs.
     """
-    there = replace(fitted.end, at=weighed.at.moved(weighed.step))
     begun = WeighedModel(
-        every=every, problem=fitted.problem, end=there, rows=tuple(rows), weighed=weighed
+        every=every,
+        problem=fitted.problem,
+        end=WeighedMinimum.of(weighed),
+        rows=tuple(rows),
     )
     found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
-    problem, values = found.model.problem, found.model.end.values
-    end = fitted.end
-    if problem is not fitted.problem:
-        own = begun.of_logs(problem, values)
-        theirs, at = problem.equations(values + own), problem.equations(values)
-        if not (theirs.is_finite and at.is_finite):
-            return fitted, weighed
-        again = WeighedLogs.of(problem, theirs, values, own)
-        weighed, end = again.next or again, replace(end, at=at)
-    return fitted_of(found, end, fitted), weighed
+    problem, end = found.model.problem, found.model.end
+    if problem is fitted.problem:
+        return fitted_of(found, fitted.end, fitted), weighed
+    at, again = problem.equations(end.values), replace(end.weighed, fixed=None).next
+    if again is None or not at.is_finite:
+        return fitted, weighed
+    return fitted_of(found, replace(fitted.end, at=at), fitted), again
 
 
 def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:

@@ -50,11 +50,17 @@ class LogRows:
     residuals: Samples  # (k, q): U'r
     noise: Samples  # (k, q, q): U'NU
     told: NDArray[np.bool_]  # (k, q) which coordinates are not empty
+    left: tuple[Samples, ...]  # (m,) what N is of, of each log
 
     @classmethod
-    def of(cls, logs: Iterable[tuple[Samples, Samples]]) -> LogRows:
-        """Take (m,) residuals, and (m, n) derivatives, of each log."""
-        parts = [_coordinates(*log) for log in logs]
+    def of(cls, logs: Iterable[tuple[Samples, Samples]], left: Iterable[Samples] = ()) -> LogRows:
+        """Take (m,) residuals and (m, n) derivatives of each log; ``left``: if N is of others."""
+        found = [_coordinates(*log) for log in logs]
+        left = tuple(left) or tuple(each[-1] for each in found)
+        parts = [
+            (turned, own, _coloured(basis, rest) + NEGLIGIBLE**2 * np.eye(own.size))
+            for (turned, own, basis, _), rest in zip(found, left, strict=True)
+        ]
         told = np.arange(max(own.size for _, own, _ in parts)) < [[own.size] for _, own, _ in parts]
         count, most = told.shape
         rows = np.zeros((count, most, parts[0][0].shape[1]))
@@ -62,7 +68,7 @@ class LogRows:
         for k, (turned, own, variance) in enumerate(parts):
             rows[k, : own.size], residuals[k, : own.size] = turned, own
             noise[k, : own.size, : own.size] = variance
-        return cls(rows=rows, residuals=residuals, noise=noise, told=told)
+        return cls(rows=rows, residuals=residuals, noise=noise, told=told, left=left)
 
     def moved(self, changes: Samples) -> LogRows:
         """Return what the logs say of parameters (n,), or each of (k, n), apart from these."""
@@ -204,16 +210,15 @@ def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
     return np.asarray(variance + least[:, None, None] * np.eye(count))
 
 
-def _coordinates(residuals: Samples, rows: Samples) -> tuple[Samples, Samples, Samples]:
-    """Return (q, n) R, (q,) U'r and (q, q) U'NU of a log (see `LogRows.of`)."""
+def _coordinates(residuals: Samples, rows: Samples) -> tuple[Samples, Samples, Samples, Samples]:
+    """Return (q, n) R, (q,) U'r and (m, q) U of a log, and (m,) what is left of the residuals."""
     basis, triangle = np.linalg.qr(rows)
     scaled, lengths = unit_columns(triangle)
     left, sizes, right = np.linalg.svd(scaled, full_matrices=False)
     told = sizes > np.finfo(float).eps * residuals.size * sizes[0]
     basis = basis @ left[:, told]
     own = basis.T @ residuals
-    noise = _coloured(basis, residuals - basis @ own)
-    return sizes[told, None] * right[told] * lengths, own, noise + NEGLIGIBLE**2 * np.eye(own.size)
+    return sizes[told, None] * right[told] * lengths, own, basis, residuals - basis @ own
 
 
 def _coloured(basis: Samples, residuals: Samples) -> Samples:
