@@ -30,15 +30,7 @@ from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.prior import Prior
-from butterfly.model.terms import (
-    BASE_TERMS,
-    COMMON,
-    OF_SERVO,
-    RARE,
-    TERMS,
-    companions,
-    offered,
-)
+from butterfly.model.terms import BASE_TERMS, COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
 _SPEEDS = (0.03, 0.1, 0.35)  # over the largest speed, at which Stribeck friction is tested
 _MORE = 12  # passes of a descent that had not converged where it took little

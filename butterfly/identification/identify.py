@@ -20,10 +20,7 @@ from butterfly.identification.diagnostics.plausibility import (
     judge_physics,
 )
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
-from butterfly.identification.diagnostics.unit_error_search import (
-    find_slow_clock,
-    find_unit_errors,
-)
+from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.diagnostics.unit_errors import clock_error, with_unit_errors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError

@@ -15,12 +15,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.chosen_terms import (
-    Fitted,
-    FreeRunModel,
-    conditioning_of,
-    fitted_of,
-)
+from butterfly.identification.chosen_terms import Fitted, FreeRunModel, conditioning_of, fitted_of
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
@@ -61,6 +56,16 @@ class WeighedLogs:
         fixed = like.scatter if like else None
         return cls(problem=problem, values=values, own=moved, logs=logs.moved(-moved), fixed=fixed)
 
+    @classmethod
+    def simulated(
+        cls, problem: Problem, values: Samples, own: Samples, like: WeighedLogs | None
+    ) -> WeighedLogs:
+        """Simulate and weigh logs about values and (k, n) that each has of its own (see `of`)."""
+        at = problem.equations(values + own)
+        if not at.is_finite:
+            raise IdentifiabilityError("a simulation of weighed logs diverges")
+        return cls.of(problem, at, values, own, like)
+
     def whitened(self, scatter: Scatter) -> Equations:
         """Return the equations, their errors independent and of variance 1 with some scatter."""
         every = np.arange(self.values.size)
@@ -81,14 +86,13 @@ class WeighedLogs:
         return self.at.step(*self.problem.box.about(self.values, np.inf))
 
     @property
-    def next(self) -> WeighedLogs | None:
-        """What logs say where the step leads; None where a simulation diverges."""
+    def next(self) -> WeighedLogs:
+        """What logs say where the step leads; IdentifiabilityError where a simulation diverges."""
         values = self.values + self.step
         moved = self.scatter.apart(self.logs.moved(self.step), self._spread)
         moved = np.maximum(moved, self.problem.lower - values)
-        at = self.problem.equations(values + moved)
         like = self if self.fixed else None
-        return WeighedLogs.of(self.problem, at, values, moved, like) if at.is_finite else None
+        return WeighedLogs.simulated(self.problem, values, moved, like)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -130,19 +134,17 @@ class WeighedModel(FreeRunModel):
 
     def equations(self, there: Problem, values: Samples) -> Equations:
         """Return whitened equations of a problem in other terms about (n,) values."""
-        found = self._weighed(there, values)
-        return replace(self.end.at, values=values + np.inf) if found is None else found.at
+        return self._weighed(there, values).at
 
-    def _weighed(self, there: Problem, values: Samples) -> WeighedLogs | None:
-        """Return the logs about (n,) values in other terms; None if they cannot be simulated."""
+    def _weighed(self, there: Problem, values: Samples) -> WeighedLogs:
+        """Return the logs about (n,) values in other terms, with what each has of its own."""
         mine = self.end.weighed
         own = np.zeros((len(mine.own), values.size))
         for k, label in enumerate(there.labels):
             if label in mine.problem.labels:
                 own[:, k] = mine.own[:, mine.problem.labels.index(label)]
         own = np.maximum(own, there.lower - values)
-        at = there.equations(values + own)
-        return WeighedLogs.of(there, at, values, own, mine) if at.is_finite else None
+        return WeighedLogs.simulated(there, values, own, mine)
 
     def descended(
         self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = MATTERS
@@ -150,13 +152,9 @@ class WeighedModel(FreeRunModel):
         """Return where the steps of weighed logs lead in other terms, as far as needed."""
         found = self._weighed(there, there.initial if at is None else at.values)
         for _ in range(min(most, _STEPS)):
-            if found is None:
-                raise IdentifiabilityError("the simulation of weighed logs diverges")
             if found.at.decrease(found.step) <= max(enough, MATTERS) * found.at.cost:
                 return WeighedMinimum.of(found)
             found = found.next
-        if found is None:
-            raise IdentifiabilityError("the simulation of weighed logs diverges")
         return WeighedMinimum.of(found, converged=False)
 
 
@@ -166,7 +164,10 @@ def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
     few = len(problem.motion) <= FEW or end.at.loss is not Loss.LINEAR
     if few or out_of_time("weighting the logs by their scatter"):
         return None
-    return WeighedLogs.of(problem, end.at, end.values).next
+    try:
+        return WeighedLogs.of(problem, end.at, end.values).next
+    except IdentifiabilityError:
+        return None
 
 
 def stagewise_weighed(
@@ -186,12 +187,15 @@ def stagewise_weighed(
         end=WeighedMinimum.of(weighed),
         rows=tuple(rows),
     )
-    found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
-    problem, end = found.model.problem, found.model.end
-    if problem is fitted.problem:
-        return fitted_of(found, fitted.end, fitted), weighed
-    at, again = problem.equations(end.values), replace(end.weighed, fixed=None).next
-    if again is None or not at.is_finite:
+    try:
+        found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
+        problem, end = found.model.problem, found.model.end
+        if problem is fitted.problem:
+            return fitted_of(found, fitted.end, fitted), weighed
+        again, at = replace(end.weighed, fixed=None).next, problem.equations(end.values)
+    except IdentifiabilityError:  # no joint swings as these would have it
+        return fitted, weighed
+    if not at.is_finite:
         return fitted, weighed
     return fitted_of(found, replace(fitted.end, at=at), fitted), again
 

@@ -12,14 +12,7 @@ from scipy.optimize import least_squares
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators.start import lowest_end
-from butterfly.identification.fit import (
-    Box,
-    Equations,
-    LogEquations,
-    Loss,
-    minimise,
-    outlying,
-)
+from butterfly.identification.fit import Box, Equations, LogEquations, Loss, minimise, outlying
 from butterfly.progress import budget
 
 RAT_42 = np.array(

@@ -89,20 +89,20 @@ def _found(row, number):
 def test_a_base_and_regimes_are_found_beside_friction_that_differs_by_a_fifth():
     truth, found = _found("base, friction by log, regimes", 35)
     assert {"base_compliance", "slow_delay"} <= found.keys()
-    for name in ("p4", "coulomb", "delay"):
+    for name in ("p1", "p3", "coulomb", "delay"):
         lower, _, upper = found[name]
         assert lower <= truth[name] <= upper, name
     lower, value, upper = found["p1"]
-    assert value == pytest.approx(truth["p1"], rel=1e-3)  # 1.1 % where the base is not found
-    assert upper - lower < 2e-3 * value
+    assert value == pytest.approx(truth["p1"], rel=1e-4)  # 1.1 % where the base is not found
+    assert upper - lower < 1e-3 * value
 
 
-@pytest.mark.xfail(strict=True, reason="the intervals of this one end 0.004 % short of p1, p3")
-def test_what_is_known_beside_a_base_regimes_and_scatter_is_in_its_interval():
+@pytest.mark.xfail(strict=True, reason="of this one the interval of p4 ends 0.0001 % short")
+def test_the_gain_found_beside_a_base_regimes_and_scatter_is_in_its_interval():
     truth, found = _found("base, friction by log, regimes", 35)
-    for name in ("p1", "p3"):
-        lower, _, upper = found[name]
-        assert lower <= truth[name] <= upper, name
+    lower, value, upper = found["p4"]
+    assert value == pytest.approx(truth["p4"], rel=1e-4)
+    assert lower <= truth["p4"] <= upper
 
 
 @pytest.mark.slow

@@ -10,14 +10,7 @@ from scipy.integrate import quad
 
 from butterfly.model.kernel.equation import Constants, friction_at, rates
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
-from butterfly.model.terms import (
-    BASE_TERMS,
-    DRIVE,
-    GEAR,
-    LOOP_TERMS,
-    TERMS,
-    DriveTerms,
-)
+from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
 

@@ -440,15 +440,12 @@ def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> No
 
     Logs of which k is 0 stay as they are.
     """
-    for draw in range(max(each.shape[1] for each in errors)):
-        logs = [
-            replace(log, residuals=each[:, draw] if each.size else np.zeros(len(each)))
-            for log, each in zip(at.logs, errors, strict=True)
-        ]
-        left = replace(at, logs=tuple(logs)).reduced(directions)
-        for each, log in zip(errors, left.logs, strict=True):
-            if each.size:
-                each[:, draw] = log.residuals
+    pairs = [(log, each) for log, each in zip(at.logs, errors, strict=True) if each.size]
+    pulls = [log.spread(each.T @ log.rows, len(directions)) for log, each in pairs]
+    steps = -np.sum(pulls, axis=0) @ directions @ directions.T if pulls else np.empty(0)
+    for log, each in pairs:
+        for draw, step in enumerate(steps):
+            each[:, draw] += log.rows @ step[log.columns]
 
 
 def _take_away(directions: Sequence[Samples], errors: Samples) -> None:

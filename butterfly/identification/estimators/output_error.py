@@ -18,12 +18,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.chosen_terms import (
-    Fitted,
-    offered_rows,
-    separable,
-    stagewise_fit,
-)
+from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations

@@ -15,11 +15,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
-from butterfly.identification.inference.stagewise import (
-    Offer,
-    offers_in,
-    stagewise,
-)
+from butterfly.identification.inference.stagewise import Offer, offers_in, stagewise
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW
 from butterfly.model.parameters import AddedMass
