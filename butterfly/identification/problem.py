@@ -313,12 +313,7 @@ def _within(most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
 
 
 def _local_key(
-    name: str,
-    each: Simulation,
-    logs: Sequence[Log],
-    options: ProblemOptions,
-    *,
-    hangs: bool,
+    name: str, each: Simulation, logs: Sequence[Log], options: ProblemOptions, *, hangs: bool
 ) -> Key | None:
     """Return an unknown of a log that is its own, its mass's, or all logs' zero; None if known."""
     log = each.log

@@ -171,21 +171,14 @@ def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
 
 
 def stagewise_weighed(
-    every: Problem,
-    fitted: Fitted,
-    weighed: WeighedLogs,
-    rows: Sequence[str],
-    rare: Collection[str],
+    every: Problem, fitted: Fitted, weighed: WeighedLogs, rows: Sequence[str], rare: Collection[str]
 ) -> tuple[Fitted, WeighedLogs]:
     """Add terms that the scatter of logs hides; those that a fit has stay.
 
     The friction of each log would take the place of those, which the mean of all needs.
     """
     begun = WeighedModel(
-        every=every,
-        problem=fitted.problem,
-        end=WeighedMinimum.of(weighed),
-        rows=tuple(rows),
+        every=every, problem=fitted.problem, end=WeighedMinimum.of(weighed), rows=tuple(rows)
     )
     try:
         found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
