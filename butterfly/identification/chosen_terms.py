@@ -168,7 +168,8 @@ class FreeRunModel:
 
 def _nested(problem: Problem, at: Equations, most: int) -> Submodels:
     """Return fits with fewer terms, about equations in cells for ``most`` unknowns."""
-    cells = problem.cells(at, independent_cells_of(len(at.logs), most))
+    count = independent_cells_of(len(at.logs), most)
+    cells = at.cells(problem.labels, problem.lower, count)
     return submodels_of(cells, [log.added_mass for log in problem.logs], NEGLIGIBLE)
 
 

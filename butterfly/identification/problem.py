@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
+from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, scaled_least_squares
@@ -157,11 +157,6 @@ class Problem:
         """What bounds the unknowns: what follows a term says nothing where that is little."""
         return Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
 
-    @cached_property
-    def conditions(self) -> Conditions:
-        """Under which the cells were recorded."""
-        return Conditions.of(self.logs, cells_of(len(self.motion), len(self.keys)))
-
     def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
         """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
 
@@ -211,7 +206,7 @@ class Problem:
         if prior is None or not at.is_finite:
             return at
         cells = independent_cells_of(len(at.logs), len(self.keys))
-        about = self.cells(replace(at, prior=prior), cells)
+        about = replace(at, prior=prior).cells(self.labels, self.lower, cells)
         rows = about.rows.reshape(-1, at.values.size)
         left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
         free = replace(about, residuals=left.reshape(about.residuals.shape))
@@ -267,15 +262,11 @@ class Problem:
         found[[self.keys.index(key) for key in other.keys]] = values
         return found
 
-    def cells(self, at: Equations, count: int) -> CellEquations:
-        """Return the equations of stretches, each log cut into so many."""
-        return at.cells(self.labels, self.lower, count)
-
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
         """Return the equations about the end of a descent, by the bare names of the unknowns."""
         count = cells or cells_of(len(self.motion), len(self.keys))
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
-        found = replace(self.cells(end.at, count), names=self.names, bread=bread)
+        found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
         return found if end.converged else found.stopped(found.next_step)
 
 

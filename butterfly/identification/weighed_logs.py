@@ -66,19 +66,13 @@ class WeighedLogs:
             raise IdentifiabilityError("a simulation of weighed logs diverges")
         return cls.of(problem, at, values, own, like)
 
-    def whitened(self, scatter: Scatter) -> Equations:
-        """Return the equations, their errors independent and of variance 1 with some scatter."""
-        every = np.arange(self.values.size)
-        pairs = zip(*scatter.whitened(self.logs, self._spread), strict=True)
-        logs = (LogEquations(residuals=own, rows=rows, columns=every) for rows, own in pairs)
-        return Equations(
-            values=self.values, logs=tuple(logs), prior=self.problem.prior(self.values)
-        )
-
     @cached_property
     def at(self) -> Equations:
-        """The equations with the likeliest scatter."""
-        return self.whitened(self.scatter)
+        """The equations, whose errors are independent and of variance 1."""
+        every, prior = np.arange(self.values.size), self.problem.prior(self.values)
+        pairs = zip(*self.scatter.whitened(self.logs, self._spread), strict=True)
+        logs = (LogEquations(residuals=own, rows=rows, columns=every) for rows, own in pairs)
+        return Equations(values=self.values, logs=tuple(logs), prior=prior)
 
     @cached_property
     def step(self) -> Samples:
@@ -93,6 +87,11 @@ class WeighedLogs:
         moved = np.maximum(moved, self.problem.lower - values)
         like = self if self.fixed else None
         return WeighedLogs.simulated(self.problem, values, moved, like)
+
+    def ended(self, *, converged: bool = True) -> WeighedMinimum:
+        """Return the end of that step."""
+        at = self.at.moved(self.step)
+        return WeighedMinimum(at=at, converged=converged, evaluations=0, weighed=self)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -118,12 +117,6 @@ class WeighedMinimum(Minimum):
     """Where a fit to weighed logs ended, a step from these."""
 
     weighed: WeighedLogs
-
-    @classmethod
-    def of(cls, weighed: WeighedLogs, *, converged: bool = True) -> WeighedMinimum:
-        """Return the end of the step that weighed logs ask for."""
-        at = weighed.at.moved(weighed.step)
-        return cls(at=at, converged=converged, evaluations=0, weighed=weighed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,9 +146,9 @@ class WeighedModel(FreeRunModel):
         found = self._weighed(there, there.initial if at is None else at.values)
         for _ in range(min(most, _STEPS)):
             if found.at.decrease(found.step) <= max(enough, MATTERS) * found.at.cost:
-                return WeighedMinimum.of(found)
+                return found.ended()
             found = found.next
-        return WeighedMinimum.of(found, converged=False)
+        return found.ended(converged=False)
 
 
 def weighed_from(problem: Problem, end: Minimum) -> WeighedLogs | None:
@@ -177,9 +170,7 @@ def stagewise_weighed(
 
     The friction of each log would take the place of those, which the mean of all needs.
     """
-    begun = WeighedModel(
-        every=every, problem=fitted.problem, end=WeighedMinimum.of(weighed), rows=tuple(rows)
-    )
+    begun = WeighedModel(every=every, problem=fitted.problem, end=weighed.ended(), rows=tuple(rows))
     try:
         found = stagewise(begun, [name for name in rows if name not in begun.terms], rare)
         problem, end = found.model.problem, found.model.end

@@ -200,15 +200,14 @@ def _ranking_table(table: Estimates) -> PageTable:
             "significantly worse than the first",
         ),
         rows=[
-            (method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share), _worse(method, equal))
+            (
+                *(method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share)),
+                "yes" if method not in equal else "–" if method == equal[0] else "no",
+            )
             for size, method, fit, share in sorted(rows, key=lambda row: row[:2])
         ],
         caption="FIT is in sample. Deviations are over all parameters that are not 0.",
     )
-
-
-def _worse(method: str, equal: Sequence[str]) -> str:
-    return "yes" if method not in equal else "–" if method == equal[0] else "no"
 
 
 def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTable:

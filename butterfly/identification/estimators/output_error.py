@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal, Self
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.identification.blocks import Conditions, cells_of
 from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
@@ -27,6 +28,7 @@ from butterfly.identification.estimators.base import Estimator, require_names, r
 from butterfly.identification.estimators.start import lowest_end, servo_start, starts
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
+from butterfly.identification.inference.consistency import OF_SCALES
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import candidates
@@ -183,8 +185,14 @@ class OutputError(Estimator):
     ) -> tuple[Fitted, WeighedLogs | None]:
         """Descend from the best first guess, choose from rows, some of them rare, weigh logs."""
         if any(log.closed for log in logs):
-            asked = (self.terms, self.fixed)
-            first = [servo_start(self._over, asked, logs, first[0], known), *first]
+            moving = servo_start(
+                lambda t, f, h: replace(self, terms=tuple(t), fixed=tuple(f), horizon=h).problem,
+                (self.terms, self.fixed),
+                logs,
+                first[0],
+                known,
+            )
+            first = [moving, *first]
         refused = self._rows(logs, known)[0] if self.terms is None else ()
         every = [self.problem(logs, each, known).without({*refused} - {*rows[0]}) for each in first]
         enough = SHOWS if rows[0] else ROUNDING  # of a fit that is but the first
@@ -216,7 +224,7 @@ class OutputError(Estimator):
             unweighted=cells,
             shared=problem.shared,
             masses=[log.added_mass for log in logs],
-            conditions=problem.conditions,
+            conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
             known=known,
             driven=is_driven(logs),
             rivals=rivals,
@@ -226,12 +234,6 @@ class OutputError(Estimator):
         )
         local, horizon = _local(owned, solved.values), self.horizon or math.inf
         return replace(infer(found), local=local, horizon=horizon)
-
-    def _over(
-        self, terms: Iterable[str], fixed: Iterable[str], horizon: float
-    ) -> Callable[..., Problem]:
-        """Return how a problem is made with other terms, what is fixed, and another horizon."""
-        return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
 
     def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
@@ -314,17 +316,13 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
     return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
 
 
-_TIMES = {"p1": 2, "p2": 1, "drag": 2, "load_drag": 2, "delay": 1, "stribeck_velocity": -1}
-"""Powers of time in units of values, by which a wrong clock moves them."""
-
-
 def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
     """Return (shared,) values of a clock wrong by a share, in place of a mass's own inertia."""
     own = solved.named
     share = own.get("mass_inertia", 0.0)
     if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
         return []
-    slower = math.sqrt(1 + share)
-    values = {name: value / slower ** _TIMES.get(name, 0) for name, value in own.items()}
+    slower, powers = math.sqrt(1 + share), OF_SCALES["time_scale"]
+    values = {name: value / slower ** powers.get(name, 0.0) for name, value in own.items()}
     values["mass_inertia"] = 0.0
     return [np.array([values[name] for name in solved.names[: problem.shared]])]

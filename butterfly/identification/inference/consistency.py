@@ -17,13 +17,13 @@ from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import Prior
 
-_OF_SCALES: dict[str, dict[str, float]] = {
+OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
     "gravity_scale": {},
     "input_scale": {"p4": 1.0},
     "angle_scale": {"p4": 1.0, "coulomb": 1.0, "stribeck": 1.0, "bias": 1.0},
     "time_scale": {"p1": 2.0, "p2": 1.0, "drag": 2.0, "load_drag": 2.0}
-    | {"delay": 1.0, "slow_delay": 1.0},
+    | {"delay": 1.0, "slow_delay": 1.0, "stribeck_velocity": -1.0},
 }
 """Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
 
@@ -54,7 +54,7 @@ def moved_by_givens(
             own[:, position] = by_inertia, by_gravity
     columns = [_moved(cells, {"p1": own[0], "p3": own[1]}) for own in moves.values()]
     for scale, share in known.scales.items():
-        grows = _OF_SCALES[scale]
+        grows = OF_SCALES[scale]
         if "p4" in grows and "p4" in known.fixed:
             grows = grows | {"p4": np.nan}  # it is not among the names, and refused
         by = {name: np.full(count, power * values.get(name, 0.0)) for name, power in grows.items()}
