@@ -25,7 +25,7 @@ from butterfly.identification.inference.stagewise import (
     stagewise,
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
-from butterfly.identification.levels import FEW, LOST, MOST, SHOWS
+from butterfly.identification.levels import FEW, LOST, MOST, PASSES, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import value_if_absent
@@ -33,7 +33,6 @@ from butterfly.model.prior import Prior
 from butterfly.model.terms import BASE_TERMS, COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
 _SPEEDS = (0.03, 0.1, 0.35)  # over the largest speed, at which Stribeck friction is tested
-_MORE = 12  # passes of a descent that had not converged where it took little
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 _BASE = BASE_TERMS[0]
 
@@ -139,7 +138,7 @@ class FreeRunModel:
         try:
             end = self.descended(problem)
             if not end.converged:
-                end = self.descended(problem, end.at, _MORE, SHOWS**2)
+                end = self.descended(problem, end.at, PASSES, SHOWS**2)
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)

@@ -36,6 +36,9 @@ DRAWS = round(1 / (1 - CONFIDENCE))
 MOST = 60
 """Rounds of an iteration, after which it counts as one that did not settle."""
 
+PASSES = 12
+"""The same of what begins near its end."""
+
 WEIGHED = 0.2
 """Share of a variance, and of what it weighs, that scatter hardly tells better."""
 

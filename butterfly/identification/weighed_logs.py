@@ -20,11 +20,9 @@ from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.stagewise import stagewise
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST
+from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PASSES
 from butterfly.identification.problem import Problem
 from butterfly.progress import out_of_time
-
-_STEPS = 8  # of weighed logs in other terms, at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,7 +142,7 @@ class WeighedModel(FreeRunModel):
     ) -> WeighedMinimum:
         """Return where the steps of weighed logs lead in other terms, as far as needed."""
         found = self._weighed(there, there.initial if at is None else at.values)
-        for _ in range(min(most, _STEPS)):
+        for _ in range(min(most, PASSES)):
             if found.at.decrease(found.step) <= max(enough, MATTERS) * found.at.cost:
                 return found.ended()
             found = found.next
