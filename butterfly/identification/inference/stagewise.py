@@ -140,7 +140,8 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
     refused: set[str] = set()
     gone: set[str] = set()  # since a term was added, which they may need
     ties: list[tuple[str, str]] = []
-    path, added = [_ordered(model.terms, rows)], 0
+    begun = model.terms
+    path, added = [_ordered(begun, rows)], 0
     while True:
         absent = [name for name in rows if name not in model.terms | gone | refused]
         asked = [name for name in absent if is_simulated_with(name, model.terms)]
@@ -151,7 +152,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
         if found is not None:
             gone.clear()
         else:
-            idle = _idle(model, rows)
+            idle = _idle(model, rows, begun)
             if idle is None:
                 break
             gone.add(idle)
@@ -180,9 +181,10 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _idle(model: Model, rows: Sequence[str]) -> str | None:
-    """Return the term that helps least to predict, if it is no more than by chance.
+def _idle(model: Model, rows: Sequence[str], begun: Collection[str]) -> str | None:
+    """Return the term that helps least to predict, if it does no more than by chance.
 
+    Or, of those that the fit has not ``begun`` with, nothing at all: they have shown that they do.
     Where what was left out cannot be predicted at all, it is that without which this is done best.
     """
     nested, terms = model.nested, _ordered(model.terms, rows)
@@ -194,7 +196,7 @@ def _idle(model: Model, rows: Sequence[str]) -> str | None:
         name: float(np.mean(gain))
         for name, gain in gains.items()
         if np.isfinite(gain).all()
-        and not gain.mean() > max(standard_error(gain), nested.negligible)
+        and not gain.mean() > max(standard_error(gain) if name in begun else 0.0, nested.negligible)
     }
     return min(means, key=lambda name: means[name], default=None)
 
