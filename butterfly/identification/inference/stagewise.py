@@ -181,10 +181,9 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _idle(model: Model, rows: Sequence[str], begun: Collection[str]) -> str | None:
-    """Return the term that helps least to predict, if it does no more than by chance.
+def _idle(model: Model, rows: Sequence[str], begun: frozenset[str]) -> str | None:
+    """Return the term that helps least to predict: no more than by chance, or not at all if added.
 
-    Or, of those that the fit has not ``begun`` with, nothing at all: they have shown that they do.
     Where what was left out cannot be predicted at all, it is that without which this is done best.
     """
     nested, terms = model.nested, _ordered(model.terms, rows)
