@@ -18,7 +18,7 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 215,
-    "lines of the package": 43_297,
+    "lines of the package": 43_298,
     "lines of tests": 32_842,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,

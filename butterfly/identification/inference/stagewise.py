@@ -140,8 +140,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
     refused: set[str] = set()
     gone: set[str] = set()  # since a term was added, which they may need
     ties: list[tuple[str, str]] = []
-    begun = model.terms
-    path, added = [_ordered(begun, rows)], 0
+    path, added = [_ordered(model.terms, rows)], 0
     while True:
         absent = [name for name in rows if name not in model.terms | gone | refused]
         asked = [name for name in absent if is_simulated_with(name, model.terms)]
@@ -152,7 +151,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
         if found is not None:
             gone.clear()
         else:
-            idle = _idle(model, rows, begun)
+            idle = _idle(model, rows, path[0])
             if idle is None:
                 break
             gone.add(idle)
@@ -181,7 +180,7 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _idle(model: Model, rows: Sequence[str], begun: frozenset[str]) -> str | None:
+def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> str | None:
     """Return the term that helps least to predict: no more than by chance, or not at all if added.
 
     Where what was left out cannot be predicted at all, it is that without which this is done best.
