@@ -124,6 +124,12 @@ def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: A
     return items
 
 
+def tracked(track: Track, description: str, work: Callable[..., _R], *arguments: object) -> _R:
+    """Return the result of one piece of work, with progress."""
+    (found,) = [work(*arguments) for _ in track([None], description)]
+    return found
+
+
 def threads(count: int | None) -> ThreadPoolExecutor:
     """Return threads whose searches share the present budget."""
     return ThreadPoolExecutor(count, initializer=_SEARCH.set, initargs=(_SEARCH.get(),))

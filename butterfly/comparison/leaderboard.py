@@ -12,7 +12,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identify import judge, timed
+from butterfly.identification.identify import fitted, judge
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import Gain, cross_validate
 from butterfly.progress import Track, out_of_time, untracked
@@ -71,7 +71,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
     found, seen, held, error = None, None, None, ""
     seconds = 0.0
     try:
-        data, found = timed(data, estimator)
+        data, found = fitted(data, estimator)
         seconds = time.perf_counter() - begun
         predictor = data.simulations
         found = predictor.settled(found)

@@ -1,4 +1,8 @@
-"""The whole job on one data set: fit, judge, simulate."""
+"""From a data set to an answer: start, fit, choose terms, weigh logs, infer; then diagnose.
+
+The first five are an estimator's (see `OutputError.of_logs`). Here is what all estimators share:
+sines whose clock is wrong, free runs of the logs, their residuals, and the verdict on these.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +34,13 @@ from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.model.parameters import LumpedParameters
-from butterfly.progress import Track, counted, current_search, untracked
+from butterfly.progress import Track, counted, current_search, tracked, untracked
 
 _CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
 _MIMICS = "mass_inertia"  # the term that a wrong clock looks like
 
 _UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
-"""What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
+"""Values that no joint has overflow: their fit is infinitely bad, which is all that counts."""
 
 
 def identify(
@@ -54,12 +58,9 @@ def identify(
     """
     estimator = estimator or OutputError()
     with counted():
-        ((data, found),) = [timed(data, each) for each in track([estimator], "Fitting")]
+        data, found = tracked(track, "Fitting", fitted, data, estimator)
         run = simulated(data, found, against=against, track=track)
-        (left,) = [
-            residuals_of(data, run.estimate, each)
-            for each in track([run.runs], "Checking residuals")
-        ]
+        left = tracked(track, "Checking residuals", residuals_of, data, run.estimate, run.runs)
         sure = judge(data, estimator, run.estimate, left)
     return replace(
         run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
@@ -77,7 +78,7 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
 def judged(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """Return the logs as they were used, and all that `identify` says of their estimate."""
     with counted():
-        data, found = timed(data, estimator)
+        data, found = fitted(data, estimator)
         return data, judge(data, estimator, data.simulations.settled(found))
 
 
@@ -113,24 +114,25 @@ def judge(
     return sure.with_findings(stopped)
 
 
-def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
-    """Estimate, not judged yet, from logs whose sines have their omega.
+def fitted(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
+    """Return an estimate, not judged yet, and the logs it is of: with their clock, or omega, right.
 
-    Where all run off it by one share, the clock is wrong or omega is. Known masses tell which:
-    their inertia goes with the square of time. Where they do not, the intervals hold both answers.
+    Where all sines run off their omega by one share, the clock is wrong or omega is. Known masses
+    decide which: their inertia goes with the square of time. Where they do not, the intervals hold
+    both answers.
     """
     share = clock_error(data.sines)
     if not share:
         return data, estimated(data, estimator)
-    slow, told = [Finding(kind, ("p1",), number=share) for kind in _CORRECTED]
+    slow, wrong = [Finding(kind, ("p1",), number=share) for kind in _CORRECTED]
     either = [
         data.corrected(lambda log: log.timed(1 + share), slow),
-        data.corrected(lambda log: log.tuned(1 + share), told),
+        data.corrected(lambda log: log.tuned(1 + share), wrong),
     ]
     found = [(each, estimated(each, estimator)) for each in either]
     fits = (each.simulations.fits(estimate, each.counted) for each, estimate in found)
     left = [np.mean((1 - each / 100) ** 2) for each in fits]  # of the squared motion
-    near = [each for each, own in zip(found, left, strict=True) if LOST * own <= min(left)]
+    near = [each for each, error in zip(found, left, strict=True) if LOST * error <= min(left)]
     (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):
         return best, estimate
@@ -141,7 +143,7 @@ def timed(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
 
 @_UNWARNED
 def estimated(data: DataSet, estimator: Estimator) -> Estimate:
-    """Estimate, not judged yet; a refusal names the mistake that explains it (see `identify`)."""
+    """Return an estimate, not judged yet; a refusal names the mistake that explains it."""
     clock = find_slow_clock(data)
     if clock:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"

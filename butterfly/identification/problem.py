@@ -255,11 +255,18 @@ class Problem:
         kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
 
-    def beside(self, other: Problem, values: Samples) -> Samples:
-        """Return (n,) values that are those of a problem in fewer unknowns, the others absent."""
-        absent = [value_if_absent(name) for name in self.names]
-        found = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, absent)
-        found[[self.keys.index(key) for key in other.keys]] = values
+    def taking(self, other: Problem, values: Samples, rest: Samples | None = None) -> Samples:
+        """Return (..., n) values: (..., m) of another problem's unknowns, and (n,) of the rest.
+
+        The rest is absent if not given.
+        """
+        if rest is None:
+            absent = [value_if_absent(name) for name in self.names]
+            rest = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, absent)
+        found = np.broadcast_to(rest, (*values.shape[:-1], len(self.keys))).copy()
+        both = [key for key in self.keys if key in other.keys]
+        theirs = [other.keys.index(key) for key in both]
+        found[..., [self.keys.index(key) for key in both]] = values[..., theirs]
         return found
 
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:

@@ -130,10 +130,7 @@ class WeighedModel(FreeRunModel):
     def _weighed(self, there: Problem, values: Samples) -> WeighedLogs:
         """Return the logs about (n,) values in other terms, with what each has of its own."""
         mine = self.end.weighed
-        own = np.zeros((len(mine.own), values.size))
-        for k, label in enumerate(there.labels):
-            if label in mine.problem.labels:
-                own[:, k] = mine.own[:, mine.problem.labels.index(label)]
+        own = there.taking(mine.problem, mine.own, np.zeros(values.size))
         own = np.maximum(own, there.lower - values)
         return WeighedLogs.simulated(there, values, own, mine)
 

@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass, field, replace
 
+from butterfly.api.identification import Identification
 from butterfly.errors import ButterflyError
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
@@ -88,7 +89,7 @@ def score(robot, method):
     truth = {name: getattr(robot.truth, name) for name in PARAMETERS}
     heaviest = max(mass.gravity_moment for mass in robot.masses)
     return scored(
-        lambda: identify(robot.data, estimator),
+        lambda: Identification.of(identify(robot.data, estimator)),
         truth,
         heaviest,
         lambda found: {"excess": _excess(robot, estimator, found.estimate)},

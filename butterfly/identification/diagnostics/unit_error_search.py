@@ -219,12 +219,16 @@ class _Search:
         """The data set with as many samples as the equations need."""
         return replace(self.data, logs=self.data.glance)
 
+    @cached_property
+    def _some(self) -> DataSet:
+        """Some of these logs, in which a mistake that all share shows too."""
+        count = len(self._thin.logs)
+        return self._thin.take(range(0, count, -(-count // (2 * FEW))))
+
     def best(self, error: UnitError) -> _Trial | None:
         """Return the trial of a hypothesis with the best of its factors, if it has any."""
-        count = len(self._thin.logs)  # a mistake in all of them shows in some
-        some = self._thin.take(range(0, count, -(-count // (2 * FEW))))
         trials = [
-            _Trial(error, each, partial(RIGHT[error.column], each)).tried(some)
+            _Trial(error, each, partial(RIGHT[error.column], each)).tried(self._some)
             for each in self._factors(error)
         ]
         found = min(trials, key=lambda each: each.misfit, default=None)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal, Self
 
@@ -25,7 +25,7 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.start import lowest_end, servo_start, starts
+from butterfly.identification.estimators.start import ProblemOf, lowest_end, servo_start, starts
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
 from butterfly.identification.inference.consistency import OF_SCALES
@@ -158,21 +158,20 @@ class OutputError(Estimator):
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         require_usable(self.method, known)
-        self._require_told_once(known)
+        self._require_known_once(known)
         settled, logs = self.settled(logs, first)
         known = prior_of_fit(logs, known)
         rows, rare = self._rows(logs, known) if self.terms is None else ((), set[str]())
-        fitted, weighed = settled.chosen(logs, first, known, (rows, rare))
-        try:
-            found = settled.inferred(fitted, weighed, known)
-        except IdentifiabilityError:
-            fewer = tuple(name for name in rows if name not in fitted.problem.names)
-            if fewer == rows:
-                raise
-            # no term that was not asked for refuses an answer
-            others = fewer, rare.intersection(fewer)
-            fitted, weighed = settled.chosen(logs, first, known, others)
-            found = settled.inferred(fitted, weighed, known)
+        while True:
+            fitted, weighed = settled.chosen(logs, first, known, (rows, rare))
+            try:
+                found = settled.inferred(fitted, weighed, known)
+                break
+            except IdentifiabilityError:  # no term that was not asked for refuses an answer
+                fewer = tuple(name for name in rows if name not in fitted.problem.names)
+                if fewer == rows:
+                    raise
+                rows, rare = fewer, rare.intersection(fewer)
         whole = self.horizon is None and settled.horizon == math.inf
         return replace(found, horizon=None) if whole else found
 
@@ -183,21 +182,15 @@ class OutputError(Estimator):
         known: Prior,
         rows: tuple[tuple[str, ...], set[str]],
     ) -> tuple[Fitted, WeighedLogs | None]:
-        """Descend from the best first guess, choose from rows, some of them rare, weigh logs."""
+        """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs."""
+        absent = {*self._rows(logs, known)[0]} - {*rows[0]} if self.terms is None else set[str]()
         if any(log.closed for log in logs):
-            moving = servo_start(
-                lambda t, f, h: replace(self, terms=tuple(t), fixed=tuple(f), horizon=h).problem,
-                (self.terms, self.fixed),
-                logs,
-                first[0],
-                known,
-            )
-            first = [moving, *first]
-        refused = self._rows(logs, known)[0] if self.terms is None else ()
-        every = [self.problem(logs, each, known).without({*refused} - {*rows[0]}) for each in first]
-        enough = SHOWS if rows[0] else ROUNDING  # of a fit that is but the first
-        begun = (each.without([n for n in rows[0] if not getattr(each.start, n)]) for each in every)
-        fitted = lowest_end([*begun], enough)
+            asked = self.terms, self.fixed
+            first = [servo_start(self._over, asked, logs, first[0], known), *first]
+        every = [self.problem(logs, each, known).without(absent) for each in first]
+        bare = [each.without([n for n in rows[0] if not getattr(each.start, n)]) for each in every]
+        # a fit that is but the first need not be exact
+        fitted = lowest_end(bare, SHOWS if rows[0] else ROUNDING)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
         fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
         weighed = weighed_from(fitted.problem, fitted.end)
@@ -205,17 +198,23 @@ class OutputError(Estimator):
             return stagewise_weighed(every[0], fitted, weighed, *rows)
         return fitted, weighed
 
+    def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
+        """Return what makes problems with such terms over segments of ``horizon`` s."""
+        return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
+
     def inferred(self, fitted: Fitted, weighed: WeighedLogs | None, known: Prior) -> Estimate:
         """Return the estimate of a fit, its logs weighed if they scatter."""
-        problem, end, said, logs = fitted.problem, fitted.end, fitted.findings, fitted.problem.logs
+        problem, end, findings = fitted.problem, fitted.end, fitted.findings
+        logs = problem.logs
         solved = cells = problem.solved(end)
         if weighed and (with_scatter := weighed_end(weighed, end)):
-            end, said = with_scatter, (*said, *weighed.findings)
+            end, findings = with_scatter, (*findings, *weighed.findings)
             solved = problem.solved(end, cells=1)
         owned = problem.keys[problem.shared :]
         if clock := _of_clock(problem, solved):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
-            said = (*said, Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share))
+            like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
+            findings = (*findings, like_clock)
         beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
         rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
         found = SolvedFit(
@@ -230,12 +229,12 @@ class OutputError(Estimator):
             rivals=rivals,
             consider_covariance=_waits(logs, solved.names),
             fixed=self._fixed(problem),
-            findings=said,
+            findings=findings,
         )
         local, horizon = _local(owned, solved.values), self.horizon or math.inf
         return replace(infer(found), local=local, horizon=horizon)
 
-    def _require_told_once(self, known: Prior) -> None:
+    def _require_known_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
         for name in self.fixed:
             if name in known.uncertain:

@@ -22,7 +22,7 @@ from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_omegas,
 )
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.identify import identify, judge, timed
+from butterfly.identification.identify import fitted, identify, judge
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -80,7 +80,7 @@ def _with_names(logs):
 
 def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said, whatever their residuals."""
-    data, found = timed(DataSet.of(logs), estimator)
+    data, found = fitted(DataSet.of(logs), estimator)
     found = judge(data, estimator, data.simulations.settled(found), UNSEEN)
     slips = [each for each in found.findings if each.kind in NAMED]
     return slips, found.level, " ".join(estimate_sentences(found))
@@ -337,7 +337,7 @@ def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(
     logs, wrong, kind, estimator
 ):
     told = DataSet.of([_told_wrong(log, wrong) for log in logs]).holding_out(["run 1"])
-    data, found = timed(told, estimator)
+    data, found = fitted(told, estimator)
     assert data.correction.kind is kind
     assert "mass_inertia" not in found.names
     assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=2e-3)
