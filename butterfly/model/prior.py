@@ -44,6 +44,9 @@ SCALES = {
 }
 """Scales that no log shows: true over recorded or given values, 1 ± an uncertainty."""
 
+LAG = "lag"
+"""Of the recorded angle behind the input in s, by a filter of the logger: 0 ± an uncertainty."""
+
 _USUAL_DELAY = 5.0  # steps of the clock, the scale of an unknown delay
 
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
@@ -86,7 +89,7 @@ class Known:
 class Prior:
     """All known values of a robot; those without uncertainty are exact."""
 
-    # By names of `TERMS`, `PHYSICAL` and `SCALES`
+    # By names of `TERMS`, `PHYSICAL` and `SCALES`, and `LAG`
     values: Mapping[str, Known] = field(default_factory=dict)
 
     @classmethod
@@ -94,7 +97,7 @@ class Prior:
         """Read numbers, texts such as ``1 ± 0.02``, or mappings; ``source`` is named in errors."""
         if not isinstance(given, Mapping):
             raise InputError(str(source), "known", given, "a mapping such as {'p4': 1.0}")
-        valid = (*TERMS, *PHYSICAL, *SCALES)
+        valid = (*TERMS, *PHYSICAL, *SCALES, LAG)
         for name in given:
             if name not in valid:
                 expected = nearest(name, valid)
@@ -198,7 +201,7 @@ class Prior:
 
     def within(self, names: Iterable[str]) -> Prior:
         """Return the prior of some parameters, with physical values and scales."""
-        wanted = {*names, *PHYSICAL, *SCALES}
+        wanted = {*names, *PHYSICAL, *SCALES, LAG}
         return Prior({name: each for name, each in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
@@ -261,9 +264,11 @@ def plain(known: Known) -> float | dict[str, float]:
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:
-    """Refuse impossible values, and a scale other than 1 (correct the logs instead)."""
-    if name in SCALES and known.value != 1:
-        raise InputError(str(source), f"known.{name}", f"{known.value:g}", "1 ± its uncertainty")
+    """Refuse impossible values, and a scale other than 1 or a lag (correct the logs instead)."""
+    nominal = {**dict.fromkeys(SCALES, 1.0), LAG: 0.0}.get(name, known.value)
+    if known.value != nominal:
+        expected = f"{nominal:g} ± its uncertainty"
+        raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
     lower = TERMS[name].lower if name in TERMS else 0.0
     positive = name in PHYSICAL and name not in {"rotor_inertia", "back_emf_constant"}
     if known.value < lower or (positive and known.value == 0):

@@ -16,6 +16,7 @@ _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a moving 
 _FRICTION = ("a friction term missing in the model",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log (warm-up)",)
+_RESONANCE = ("an elastic joint", "a moving base")  # of which a gain grows; a lag lowers it
 _SCATTER = ("a varying resistance", "drive saturation", "a moving base")
 _FOLLOWS = {
     Condition.MASS: "the added mass",
@@ -40,10 +41,10 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.SWING, "p3"): ("a spring, such as a cable", *_PLAY),
     (Condition.SWING, "p4"): (*_PLAY, "a spring, such as a cable"),
     (Condition.SWING, "coulomb"): (*_FRICTION, "backlash"),
-    (Condition.FREQUENCY, "p1"): ("a moving base", "a spring", "drive lag"),
+    (Condition.FREQUENCY, "p1"): ("a moving base", "an elastic joint", "a spring", "drive lag"),
     (Condition.FREQUENCY, "p2"): _FRICTION,
     (Condition.FREQUENCY, "p3"): ("a spring, such as a cable", "a moving base"),
-    (Condition.FREQUENCY, "p4"): ("drive lag", "a moving base"),
+    (Condition.FREQUENCY, "p4"): ("drive lag", "an elastic joint", "a moving base"),
     (Condition.FREQUENCY, "coulomb"): _FRICTION,
     (Condition.REGIME, "delay"): (
         "the two regimes of the clock have different delays (term slow_delay of output-error)",
@@ -51,6 +52,15 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.TIME, "p4"): ("the motor's resistance, which grows with temperature", "the supply"),
 }
 """What may make a parameter follow a condition, the likeliest first."""
+
+_OF_ANY = {
+    Condition.WEIGHED: ("weighed wrong", *_WITH_MASS),
+    Condition.DIRECTION: (
+        "friction that differs between directions",
+        "a drive that differs between directions",
+    ),
+}
+"""The same where it does not depend on the parameter."""
 
 
 def causes(contrast: Contrast) -> tuple[str, ...]:
@@ -65,13 +75,10 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
         return ("backlash",) if contrast.grows else _FRICTION
     if condition is Condition.LOG:
         return _SCATTER if name == "p4" else ("temperature", "lubrication", "wear")
-    if condition is Condition.WEIGHED:
-        return ("weighed wrong", *_WITH_MASS)
-    if condition is Condition.DIRECTION:
-        return (
-            "friction that differs between directions",
-            "a drive that differs between directions",
-        )
+    if condition in _OF_ANY:
+        return _OF_ANY[condition]
+    if (condition, name) == (Condition.FREQUENCY, "p4") and contrast.grows:
+        return _RESONANCE
     return _CAUSES.get((condition, name), _WARM)
 
 

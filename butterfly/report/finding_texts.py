@@ -267,9 +267,10 @@ _RESTS_ON = {
     "arm": "the arm (1 % shifts p1 by up to 2 %)",
     "gravity_scale": "the level of the bench (1° shifts p1 and p4 by 0.015 %, 8° by 1 %)",
     "input_scale": "the input scale (1 % shifts p4 by 1 %)",
-    "angle_scale": "the encoder scale and centring (1 % shifts p4 by 1 %)",
+    "angle_scale": "the encoder scale and centring (1 %, or 0.5° off centre, shifts p4 by 1 %)",
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
     "time_scale": "the clock (1 % shifts p1 by 2 %)",
+    "lag": "a filter of the logger (its lag adds to the delay; p1 and p4 hold)",
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
@@ -395,8 +396,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISSING_TERM: _missing_term,
     FindingKind.RESTS_ON: lambda finding, _: (
         "The logs cannot show errors of "
-        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A lag appears "
-        "as delay, a spring at small swings as p3."
+        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "
+        "at small swings appears as p3."
     ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
     FindingKind.RATIOS: (

@@ -158,6 +158,14 @@ def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, p
         assert added[k] == pytest.approx(moved[k], abs=0.1 * moved[k] + 0.15 * size), name
 
 
+def test_an_uncertain_lag_of_the_logger_widens_the_delay_alone(sines, plain):
+    late = 5e-3
+    wide = HarmonicBalance(terms=())(replace(sines, known=Prior.of({"lag": (0.0, late)})))
+    added = np.sqrt(np.diag(wide.covariance) - np.diag(plain.covariance))
+    expected = late * (np.array(plain.names) == "delay")
+    np.testing.assert_allclose(added, expected, atol=1e-9 * late)
+
+
 def test_a_scale_is_not_uncertain_beside_an_exact_value(sines):
     known = Prior.of({"p4": 0.025, "input_scale": (1.0, 0.01)})
     with pytest.raises(InputError, match="although masses or scales are uncertain"):

@@ -16,6 +16,7 @@ from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
 from butterfly.identification.physical import physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import LAG
 from butterfly.model.terms import TERMS
 
 LEAST_FIT = 100 * (1 - LOST)
@@ -111,6 +112,7 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
         "velocity_scale": any(log.integrated for log in data.logs)
         and "angle_scale" not in data.known.values,
         "time_scale": True,
+        LAG: "delay" in estimate.names,
     }
     rests = tuple(
         name for name, is_open in open_.items() if is_open and name not in data.known.values

@@ -15,7 +15,7 @@ from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
-from butterfly.model.prior import Prior
+from butterfly.model.prior import LAG, Prior
 
 OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -36,7 +36,7 @@ def moved_by_givens(
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, an arm that
     is off by dl adds dl m (2 l r_1 + g r_3), with r_1 and r_3 their derivatives by p1 and p3. Equal
     masses are taken to be the same piece of metal, equal arms the same hole. A scale moves all
-    masses, or the parameters that grow with it.
+    masses, or the parameters that grow with it; a lag of the logger moves the delay.
 
     Of (k, m, n) rows it is (k, m, q) for q uncertain quantities, each times its standard
     uncertainty; None if all are exact. InputError if a parameter is known exactly although what is
@@ -62,6 +62,9 @@ def moved_by_givens(
         by["p1"] = by.get("p1", 0.0) + of_masses * inertia
         by["p3"] = gravity * (scale in {"mass_scale", "gravity_scale"})
         columns.append(share * _moved(cells, by))
+    if LAG in known.values and "delay" in cells.names:
+        late = known.values[LAG].uncertainty
+        columns.append(late * _moved(cells, {"delay": np.ones(count)}))
     return np.stack(columns, axis=2) if columns else None
 
 

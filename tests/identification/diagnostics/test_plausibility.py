@@ -118,20 +118,23 @@ def _basis(known, *, integrated=False, **masses):
     load = AddedMass(mass=0.05, arm=0.1, **masses)
     logs = [SimpleNamespace(integrated=integrated, added_mass=m) for m in (NO_ADDED_MASS, load)]
     data = SimpleNamespace(known=Prior.of(known), logs=logs)
-    found = judge_basis(SimpleNamespace(names=("p1", "p4")), data)
+    found = judge_basis(SimpleNamespace(names=("p1", "p4", "delay")), data)
     return found[0].parameters if found else ()
 
 
 def test_what_no_log_shows_is_named_unless_its_uncertainty_was_told():
-    every = ("mass_scale", "arm", "gravity_scale", "input_scale", "angle_scale", "time_scale")
+    every = ("mass_scale", "arm", "gravity_scale", "input_scale", "angle_scale")
+    every += ("time_scale", "lag")
     assert _basis({}) == every
-    told = dict.fromkeys(SCALES, (1.0, 0.01))
-    assert _basis({}, integrated=True)[4:] == ("velocity_scale", "time_scale")
+    told = {**dict.fromkeys(SCALES, (1.0, 0.01)), "lag": (0.0, 0.01)}
+    assert _basis({}, integrated=True)[4:] == ("velocity_scale", "time_scale", "lag")
     assert _basis(told) == _basis(told, integrated=True) == ("arm",)
     assert _basis(told, arm_uncertainty=1e-4) == ()
     assert _basis({}, mass_uncertainty=1e-4) == every[1:]
     with pytest.raises(InputError, match="1 ± its uncertainty"):
         Prior.of({"mass_scale": 1.02})
+    with pytest.raises(InputError, match="0 ± its uncertainty"):
+        Prior.of({"lag": 0.002})
 
 
 def _knowledge(**known):

@@ -315,3 +315,15 @@ def test_a_parameter_without_any_effect_takes_no_part():
     spread, blind = spread_of(FOUR, VALUES), np.diag([1.0, 1.0, 1.0, 0.0])
     logs = [(residuals, rows @ blind) for residuals, rows in logs_of(rng, 30, 1e-3, friction=0.2)]
     assert 0.05 < Likelihood(LogRows.of(logs), spread).best().friction < 0.5
+
+
+@pytest.mark.parametrize("grows", [True, False])
+def test_a_gain_that_grows_towards_a_second_resonance_is_no_lag(grows):
+    ends = {"first": 1.0, "last": 1.1} if grows else {"first": 1.1, "last": 1.0}
+    contrast = Contrast(
+        parameter="p4", condition=Condition.FREQUENCY, least=1.0, largest=9.0, **ends, share=0.5,
+        chance=0.0,
+    )  # fmt: skip
+    named = causes(contrast)
+    assert named[0] == ("an elastic joint" if grows else "drive lag")
+    assert ("drive lag" in named) is not grows
