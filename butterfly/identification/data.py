@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.derived_quantities import beside_masses, implied
+from butterfly.identification.derived_quantities import implied, relaxed_for_masses
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
@@ -362,7 +362,7 @@ def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0, as no gravity acts on this joint")
     known = implied(given, first.input_kind, first.added_mass.joint)
-    return beside_masses(known, [log.added_mass for log in logs])
+    return relaxed_for_masses(known, [log.added_mass for log in logs])
 
 
 def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:

@@ -81,7 +81,7 @@ class WeighedLogs:
     def next(self) -> WeighedLogs:
         """What logs say where the step leads; IdentifiabilityError where a simulation diverges."""
         values = self.values + self.step
-        moved = self.scatter.apart(self.logs.moved(self.step), self._spread)
+        moved = self.scatter.random_effects(self.logs.moved(self.step), self._spread)
         moved = np.maximum(moved, self.problem.lower - values)
         like = self if self.fixed else None
         return WeighedLogs.simulated(self.problem, values, moved, like)

@@ -97,7 +97,7 @@ class WeakForm(Estimator):
             found = found.with_findings(Finding(FindingKind.ZERO_GUESSED, logs=data.guessed))
         apart = max(zeros.values()) - min(zeros.values())
         if data.unread and apart >= _APART:
-            found = found.with_findings(Finding(FindingKind.REST_APART, number=apart))
+            found = found.with_findings(Finding(FindingKind.REST_DIFFERS, number=apart))
         return found
 
     def of_logs(
