@@ -157,7 +157,7 @@ class CellEquations:
         cells: int = 1,
         jacobian: Samples | None = None,
     ) -> CellEquations:
-        """Cut a regression about its solution into cells; ``jacobian``: (m, n), else its own."""
+        """Cut a regression about its solution into cells; ``jacobian``: (m, n), if another."""
         values = solution.values
         derived = regression.jacobian(values) if jacobian is None else jacobian
         parts = cut(derived, regression.residuals(values), regression.cluster, cells)

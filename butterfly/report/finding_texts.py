@@ -129,9 +129,10 @@ def values_sentence(estimate: Estimate) -> str:
     zero = {name for name, lower, upper in limits if lower <= 0 <= upper}
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
-    known = [name for name in names if name not in zero and math.isfinite(estimate.reach[name])]
+    widths = estimate.relative_half_widths
+    known = [name for name in names if name not in zero and math.isfinite(widths[name])]
     parts = [
-        ", ".join(f"{shown[name]} ±{upwards(estimate.reach[name])}" for name in group)
+        ", ".join(f"{shown[name]} ±{upwards(widths[name])}" for name in group)
         for group in (
             [name for name in known if name in OF_VERDICT],
             [name for name in known if name not in OF_VERDICT],

@@ -112,7 +112,7 @@ def test_values_are_good_if_the_limits_of_the_scale_are_within_a_tenth(reach, le
 def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
     estimate = _estimate()
     estimate = replace(estimate, upper=estimate.values * 1.2)
-    assert estimate.reach["p1"] == pytest.approx(0.2)
+    assert estimate.relative_half_widths["p1"] == pytest.approx(0.2)
     assert estimate.level is Level.CARE
 
 

@@ -18,7 +18,7 @@ class Ending(StrEnum):
 
 
 class FindingKind(StrEnum):
-    """What was found, gravest first; the comment says what its number is."""
+    """Kinds of findings, gravest first; comments explain the numbers."""
 
     UNIT_ERROR = "slip"  # name of the error; the factor that undoes it
     POOR_FIT = "poor-fit"  # median FIT in per cent, too low for a model that follows
@@ -31,7 +31,7 @@ class FindingKind(StrEnum):
     NEGATIVE_GAIN = "negative-gain"
     SOURCES_CONFLICT = "told-apart"  # standard uncertainties between two given values
     CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
-    KNOWN_CONFLICT = "known-apart"  # share by which the masses want a given value larger
+    KNOWN_CONFLICT = "known-apart"  # relative correction of a given value by the added masses
     PRIOR_CONFLICT = "prior-apart"  # standard errors between a given value and the logs
     PULLED = "pulled"  # on a bound that the data would cross
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
